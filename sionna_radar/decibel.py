@@ -1,0 +1,13 @@
+"""Conversions between decibels and ratios of power."""
+
+import math
+
+
+def from_db(value_db: float) -> float:
+    """Return the power ratio of a value in dB."""
+    return 10.0 ** (value_db / 10.0)
+
+
+def to_db(ratio: float) -> float:
+    """Return a power ratio in dB; a ratio of zero gives minus infinity."""
+    return 10.0 * math.log10(ratio) if ratio > 0 else -math.inf

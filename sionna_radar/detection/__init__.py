@@ -1,0 +1,1 @@
+"""From beat signals to echoes with a range."""

@@ -1,0 +1,34 @@
+"""The echoes that detection returns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Echoes:
+    """Detected echoes, one row each, sorted by pulse and then by range.
+
+    pulse: running number of the pulse in the survey.
+    number: 0 for the nearest echo of its pulse, 1 for the next, ...
+    range_m: slant range, Doppler corrected where the processing asks for it.
+    power: calibrated power of the echo's strongest cell; W, or the ratio to the sent power under snr_db.
+    snr_db: that power against the local noise estimate of the CFAR.
+    """
+
+    pulse: Int[np.ndarray, " echo"]
+    number: Int[np.ndarray, " echo"]
+    range_m: Float[np.ndarray, " echo"]
+    power: Float[np.ndarray, " echo"]
+    snr_db: Float[np.ndarray, " echo"]
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+    @staticmethod
+    def concatenate(tables: Sequence["Echoes"]) -> "Echoes":
+        """Return all rows of some tables, in order."""
+        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Echoes)}
+        return Echoes(**columns)

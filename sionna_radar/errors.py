@@ -1,0 +1,44 @@
+"""The errors a user can cause, each saying which field, which value and what to do."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class RadarError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong with an input: the dotted key of the field, what is wrong, and the remedy."""
+
+    field: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.message}"
+
+
+class ScenarioError(RadarError, ValueError):
+    """A scenario that cannot be simulated, with every problem found in it."""
+
+    def __init__(self, problems: Iterable[Problem], source: str = "scenario") -> None:
+        self.problems = tuple(problems)
+        self.source = source
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        lines = [f"{self.source}: {len(self.problems)} problem{'s' * (len(self.problems) != 1)}"]
+        return "\n".join(lines + [f"  {problem}" for problem in self.problems])
+
+
+class InputFileError(RadarError, ValueError):
+    """A file that cannot be read or does not hold what it should."""
+
+
+class OutputError(RadarError, OSError):
+    """A place that results cannot be written to."""
+
+
+class BackendError(RadarError, RuntimeError):
+    """Mitsuba and Dr.Jit cannot run here; the message names the remedy for this platform."""

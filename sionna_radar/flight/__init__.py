@@ -1,0 +1,1 @@
+"""The flight: where the radar is, where it looks, and when it sends a chirp."""

@@ -1,0 +1,92 @@
+"""The pulses of a survey: when each chirp is sent, from where, and which way the antenna looks."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.flight.frames import world_from_body, world_from_level
+from sionna_radar.flight.scan import Scan
+from sionna_radar.flight.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pose:
+    """Where the radar is, how fast it moves and how its antenna is turned, in the world frame."""
+
+    position_m: Float[np.ndarray, "pulse 3"]
+    velocity_mps: Float[np.ndarray, "pulse 3"]
+    R_world_antenna: Float[np.ndarray, "pulse 3 3"]
+
+    @property
+    def boresight(self) -> Float[np.ndarray, "pulse 3"]:
+        """Unit vectors along the beam."""
+        return self.R_world_antenna[:, :, 0]
+
+    @property
+    def boresight_range_rate_mps(self) -> Float[np.ndarray, " pulse"]:
+        """Rate at which still ground on the boresight recedes."""
+        return -np.einsum("pi,pi->p", self.velocity_mps, self.boresight)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses:
+    """A block of pulses.
+
+    index: running number in the survey, the key of all random numbers.
+    time_s: middle of the chirp.
+    true: the pose that the paths are traced from.
+    measured: the pose that the navigation system reports; all that processing may know.
+    """
+
+    index: Int[np.ndarray, " pulse"]
+    time_s: Float[np.ndarray, " pulse"]
+    scan_rad: Float[np.ndarray, " pulse"]
+    true: Pose
+    measured: Pose
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PulseSchedule:
+    """All pulses of a survey by their times; poses are computed block by block."""
+
+    trajectory: Trajectory
+    scan: Scan
+    time_s: Float[np.ndarray, " pulse"]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def pulses(self, index: Int[np.ndarray, " pulse"]) -> Pulses:
+        """Return some of the pulses."""
+        time_s = self.time_s[index]
+        pointing = self.scan.point(time_s)
+        euler = self.trajectory.euler(time_s)
+        R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
+        pose = Pose(
+            position_m=self.trajectory.position(time_s),
+            velocity_mps=self.trajectory.velocity(time_s),
+            R_world_antenna=R_world_mount @ pointing.R_mount_antenna,
+        )
+        return Pulses(index=index, time_s=time_s, scan_rad=pointing.scan_rad, true=pose, measured=pose)
+
+    def blocks(self, block_size: int) -> Iterator[Pulses]:
+        """Yield the pulses in blocks of at most `block_size`."""
+        for start in range(0, len(self), block_size):
+            yield self.pulses(np.arange(start, min(start + block_size, len(self))))
+
+    def sample(self, count: int) -> Pulses:
+        """Return `count` pulses (or all) spread evenly over the survey, for checks and figures."""
+        return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
+
+
+def schedule_pulses(trajectory: Trajectory, scan: Scan, chirp_rate_hz: float) -> PulseSchedule:
+    """Return the pulses of the cruise at the chirp rate, those outside the sector dropped."""
+    start, end = trajectory.cruise_s()
+    count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
+    time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
+    return PulseSchedule(trajectory=trajectory, scan=scan, time_s=time_s[scan.point(time_s).active])

@@ -1,0 +1,238 @@
+"""Flights of straight legs with constant acceleration, known at any time.
+
+The track is a polyline on the ground plan and the speed along it is continuous; a turn at a waypoint is
+instantaneous. Phases: take-off and landing (vertical, near the ground), climb and descent (vertical, to and
+from the cruise height), cruise (along the track).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.interpolate import CubicSpline, PPoly
+
+from sionna_radar.scenario.models import Platform
+
+
+class Phase(StrEnum):
+    """Part of a flight."""
+
+    TAKE_OFF = "take-off"
+    CLIMB = "climb"
+    CRUISE = "cruise"
+    DESCENT = "descent"
+    LANDING = "landing"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """A flight: position and velocity in the world frame and Euler angles (roll, pitch, heading)."""
+
+    position: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
+    velocity: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
+    euler: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
+    phases: tuple[tuple[Phase, float, float], ...]
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last phase's end; the flight starts at zero."""
+        return self.phases[-1][2]
+
+    def cruise_s(self) -> tuple[float, float]:
+        """Return the start and end of the cruise."""
+        return next((start, end) for phase, start, end in self.phases if phase is Phase.CRUISE)
+
+
+@dataclass(frozen=True)
+class Track:
+    """A polyline on the ground plan, by the distance along it."""
+
+    waypoints_m: Float[np.ndarray, "k 2"]
+
+    @property
+    def leg_lengths_m(self) -> Float[np.ndarray, " leg"]:
+        """Length of each leg."""
+        return np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1)
+
+    @property
+    def length_m(self) -> float:
+        """Length of all legs."""
+        return float(self.leg_lengths_m.sum())
+
+    def _leg(self, distance_m: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        ends = np.cumsum(self.leg_lengths_m)
+        return np.minimum(np.searchsorted(ends, distance_m, side="right"), len(ends) - 1)
+
+    def point(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the points at distances along the track."""
+        leg = self._leg(distance_m)
+        start = np.concatenate([[0.0], np.cumsum(self.leg_lengths_m)])[leg]
+        return self.waypoints_m[leg] + (distance_m - start)[:, None] * self.direction(distance_m)
+
+    def direction(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the unit vectors along the legs at distances along the track."""
+        leg = self._leg(distance_m)
+        return (np.diff(self.waypoints_m, axis=0) / self.leg_lengths_m[:, None])[leg]
+
+
+def plan_track(platform: Platform, centre_m: tuple[float, float] = (0.0, 0.0)) -> Track:
+    """Return the track of a scenario; without a start it is centred on the middle of the terrain."""
+    if platform.waypoints_m:
+        return Track(np.array(platform.waypoints_m, dtype=float))
+    heading = np.deg2rad(platform.heading_deg)
+    along = platform.length_m * np.array([np.sin(heading), np.cos(heading)])
+    start = np.array(centre_m) - along / 2 if platform.start_m is None else np.array(platform.start_m)
+    return Track(np.array([start, start + along]))
+
+
+def plan_trajectory(
+    platform: Platform,
+    track: Track,
+    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+) -> Trajectory:
+    """Plan the flight along a track.
+
+    Parameters
+    ----------
+    platform:
+        Height, speed and profile.
+    track:
+        Where to cruise.
+    ground_m:
+        Ground height at points [n, 2] of the plan; read under the start, or all along when the flight
+        follows the terrain.
+
+    """
+    start_ground = float(ground_m(track.waypoints_m[:1])[0])
+    height = _cruise_height(platform, track, ground_m, start_ground)
+    cruise_s = track.length_m / platform.speed_mps
+    if platform.profile == "cruise":
+        before, after = [], []
+    else:
+        before = _vertical_phases(platform, start_ground, float(height(np.zeros(1))[0]))
+        end_ground = float(ground_m(track.waypoints_m[-1:])[0])
+        end_height = float(height(np.array([track.length_m]))[0])
+        after = _mirrored(_vertical_phases(platform, end_ground, end_height, landing=True))
+    return _assemble(platform, track, height, before, cruise_s, after)
+
+
+@dataclass(frozen=True)
+class _VerticalPhase:
+    """A vertical movement: height against time since the phase began."""
+
+    phase: Phase
+    duration_s: float
+    height: PPoly
+
+
+def _cruise_height(
+    platform: Platform, track: Track, ground_m: Callable, start_ground: float
+) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
+    """Return the height of the cruise against the distance along the track; it has a derivative."""
+    if platform.height == "level":
+        level = start_ground + platform.altitude_m
+        return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
+    # The ground is averaged over follow_length_m, as a flight controller would, then splined.
+    step = platform.follow_length_m / 10
+    distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
+    reach = np.linspace(-platform.follow_length_m / 2, platform.follow_length_m / 2, 11)
+    inside = np.clip(distance[:, None] + reach, 0.0, track.length_m)
+    ground = ground_m(track.point(inside.ravel())).reshape(inside.shape)
+    return CubicSpline(distance, ground.mean(axis=1) + platform.altitude_m)
+
+
+def _vertical_phases(
+    platform: Platform, ground: float, height: float, *, landing: bool = False
+) -> list[_VerticalPhase]:
+    """Return take-off and climb: each from rest to rest with a trapezoid of vertical speed."""
+    rate = platform.descent_rate_mps if landing else platform.climb_rate_mps
+    names = (Phase.LANDING, Phase.DESCENT) if landing else (Phase.TAKE_OFF, Phase.CLIMB)
+    low = ground + platform.takeoff_height_m
+    return [
+        _trapezoid(names[0], ground, low, rate, platform.acceleration_mps2),
+        _trapezoid(names[1], low, height, rate, platform.acceleration_mps2),
+    ]
+
+
+def _trapezoid(phase: Phase, start: float, end: float, rate: float, acceleration: float) -> _VerticalPhase:
+    distance = end - start
+    rate = min(rate, np.sqrt(abs(distance) * acceleration))
+    ramp = rate / acceleration
+    hold = abs(distance) / rate - ramp
+    times = np.cumsum([0.0, ramp, max(hold, 1e-9), ramp])
+    speeds = np.sign(distance) * np.array([0.0, rate, rate, 0.0])
+    slopes = np.diff(speeds) / np.diff(times)
+    velocity = PPoly(np.array([slopes, speeds[:-1]]), times)
+    height = velocity.antiderivative()
+    height.c[-1] += start
+    return _VerticalPhase(phase, float(times[-1]), height)
+
+
+def _mirrored(phases: Sequence[_VerticalPhase]) -> list[_VerticalPhase]:
+    """Return the phases flown backward in time: a climb becomes a descent."""
+    mirrored = []
+    for p in reversed(phases):
+        times = p.duration_s - p.height.x[::-1]
+        velocity_at_knots = -p.height.derivative()(p.height.x[::-1])
+        slopes = np.diff(velocity_at_knots) / np.diff(times)
+        height = PPoly(np.array([slopes, velocity_at_knots[:-1]]), times).antiderivative()
+        height.c[-1] += float(p.height(p.duration_s))
+        mirrored.append(_VerticalPhase(p.phase, p.duration_s, height))
+    return mirrored
+
+
+def _assemble(
+    platform: Platform,
+    track: Track,
+    cruise_height: Callable,
+    before: list[_VerticalPhase],
+    cruise_duration: float,
+    after: list[_VerticalPhase],
+) -> Trajectory:
+    durations = [
+        *((p.phase, p.duration_s) for p in before),
+        (Phase.CRUISE, cruise_duration),
+        *((p.phase, p.duration_s) for p in after),
+    ]
+    ends = np.cumsum([duration for _, duration in durations])
+    starts = np.concatenate([[0.0], ends[:-1]])
+    cruise_index = len(before)
+    verticals = dict(enumerate(before)) | {cruise_index + 1 + i: p for i, p in enumerate(after)}
+    climb_slope = cruise_height.derivative()  # type: ignore[attr-defined]
+
+    def phase_of(time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        return np.minimum(np.searchsorted(ends, time_s, side="right"), len(ends) - 1)
+
+    def along(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        return np.clip((time_s - starts[cruise_index]) * platform.speed_mps, 0.0, track.length_m)
+
+    def position(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        distance, phase = along(time_s), phase_of(time_s)
+        height = cruise_height(distance)
+        for index, vertical in verticals.items():
+            inside = phase == index
+            height[inside] = vertical.height(time_s[inside] - starts[index])
+        return np.column_stack([track.point(distance), height])
+
+    def velocity(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        distance, phase = along(time_s), phase_of(time_s)
+        cruising = phase == cruise_index
+        horizontal = track.direction(distance) * (platform.speed_mps * cruising)[:, None]
+        vertical = climb_slope(distance) * platform.speed_mps * cruising
+        for index, part in verticals.items():
+            inside = phase == index
+            vertical[inside] = part.height.derivative()(time_s[inside] - starts[index])
+        return np.column_stack([horizontal, vertical])
+
+    def euler(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        east, north = track.direction(along(time_s)).T
+        heading = np.arctan2(east, north)
+        return np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
+
+    phases = tuple(
+        (phase, float(start), float(end))
+        for (phase, _), start, end in zip(durations, starts, ends, strict=True)
+    )
+    return Trajectory(position=position, velocity=velocity, euler=euler, phases=phases)

@@ -1,0 +1,1 @@
+"""From echoes to points, a DEM and its error."""

@@ -1,0 +1,70 @@
+"""Placing echoes in the world: on the beam axis, from the measured pose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from hashlib import sha256
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points:
+    """Located echoes, one row each, in the order of the echoes.
+
+    position_m: world frame (local ENU).
+    origin_m: where the radar was, as measured.
+    """
+
+    pulse: Int[np.ndarray, " point"]
+    number: Int[np.ndarray, " point"]
+    position_m: Float[np.ndarray, "point 3"]
+    origin_m: Float[np.ndarray, "point 3"]
+    range_m: Float[np.ndarray, " point"]
+    power: Float[np.ndarray, " point"]
+    snr_db: Float[np.ndarray, " point"]
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+    def sha256(self) -> str:
+        """Return a digest of the float64 positions, ranges, powers and SNRs."""
+        digest = sha256()
+        for column in (self.position_m, self.range_m, self.power, self.snr_db):
+            digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    @staticmethod
+    def concatenate(tables: Sequence["Points"]) -> "Points":
+        """Return all rows of some tables, in order."""
+        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Points)}
+        return Points(**columns)
+
+
+def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Points:
+    """Place echoes on the beam axis.
+
+    Parameters
+    ----------
+    echoes:
+        Echoes of a block of pulses.
+    pulse:
+        Sorted running numbers of the block's pulses.
+    measured:
+        Their poses as the navigation system reports them.
+
+    """
+    row = np.searchsorted(pulse, echoes.pulse)
+    origin = measured.position_m[row]
+    return Points(
+        pulse=echoes.pulse,
+        number=echoes.number,
+        position_m=origin + echoes.range_m[:, None] * measured.boresight[row],
+        origin_m=origin,
+        range_m=echoes.range_m,
+        power=echoes.power,
+        snr_db=echoes.snr_db,
+    )

@@ -1,0 +1,1 @@
+"""The radar: its sweep, its antenna, and the radar equation."""

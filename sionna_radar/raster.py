@@ -1,0 +1,94 @@
+"""Elevation rasters in the local frame, and the frame's place on the Earth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import map_coordinates
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """Square cells of the local ground plan, by their centres; rows run from south to north."""
+
+    west_m: float
+    south_m: float
+    spacing_m: float
+    columns: int
+    rows: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows, self.columns
+
+    @property
+    def x_m(self) -> Float[np.ndarray, " column"]:
+        """Eastings of the cell centres."""
+        return self.west_m + self.spacing_m * np.arange(self.columns)
+
+    @property
+    def y_m(self) -> Float[np.ndarray, " row"]:
+        """Northings of the cell centres."""
+        return self.south_m + self.spacing_m * np.arange(self.rows)
+
+    @property
+    def centres_m(self) -> Float[np.ndarray, "cell 2"]:
+        """Cell centres, row by row."""
+        x, y = np.meshgrid(self.x_m, self.y_m)
+        return np.column_stack([x.ravel(), y.ravel()])
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """Outer edges (west, east, south, north)."""
+        half = self.spacing_m / 2
+        return (
+            self.west_m - half,
+            self.west_m + self.spacing_m * (self.columns - 1) + half,
+            self.south_m - half,
+            self.south_m + self.spacing_m * (self.rows - 1) + half,
+        )
+
+    @staticmethod
+    def covering(west: float, south: float, east: float, north: float, spacing_m: float) -> "Grid":
+        """Return the grid of cells on whole multiples of the spacing that covers a rectangle."""
+        first_column, first_row = int(np.floor(west / spacing_m)), int(np.floor(south / spacing_m))
+        return Grid(
+            west_m=first_column * spacing_m,
+            south_m=first_row * spacing_m,
+            spacing_m=spacing_m,
+            columns=int(np.ceil(east / spacing_m)) - first_column + 1,
+            rows=int(np.ceil(north / spacing_m)) - first_row + 1,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Raster:
+    """Heights on a grid; an empty cell is NaN."""
+
+    grid: Grid
+    height_m: Float[np.ndarray, "row column"]
+
+    @property
+    def filled(self) -> Bool[np.ndarray, "row column"]:
+        """Cells that hold a height."""
+        return np.isfinite(self.height_m)
+
+    def at(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return bilinear heights; NaN outside the cell centres or beside an empty cell."""
+        grid = self.grid
+        column = (point_m[:, 0] - grid.west_m) / grid.spacing_m
+        row = (point_m[:, 1] - grid.south_m) / grid.spacing_m
+        return map_coordinates(self.height_m, [row, column], order=1, cval=np.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Georeference:
+    """Place of the local frame: a projected metric CRS and the offset that local coordinates lack.
+
+    Local metres are CRS coordinates minus `origin_m` (easting, northing, height), so that float32 ray
+    tracing keeps its precision.
+    """
+
+    crs_wkt: str
+    origin_m: tuple[float, float, float]

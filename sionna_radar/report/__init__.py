@@ -1,0 +1,1 @@
+"""What a survey leaves behind: figures, rasters, point clouds and numbers."""

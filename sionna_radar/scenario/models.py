@@ -1,0 +1,418 @@
+"""What a scenario may say: frozen models of every table, in the units a person writes (degrees, dB).
+
+The models check each value alone and the contradictions visible within one table. What needs the
+terrain or the flight to judge is checked when the survey is prepared (`sionna_radar.survey.prepare`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+from scipy.constants import speed_of_light
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Real, Field(gt=0)]
+NonNegative = Annotated[Real, Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+Point2 = tuple[Real, Real]
+Point3 = tuple[Real, Real, Real]
+
+SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
+
+# Rouveure et al. 2017, Table 1 (gamma, linear).
+TERRAIN_CLASSES = {
+    "city": 83.17e-3,
+    "mountain": 6.92e-3,
+    "forest": 3.16e-3,
+    "rolling_hills": 1.32e-3,
+    "desert": 0.06e-3,
+}
+
+
+def refuse(field: str, message: str) -> PydanticCustomError:
+    """Return the error of a check that spans fields, bound to the dotted key it names."""
+    return PydanticCustomError("scenario", "{message}", {"message": message, "field": field})
+
+
+class Table(BaseModel):
+    """A table of the scenario: frozen, and no key passes unnoticed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+
+# --------------------------------------------------------------------------------------- materials
+
+
+class ConstantGamma(Table):
+    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value."""
+
+    model: Literal["constant_gamma"] = "constant_gamma"
+    terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
+    gamma_db: Annotated[Real, Field(ge=-100, le=20)] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ConstantGamma:
+        if (self.terrain_class is None) == (self.gamma_db is None):
+            raise refuse("gamma_db", "give either gamma_db or terrain_class, not both and not neither")
+        return self
+
+    @property
+    def gamma(self) -> float:
+        """Gamma as a linear ratio."""
+        if self.gamma_db is not None:
+            return float(10 ** (self.gamma_db / 10))
+        assert self.terrain_class is not None
+        return TERRAIN_CLASSES[self.terrain_class]
+
+
+class Lambertian(Table):
+    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
+
+    model: Literal["lambertian"]
+    nadir_sigma0_db: Annotated[Real, Field(ge=-100, le=20)]
+
+
+Material = Annotated[ConstantGamma | Lambertian, Discriminator("model")]
+
+
+# ----------------------------------------------------------------------------------------- terrain
+
+
+class FlatTerrain(Table):
+    """A horizontal plane."""
+
+    kind: Literal["flat"]
+    size_m: tuple[Positive, Positive] = (300.0, 300.0)
+    spacing_m: Positive = 5.0
+    material: str = "ground"
+    fields: tuple[MaterialField, ...] = ()
+
+
+class MaterialField(Table):
+    """A rectangle of another material on the terrain."""
+
+    centre_m: Point2
+    size_m: tuple[Positive, Positive]
+    material: str
+
+
+class HillsTerrain(Table):
+    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
+
+    kind: Literal["hills"]
+    size_m: tuple[Positive, Positive] = (320.0, 320.0)
+    spacing_m: Positive = 0.5
+    filter_sigma_m: Positive = 25.0
+    height_m: Positive = 8.0
+    seed: Seed = 1
+    material: str = "ground"
+    fields: tuple[MaterialField, ...] = ()
+
+
+class SampleTerrain(Table):
+    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
+
+    kind: Literal["jacksboro"]
+    centre_lonlat_deg: Point2 | None = None
+    spacing_m: Positive | None = None
+    material: str = "ground"
+
+
+class RasterTerrain(Table):
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt or anything GDAL reads."""
+
+    kind: Literal["raster"]
+    path: Path
+    crs: str | None = None
+    centre_lonlat_deg: Point2 | None = None
+    spacing_m: Positive | None = None
+    material: str = "ground"
+
+
+class CityTerrain(Table):
+    """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name."""
+
+    kind: Annotated[str, Field(pattern=rf"^sionna:({'|'.join(SIONNA_CITIES)})$")]
+    materials: dict[str, str] = {}
+
+    @property
+    def city(self) -> str:
+        """Name of the Sionna scene."""
+        return self.kind.removeprefix("sionna:")
+
+
+TERRAIN_KINDS = ("flat", "hills", "jacksboro", "raster", *(f"sionna:{name}" for name in SIONNA_CITIES))
+
+
+def _terrain_tag(value: Any) -> str | None:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return "sionna" if isinstance(kind, str) and kind.startswith("sionna:") else kind
+
+
+Terrain = Annotated[
+    Annotated[FlatTerrain, Tag("flat")]
+    | Annotated[HillsTerrain, Tag("hills")]
+    | Annotated[SampleTerrain, Tag("jacksboro")]
+    | Annotated[RasterTerrain, Tag("raster")]
+    | Annotated[CityTerrain, Tag("sionna")],
+    Discriminator(
+        _terrain_tag,
+        custom_error_type="scenario",
+        custom_error_message=f"unknown terrain kind; give one of {', '.join(TERRAIN_KINDS)}",
+    ),
+]
+
+
+class Building(Table):
+    """A box that stands on the lowest ground under it; heading 0 puts its length along north."""
+
+    position_m: Point2
+    size_m: tuple[Positive, Positive, Positive]
+    heading_deg: Real = 0.0
+    material: str = "building"
+
+
+class PointTarget(Table):
+    """A point of given radar cross-section, at a height above the ground."""
+
+    position_m: Point2
+    height_m: NonNegative = 0.0
+    rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
+
+
+# ---------------------------------------------------------------------------------------- platform
+
+
+class Platform(Table):
+    """The flight: straight legs, level or following the terrain, with or without take-off and landing."""
+
+    altitude_m: Positive
+    speed_mps: Positive
+    start_m: Point2 | None = None
+    heading_deg: Real = 90.0
+    length_m: Positive = 100.0
+    waypoints_m: tuple[Point2, ...] = ()
+    height: Literal["level", "terrain_following"] = "level"
+    follow_length_m: Positive = 50.0
+    profile: Literal["cruise", "full"] = "cruise"
+    climb_rate_mps: Positive = 2.0
+    descent_rate_mps: Positive = 2.0
+    acceleration_mps2: Positive = 2.0
+    takeoff_height_m: Positive = 5.0
+
+    @model_validator(mode="after")
+    def _one_track(self) -> Platform:
+        fields = type(self).model_fields
+        given = [k for k in ("start_m", "length_m", "heading_deg") if getattr(self, k) != fields[k].default]
+        if self.waypoints_m and given:
+            raise refuse("waypoints_m", f"contradicts {', '.join(given)}; give the one or the other")
+        if len(self.waypoints_m) == 1:
+            raise refuse("waypoints_m", "one point is no leg; give at least two")
+        for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
+            if a == b:
+                raise refuse("waypoints_m", f"{a} follows itself; remove the repeated point")
+        if self.profile == "full" and self.takeoff_height_m >= self.altitude_m:
+            raise refuse(
+                "takeoff_height_m",
+                f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it",
+            )
+        return self
+
+
+# ------------------------------------------------------------------------------------------- radar
+
+
+class AntennaTable(Table):
+    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane."""
+
+    beamwidth_deg: (
+        Annotated[Real, Field(ge=0.2, le=60)]
+        | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
+    ) = 2.0
+    side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
+    polarization: Literal["V", "H"] = "V"
+
+    @property
+    def beamwidths_rad(self) -> tuple[float, float]:
+        """Half-power beamwidth in azimuth and elevation."""
+        widths = self.beamwidth_deg if isinstance(self.beamwidth_deg, tuple) else (self.beamwidth_deg,) * 2
+        return float(np.deg2rad(widths[0])), float(np.deg2rad(widths[1]))
+
+
+class ScanTable(Table):
+    """How the antenna moves: across track, around the vertical, or not at all."""
+
+    mode: Literal["whisk_broom", "conical", "fixed"] = "whisk_broom"
+    incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
+    half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
+    rotation_rpm: Positive = 120.0
+    start_deg: Real = 0.0
+    stabilised: bool = Field(default=True, strict=True)
+
+    @model_validator(mode="after")
+    def _below_the_horizon(self) -> ScanTable:
+        if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
+            raise refuse(
+                "half_swath_deg",
+                f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90",
+            )
+        return self
+
+
+class RadarTable(Table):
+    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
+
+    carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
+    bandwidth_hz: Positive = 500e6
+    chirp_rate_hz: Positive = 360.0
+    samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**20)] = 1024
+    sweep: Literal["up", "down"] = "up"
+    sampling: Literal["real", "iq"] = "real"
+    snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
+    transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
+    noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
+    temperature_k: Positive = 290.0
+    antenna: AntennaTable = AntennaTable()
+    scan: ScanTable = ScanTable()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RadarTable:
+        if self.bandwidth_hz >= 0.5 * self.carrier_hz:
+            raise refuse(
+                "bandwidth_hz",
+                f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it",
+            )
+        physical = [self.transmit_power_dbm, self.noise_figure_db]
+        if self.snr_db is not None and any(value is not None for value in physical):
+            raise refuse(
+                "snr_db",
+                "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only",
+            )
+        if self.snr_db is None and any(value is None for value in physical):
+            raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
+        return self
+
+    @property
+    def max_range_m(self) -> float:
+        """Range whose beat lies at the highest frequency the sampling can tell."""
+        cells = self.samples_per_chirp / (2 if self.sampling == "real" else 1)
+        return float(cells * speed_of_light / (2 * self.bandwidth_hz))
+
+
+# -------------------------------------------------------------------------- tracing and processing
+
+
+class TracingTable(Table):
+    """How the scene is turned into paths."""
+
+    engine: Literal["sionna", "path_solver"] = "sionna"
+    paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
+    side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
+
+
+class CfarTable(Table):
+    """Constant false-alarm rate detection; guard and training count range cells on each side."""
+
+    kind: Literal["CA", "GO", "SO", "OS"] = "SO"
+    guard: Annotated[int, Field(strict=True, ge=0)] = 48
+    training: Count = 32
+    rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
+    false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
+
+
+class ProcessingTable(Table):
+    """From beat signals to ranges."""
+
+    window: str = "hann"
+    zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
+    cfar: CfarTable = CfarTable()
+    echoes: Literal["first", "strongest", "all"] = "strongest"
+    merge_gap_m: NonNegative = 1.0
+    dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
+    ranging: Literal["peak", "centroid"] = "centroid"
+    min_range_m: NonNegative = 3.0
+    doppler_correction: bool = Field(default=True, strict=True)
+
+    @field_validator("window")
+    @classmethod
+    def _known_window(cls, value: str) -> str:
+        from scipy.signal import get_window
+
+        try:
+            get_window(value, 32)
+        except ValueError as error:
+            message = f"{value!r} is no window of scipy.signal.get_window; try 'hann' or 'blackman'"
+            raise refuse("", message) from error
+        return value
+
+
+class DemTable(Table):
+    """The grid of the elevation model."""
+
+    spacing_m: Positive = 1.0
+    max_gap_m: Positive | None = None
+    shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
+
+
+# ---------------------------------------------------------------------------------------- scenario
+
+DEFAULT_MATERIALS: dict[str, ConstantGamma | Lambertian] = {
+    "ground": ConstantGamma(terrain_class="rolling_hills"),
+    "building": ConstantGamma(terrain_class="city"),
+}
+
+
+class Scenario(Table):
+    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed."""
+
+    description: str = ""
+    seed: Seed = 1
+    terrain: Terrain
+    buildings: tuple[Building, ...] = ()
+    targets: tuple[PointTarget, ...] = ()
+    materials: dict[str, Material] = {}
+    platform: Platform
+    radar: RadarTable
+    tracing: TracingTable = TracingTable()
+    processing: ProcessingTable = ProcessingTable()
+    dem: DemTable = DemTable()
+
+    @model_validator(mode="after")
+    def _materials_exist(self) -> Scenario:
+        known = self.all_materials
+        for field, name in self._used_materials():
+            if name not in known:
+                raise refuse(field, f"{name!r} is not defined; add [materials.{name}] or use {sorted(known)}")
+        return self
+
+    @model_validator(mode="after")
+    def _cfar_fits(self) -> Scenario:
+        radar, cfar = self.radar, self.processing.cfar
+        cells = radar.samples_per_chirp // (2 if radar.sampling == "real" else 1)
+        if 2 * (cfar.guard + cfar.training) >= cells:
+            raise refuse(
+                "processing.cfar.guard",
+                f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
+                f"{cells} range cells; lower them or raise radar.samples_per_chirp",
+            )
+        return self
+
+    def _used_materials(self) -> list[tuple[str, str]]:
+        used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
+        if isinstance(self.terrain, CityTerrain):
+            used += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
+        else:
+            used += [("terrain.material", self.terrain.material)]
+        if isinstance(self.terrain, FlatTerrain | HillsTerrain):
+            used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
+        return used
+
+    @property
+    def all_materials(self) -> dict[str, ConstantGamma | Lambertian]:
+        """The scenario's materials and the built-in ones they do not replace."""
+        return {**DEFAULT_MATERIALS, **self.materials}

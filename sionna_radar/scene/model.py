@@ -1,0 +1,49 @@
+"""What a scene is made of, in plain arrays that any engine can use."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.raster import Georeference
+from sionna_radar.scene.backscatter import Backscatter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surface:
+    """A triangle mesh of one material, world frame; triangles turn counter-clockwise seen from outside."""
+
+    name: str
+    vertices_m: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    material: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A point target: where it is and its radar cross-section."""
+
+    position_m: tuple[float, float, float]
+    rcs_m2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Everything the radar can see.
+
+    ground_material: the material of the ground where one must be named, as for a reference echo.
+    georeference: None for a scene that lies nowhere on the Earth.
+    """
+
+    surfaces: tuple[Surface, ...]
+    materials: dict[str, Backscatter]
+    targets: tuple[Target, ...]
+    ground_material: str
+    georeference: Georeference | None
+
+    @property
+    def bounds_m(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of the box around all surfaces."""
+        low = np.min([s.vertices_m.min(axis=0) for s in self.surfaces], axis=0)
+        high = np.max([s.vertices_m.max(axis=0) for s in self.surfaces], axis=0)
+        return np.array([low, high])

@@ -1,0 +1,1 @@
+"""From a scene and pulses to propagation paths."""

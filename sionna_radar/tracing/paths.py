@@ -1,0 +1,39 @@
+"""The table of propagation paths that every engine returns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paths:
+    """Monostatic single-bounce paths, one row each, sorted by pulse.
+
+    pulse: running number of the pulse in the survey.
+    delay_s: two-way delay at the middle of the chirp.
+    gain: received over sent wave; |gain|^2 is a ratio of powers, the phase leaves out the delay.
+    range_rate_mps: positive when receding.
+    incidence_rad: angle between the ray and the surface normal; NaN for a point target.
+    hit_m: where the surface is hit, world frame.
+    surface: index of the surface in the scene; -1 for a point target.
+    """
+
+    pulse: Int[np.ndarray, " path"]
+    delay_s: Float[np.ndarray, " path"]
+    gain: Complex[np.ndarray, " path"]
+    range_rate_mps: Float[np.ndarray, " path"]
+    incidence_rad: Float[np.ndarray, " path"]
+    hit_m: Float[np.ndarray, "path 3"]
+    surface: Int[np.ndarray, " path"]
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+    @staticmethod
+    def concatenate(tables: Sequence["Paths"]) -> "Paths":
+        """Return all rows of some tables, sorted by pulse, equal pulses in the order given."""
+        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Paths)}
+        order = np.argsort(columns["pulse"], kind="stable")
+        return Paths(**{name: column[order] for name, column in columns.items()})
