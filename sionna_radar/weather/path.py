@@ -1,0 +1,77 @@
+"""What weather does along the way to a range and back: loss of power, and the echo of rain itself."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import expn
+
+from sionna_radar.weather.validity import ValidityError, require_not_negative
+
+
+def two_way_attenuation(
+    range_m: Float[np.ndarray, " n"], specific_attenuation_db_per_km: float
+) -> Float[np.ndarray, " n"]:
+    """Return the ratio of powers (at most 1) that is left of an echo from each range.
+
+    The weather is the same all along the path; specific attenuations of gases, fog and rain add up in dB.
+    """
+    require_not_negative("specific_attenuation_db_per_km", specific_attenuation_db_per_km)
+    return np.exp(-_two_way_nepers_per_m(specific_attenuation_db_per_km) * range_m)
+
+
+def rain_clutter_power(
+    range_edges_m: Float[np.ndarray, " edge"],
+    *,
+    reflectivity_per_m: float,
+    two_way_beam_sr: float,
+    peak_gain: float,
+    wavelength_m: float,
+    specific_attenuation_db_per_km: float,
+) -> Float[np.ndarray, " cell"]:
+    """Return the mean power of the rain echo in each range cell, over the power sent.
+
+    range_edges_m: edges of the cells, rising and positive; one fewer cell than edges.
+    two_way_beam_sr: Omega_2, the integral of (G/G0)^2 over the solid angle that is filled with rain.
+    peak_gain: G0, a ratio.
+
+    Derivation. A volume dV = r^2 dr dOmega has the cross-section eta dV; drops move independently, so their
+    powers add. Each is an echo by the radar equation (Rouveure et al. 2017, eq. 3), weakened both ways:
+
+        dP/P_t = G(Omega)^2 lambda^2 eta r^2 dr dOmega exp(-a r) / ((4 pi)^3 r^4).
+
+    The direction integrates to G0^2 Omega_2, and r^2 of volume takes r^4 of spreading to r^2:
+
+        P/P_t = G0^2 lambda^2 Omega_2 eta / (4 pi)^3  *  integral of exp(-a r)/r^2 over the cell,
+
+    with a = 2 (ln 10 / 10) dB/km / 1000. From r to infinity the integral is E_2(a r)/r, E_2 the exponential
+    integral, so the cell's share is exact however thick it is; without loss it is 1/r1 - 1/r2. The echo is
+    Gaussian noise around this mean (intensity exponential), with the Doppler spread of falling drops.
+    """
+    require_not_negative("reflectivity_per_m", reflectivity_per_m)
+    require_not_negative("specific_attenuation_db_per_km", specific_attenuation_db_per_km)
+    _require_cells(range_edges_m)
+    nepers_per_m = _two_way_nepers_per_m(specific_attenuation_db_per_km)
+    beyond_per_m = expn(2, nepers_per_m * range_edges_m) / range_edges_m
+    constant = peak_gain**2 * wavelength_m**2 * two_way_beam_sr * reflectivity_per_m / (4.0 * math.pi) ** 3
+    cells: Float[np.ndarray, " cell"] = constant * (beyond_per_m[:-1] - beyond_per_m[1:])
+    return cells
+
+
+def gaussian_two_way_beam_sr(azimuth_hpbw_rad: float, elevation_hpbw_rad: float) -> float:
+    """Return Omega_2 of a narrow Gaussian beam with the half-power beamwidths of its one-way pattern.
+
+    G/G0 = exp(-4 ln2 (x^2/a^2 + y^2/b^2)), squared and integrated over the plane: pi a b / (8 ln 2).
+    A pattern with side lobes has more; integrate it numerically.
+    """
+    return math.pi * azimuth_hpbw_rad * elevation_hpbw_rad / (8.0 * math.log(2.0))
+
+
+def _two_way_nepers_per_m(specific_attenuation_db_per_km: float) -> float:
+    return 2.0 * math.log(10.0) / 10.0 * specific_attenuation_db_per_km / 1000.0
+
+
+def _require_cells(range_edges_m: Float[np.ndarray, " edge"]) -> None:
+    if len(range_edges_m) < 2 or range_edges_m[0] <= 0 or np.any(np.diff(range_edges_m) <= 0):
+        message = "range_edges_m must rise and be positive: the echo grows without bound towards the antenna"
+        raise ValidityError(message)

@@ -1,0 +1,33 @@
+"""The complex permittivity of liquid water, pure, in drops: the double-Debye form of ITU-R P.840."""
+
+from sionna_radar.weather.validity import require_between
+
+# ITU-R P.840-9 (08/2023), Annex 1, section 2; the form of Liebe, Hufford and Manabe 1991 (Int. J. Infrared
+# Millimeter Waves 12, 659-675) with a second relaxation step that does not depend on temperature.
+# Read in two independent restatements: crc-covlib itur_p840.py (P.840-9), ITU-Rpy itu840.py (P.840-6 to -8).
+SOURCE = "the double-Debye permittivity of water (ITU-R P.840)"
+LOWEST_FREQUENCY_HZ = 1e9
+HIGHEST_FREQUENCY_HZ = 1000e9  # the fit of Liebe et al. 1991 reaches 1 THz
+# Our choice: supercooled fog to a warm shower. The relaxation frequency is a parabola in 300 K/T, fitted to
+# "atmospheric temperatures" (Liebe et al. 1991, abstract), and turns back far below this range.
+LOWEST_TEMPERATURE_K = 253.15
+HIGHEST_TEMPERATURE_K = 313.15
+
+
+def water_permittivity(frequency_hz: float, temperature_k: float) -> complex:
+    """Return the relative permittivity of liquid water, its imaginary part positive (time as exp(-i w t)).
+
+    Source: ITU-R P.840-9, Annex 1, section 2; 1 to 1000 GHz.
+    """
+    require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
+    require_between("temperature_k", temperature_k, LOWEST_TEMPERATURE_K, HIGHEST_TEMPERATURE_K, SOURCE)
+    frequency_ghz = frequency_hz / 1e9
+    inverse_temperature = 300.0 / temperature_k - 1.0
+    static = 77.66 + 103.3 * inverse_temperature
+    between = 0.0671 * static
+    optical = 3.52
+    principal_ghz = 20.20 - 146.0 * inverse_temperature + 316.0 * inverse_temperature**2
+    secondary_ghz = 39.8 * principal_ghz
+    principal = (static - between) / (1.0 - 1j * frequency_ghz / principal_ghz)
+    secondary = (between - optical) / (1.0 - 1j * frequency_ghz / secondary_ghz)
+    return complex(optical + principal + secondary)
