@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.constants import speed_of_light
+from scipy.integrate import trapezoid
 
 from sionna_radar.weather import rain
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
@@ -46,8 +47,8 @@ def test_a_w_band_radar_sees_19_dbz_at_250_m(rate):
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 25.0, 50.0])
 def test_mie_extinction_agrees_with_p838(rate):
-    # P.838 stands for other mean drops, which are flattened too; Marshall-Palmer's carry more water than their
-    # rain rate (below). The band is 1.3 dB wide upwards, as one rain differs from another.
+    # P.838 stands for other mean drops, which are flattened too; Marshall-Palmer's carry more water than
+    # their rain rate (below). The band is 1.3 dB wide upwards, as one rain differs from another.
     law = rain_attenuation_db_per_km(77e9, rain_rate_mm_per_h=rate, elevation_rad=0.0, tilt_rad=math.pi / 4)
     drops = scattered_attenuation_db_per_km(77e9, drops=marshall_palmer(rate), temperature_k=TEMPERATURE_K)
     assert 0.9 < drops / law < 1.35
@@ -81,13 +82,13 @@ def test_the_quadrature_has_converged(rate, monkeypatch):
 
 
 def test_marshall_palmer_drops_carry_roughly_their_rain_rate():
-    # Fall speed 9.65 - 10.3 exp(-0.6 D/mm) m/s (Atlas et al. 1973, eq. 24, doi 10.1029/RG011i001p00001, as restated
-    # in several disdrometer codes). The excess of 16 % is that of Marshall and Palmer's fit, not of the sum.
+    # Fall speed 9.65 - 10.3 exp(-0.6 D/mm) m/s (Atlas et al. 1973, eq. 24, doi 10.1029/RG011i001p00001, as
+    # restated in several disdrometer codes). The excess of 16 % is that of Marshall and Palmer's fit, not of the sum.
     rate = 10.0
     drops = marshall_palmer(rate)
     diameter_m = np.linspace(1e-4, 8e-3, 4000)
     speed_mps = np.clip(9.65 - 10.3 * np.exp(-600.0 * diameter_m), 0, None)
-    flux_mps = np.trapezoid(
+    flux_mps = trapezoid(
         drops.density_per_m4(diameter_m) * math.pi / 6 * diameter_m**3 * speed_mps, diameter_m
     )
     assert flux_mps * 3.6e6 == pytest.approx(1.16 * rate, rel=0.02)
