@@ -36,7 +36,8 @@ def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
     """Return the Marshall-Palmer drops of a rain rate, which must be positive.
 
     An average over many rains, which at 10 mm/h carries 16 % more water to the ground than that.
-    At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001, 2000RS002369).
+    At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
+    2000RS002369).
     """
     if not rain_rate_mm_per_h > 0:
         message = f"rain_rate_mm_per_h = {rain_rate_mm_per_h:g} must be positive"

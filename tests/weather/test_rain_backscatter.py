@@ -83,7 +83,7 @@ def test_the_quadrature_has_converged(rate, monkeypatch):
 
 def test_marshall_palmer_drops_carry_roughly_their_rain_rate():
     # Fall speed 9.65 - 10.3 exp(-0.6 D/mm) m/s (Atlas et al. 1973, eq. 24, doi 10.1029/RG011i001p00001, as
-    # restated in several disdrometer codes). The excess of 16 % is that of Marshall and Palmer's fit, not of the sum.
+    # restated in several disdrometer codes). The excess of 16 % is that of Marshall and Palmer's fit.
     rate = 10.0
     drops = marshall_palmer(rate)
     diameter_m = np.linspace(1e-4, 8e-3, 4000)
