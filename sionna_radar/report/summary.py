@@ -1,0 +1,59 @@
+"""The numbers of a survey, as one JSON document."""
+
+import json
+import math
+import platform
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from sionna_radar.survey import Survey
+
+PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
+
+
+def summary(survey: Survey) -> dict[str, Any]:
+    """Return what was simulated, how well the DEM fits, and what it took.
+
+    Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
+    """
+    document = {
+        "scenario": survey.scenario.model_dump(mode="json"),
+        "seed": survey.scenario.seed,
+        "engine": survey.scenario.tracing.engine,
+        "pulses": survey.pulses,
+        "paths": survey.paths,
+        "echoes": len(survey.points),
+        "dem_error": asdict(survey.dem_error),
+        "timing_s": survey.timing_s,
+        "peak_memory_mb": survey.peak_memory_mb,
+        "points_sha256": survey.points.sha256(),
+        "versions": versions(),
+    }
+    return {key: _without_nan(value) for key, value in document.items()}
+
+
+def summary_json(survey: Survey) -> str:
+    """Return the summary as strict JSON text."""
+    return json.dumps(summary(survey), indent=2, allow_nan=False) + "\n"
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions of Python and of what the numbers depend on; None for what is not installed."""
+    # Package metadata answers without loading Mitsuba and its LLVM.
+    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_nan(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

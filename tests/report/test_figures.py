@@ -1,0 +1,111 @@
+"""Figures draw for every kind of survey, carry their units, and do not invent data."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.raster import Grid, Raster
+from sionna_radar.report import figures
+from sionna_radar.survey import Survey
+
+DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
+
+
+def outlines(figure: Figure) -> list[tuple[str, object]]:
+    """Outlines of the titles and axis labels, in pixels."""
+    figure.draw_without_rendering()
+    axes = [*figure.axes, *(child for a in figure.axes for child in a.child_axes)]
+    texts = [t for a in axes for t in (a.title, a.xaxis.label, a.yaxis.label) if t.get_text()]
+    return [(t.get_text(), t.get_window_extent()) for t in texts]
+
+
+def test_draw_all_writes_the_named_files(survey: Survey, tmp_path: Path) -> None:
+    paths = figures.draw_all(survey, tmp_path / "figures")
+    names = ["environment.png", "chirp.png", "power_map.png", "dem.png", "error_map.png"]
+    assert [p.name for p in paths] == names
+    assert all(imread(p).std() > 0.05 for p in paths)
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) -> None:
+    draw(empty).draw_without_rendering()
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+def test_text_keeps_apart_on_small_and_large_ground(
+    survey_of: Callable[..., Survey], draw: Callable[[Survey], Figure]
+) -> None:
+    for size_m in (100.0, 2000.0):
+        figure = draw(survey_of(size_m=size_m, height_m=700.0, sampling="iq"))
+        for (a, first), (b, second) in combinations(outlines(figure), 2):
+            assert not first.overlaps(second), (a, b)
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+def test_axes_have_units(survey: Survey, draw: Callable[[Survey], Figure]) -> None:
+    for axes in draw(survey).axes:
+        for label in (axes.get_xlabel(), axes.get_ylabel()):
+            assert label == "" or "(" in label
+
+
+def test_settings_of_matplotlib_stay(survey: Survey) -> None:
+    before = dict(matplotlib.rcParams)
+    figures.dem(survey).draw_without_rendering()
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_dem_and_truth_share_limits(survey: Survey) -> None:
+    left, right = (a for a in figures.dem(survey).axes if a.images)
+    assert left.images[0].get_clim() == right.images[0].get_clim()
+
+
+def test_error_colours_are_symmetric_and_robust(survey: Survey) -> None:
+    outlier = survey.error.height_m.copy()
+    outlier[0, 0] = 500.0
+    spoiled = replace(survey, error=replace(survey.error, height_m=outlier))
+    low, high = figures.error_map(spoiled).axes[0].images[0].get_clim()
+    # The errors are normal with a spread of 0.2 m about 0.05 m; 99 in 100 lie within about 0.55 m.
+    assert low == -high
+    assert 0.4 < high < 0.7
+
+
+def test_brightest_echo_survives_thinning(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(figures, "MAX_SCATTER", 10)
+    axes = figures.power_map(survey).axes[0]
+    brightest = survey.points.position_m[np.argmax(survey.points.power), :2]
+    offsets = np.asarray(axes.collections[0].get_offsets())
+    assert len(offsets) < len(survey.points)
+    assert np.isclose(offsets, brightest).all(axis=1).any()
+
+
+def test_boresight_meets_a_slope_where_geometry_says() -> None:
+    grid = Grid(west_m=-100.0, south_m=-100.0, spacing_m=2.0, columns=101, rows=101)
+    slope = Raster(grid=grid, height_m=(0.1 * grid.centres_m[:, 0]).reshape(grid.shape))
+    boresights = np.array(
+        [[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]]
+    )
+    boresights /= np.linalg.norm(boresights, axis=1)[:, None]
+    turn = np.zeros((5, 3, 3))
+    turn[:, :, 0] = boresights
+    pose = Pose(
+        position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn
+    )
+    hits = figures._meet_ground(pose, slope)
+    # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the raster's edge, nothing.
+    np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=0.2)
+    np.testing.assert_allclose(hits[:3, 2], 0.1 * hits[:3, 0], atol=0.2)
+    assert np.isnan(hits[3:]).all()
+
+
+def test_power_is_in_watts_only_when_the_sent_power_is_known(survey_of: Callable[..., Survey]) -> None:
+    physical = survey_of(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
+    assert "(dBW)" in figures.chirp(physical).axes[1].get_ylabel()
+    assert "rel. to sent" in figures.chirp(survey_of()).axes[1].get_ylabel()

@@ -1,0 +1,280 @@
+"""Products read back as what went in, and a folder of results is whole or absent."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+import rasterio
+from pyproj import CRS
+
+from sionna_radar.errors import OutputError
+from sionna_radar.mapping.compare import DemError
+from sionna_radar.raster import Raster
+from sionna_radar.report import products
+from sionna_radar.report.products import check_output, write_geotiff, write_laz, write_products
+from sionna_radar.report.summary import summary, summary_json
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey import Survey
+
+KEYS = [
+    "scenario",
+    "seed",
+    "engine",
+    "pulses",
+    "paths",
+    "echoes",
+    "dem_error",
+    "timing_s",
+    "peak_memory_mb",
+    "points_sha256",
+    "versions",
+]
+FILES = [
+    "dem.tif",
+    "error.tif",
+    "figures/chirp.png",
+    "figures/dem.png",
+    "figures/environment.png",
+    "figures/error_map.png",
+    "figures/power_map.png",
+    "points.laz",
+    "scenario.toml",
+    "summary.json",
+    "truth.tif",
+]
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures have tests of their own."""
+    monkeypatch.setattr(products, "draw_all", lambda survey, directory: [])
+
+
+# ----------------------------------------------------------------------------------------- summary
+
+
+def test_summary_holds_the_survey(survey: Survey) -> None:
+    document = summary(survey)
+    assert list(document) == KEYS
+    assert document["echoes"] == len(survey.points)
+    assert document["engine"] == "sionna"
+    assert document["seed"] == 7
+    assert document["dem_error"]["rms_m"] == survey.dem_error.rms_m
+    assert document["timing_s"]["total"] == 2.25
+    assert document["points_sha256"] == survey.points.sha256()
+    assert document["versions"]["numpy"] == np.__version__
+    assert document["scenario"]["platform"]["altitude_m"] == 50.0
+
+
+def test_summary_of_nothing_is_strict_json(empty: Survey) -> None:
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    document = json.loads(summary_json(empty), parse_constant=refuse)
+    assert document["dem_error"] == {"count": 0, "coverage": 0.0} | dict.fromkeys(
+        name for name in DemError.__annotations__ if name.endswith("_m")
+    )
+
+
+# --------------------------------------------------------------------------------------- the folder
+
+
+def test_all_files_are_written(survey: Survey, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "result"
+    paths = write_products(survey, out)
+    assert [p.relative_to(out).as_posix() for p in paths] == FILES
+    assert [p.name for p in out.parent.iterdir()] == ["result"]
+    assert load_scenario(out / "scenario.toml") == survey.scenario
+    # The folder has the permissions that any new folder gets.
+    (tmp_path / "plain").mkdir()
+    assert out.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
+    assert len(write_products(empty, tmp_path / "out")) == len(FILES)
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_earlier_result_is_replaced_whole(survey: Survey, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    (out / "figures").mkdir(parents=True)
+    (out / "figures" / "of_an_older_version.png").touch()
+    (out / "summary.json").write_text("{}")
+    write_products(survey, out)
+    assert not (out / "figures" / "of_an_older_version.png").exists()
+    assert json.loads((out / "summary.json").read_text())["seed"] == 7
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("failure", [RuntimeError("bug"), OSError(28, "No space left"), KeyboardInterrupt()])
+def test_failure_leaves_nothing_new(
+    survey: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
+) -> None:
+    def fail(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr(products, "draw_all", fail)
+    earlier = tmp_path / "earlier"
+    earlier.mkdir()
+    (earlier / "summary.json").write_text("{}")
+    expected = OutputError if isinstance(failure, OSError) else type(failure)
+    for out in (earlier, tmp_path / "new" / "result"):
+        with pytest.raises(expected):
+            write_products(survey, out)
+    assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == [
+        "earlier",
+        "earlier/summary.json",
+    ]
+    assert (earlier / "summary.json").read_text() == "{}"
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_failed_last_rename_restores_the_earlier_result(
+    survey: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("{}")
+    rename = Path.rename
+
+    def fail_on_fresh(self: Path, target: Path) -> Path:
+        if self.name == "fresh":
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail_on_fresh)
+    with pytest.raises(OutputError, match="output = "):
+        write_products(survey, out)
+    assert (out / "summary.json").read_text() == "{}"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_other_people_s_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(OutputError, match=r"output = .* is not empty .* name a new or empty folder"):
+        check_output(tmp_path)
+    assert (tmp_path / "thesis.tex").exists()
+
+
+def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(OutputError, match=r"output = .*file is a file; name a folder"):
+        check_output(file)
+    with pytest.raises(OutputError, match=r"file is a file|cannot be reached"):
+        check_output(file / "inside" / "out")
+
+
+def test_unwritable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Root writes anywhere, so the refusal of the system is played.
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(products.tempfile, "TemporaryDirectory", refuse)
+    with pytest.raises(OutputError, match="not writable"):
+        check_output(tmp_path / "a" / "b")
+
+
+def test_check_leaves_no_trace(tmp_path: Path) -> None:
+    assert check_output(tmp_path / "a" / "b") == (tmp_path / "a" / "b").resolve()
+    (tmp_path / "here").mkdir()
+    check_output(tmp_path / "here")
+    assert [p.name for p in tmp_path.iterdir()] == ["here"]
+
+
+# ------------------------------------------------------------------------------------------ rasters
+
+
+def test_geotiff_has_absolute_heights_at_the_right_places(georeferenced: Survey, tmp_path: Path) -> None:
+    path, place = tmp_path / "dem.tif", georeferenced.georeference
+    assert place is not None
+    write_geotiff(path, georeferenced.dem, place, "DEM height", place.origin_m[2])
+    with rasterio.open(path) as file:
+        assert file.crs == rasterio.CRS.from_epsg(32616)
+        assert file.dtypes == ("float32",)
+        assert np.isnan(file.nodata)
+        assert file.compression.name == "deflate"
+        assert file.transform.e < 0
+        grid = georeferenced.dem.grid
+        row, column = 5, 40
+        x, y = grid.x_m[column] + place.origin_m[0], grid.y_m[row] + place.origin_m[1]
+        value = next(file.sample([(x, y)]))[0]
+        assert value == pytest.approx(georeferenced.dem.height_m[row, column] + place.origin_m[2], abs=1e-3)
+        assert np.array_equal(np.isnan(file.read(1)[::-1]), ~georeferenced.dem.filled)
+        west, east, south, north = grid.extent_m
+        assert tuple(file.bounds) == (
+            west + 747_000.0,
+            south + 4_035_000.0,
+            east + 747_000.0,
+            north + 4_035_000.0,
+        )
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_error_is_a_difference_without_origin(georeferenced: Survey, tmp_path: Path) -> None:
+    write_products(georeferenced, tmp_path / "out")
+    layers = {}
+    for name in ("dem", "truth", "error"):
+        with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
+            layers[name] = file.read(1)
+    np.testing.assert_allclose(layers["error"], layers["dem"] - layers["truth"], atol=1e-3)
+    assert np.nanmean(layers["truth"]) > 390
+
+
+def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
+    # Unit cells in the corner of the frame: the transform nearest to the identity that GDAL takes for none.
+    grid = replace(survey.dem.grid, west_m=0.5, south_m=0.5 - survey.dem.grid.rows)
+    write_geotiff(tmp_path / "dem.tif", Raster(grid=grid, height_m=survey.dem.height_m), None, "DEM", 0.0)
+    with rasterio.open(tmp_path / "dem.tif") as file:
+        assert file.crs is None
+        assert file.bounds.left == 0.0
+        assert file.bounds.top == 0.0
+
+
+# ------------------------------------------------------------------------------------------- points
+
+
+def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
+    path, points, place = tmp_path / "points.laz", georeferenced.points, georeferenced.georeference
+    assert place is not None
+    write_laz(path, points, georeferenced.schedule.time_s, place)
+    las = laspy.read(path)
+    assert (str(las.header.version), las.header.point_format.id) == ("1.4", 6)
+    assert las.header.parse_crs() == CRS.from_epsg(32616)
+    assert las.header.global_encoding.wkt
+    np.testing.assert_allclose(las.xyz, points.position_m + place.origin_m, atol=0.00051, rtol=0)
+    np.testing.assert_array_equal(las["pulse"], points.pulse)
+    np.testing.assert_array_equal(las["echo"], points.number)
+    np.testing.assert_array_equal(las["range_m"], points.range_m)
+    np.testing.assert_array_equal(las["snr_db"], points.snr_db.astype(np.float32))
+    np.testing.assert_array_equal(las.gps_time, georeferenced.schedule.time_s[points.pulse])
+    above_db = 10 * np.log10(points.power / points.power.min())
+    np.testing.assert_allclose(las.intensity / 100, above_db, atol=0.0051)
+
+
+def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> None:
+    points = survey.points
+    row = np.zeros(20, dtype=int)
+    columns = ("position_m", "origin_m", "range_m", "power", "snr_db")
+    twenty = replace(
+        points,
+        pulse=points.pulse[row],
+        number=np.arange(20),
+        **{name: getattr(points, name)[row] for name in columns},
+    )
+    write_laz(tmp_path / "points.laz", twenty, survey.schedule.time_s, None)
+    las = laspy.read(tmp_path / "points.laz")
+    assert list(las["echo"]) == list(range(20))
+    assert np.asarray(las.return_number).max() == 15
+    assert set(np.asarray(las.number_of_returns)) == {15}
+    assert las.header.parse_crs() is None
+
+
+def test_laz_of_no_points(empty: Survey, tmp_path: Path) -> None:
+    write_laz(tmp_path / "points.laz", empty.points, empty.schedule.time_s, None)
+    las = laspy.read(tmp_path / "points.laz")
+    assert len(las.points) == 0
+    assert {"snr_db", "range_m", "pulse", "echo"} <= set(las.point_format.extra_dimension_names)
