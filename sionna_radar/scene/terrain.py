@@ -1,0 +1,129 @@
+"""The ground: elevation rasters of every terrain kind, and their triangles.
+
+Whatever the terrain comes from, it ends as one raster of square cells in the local frame (metres, x east,
+y north, z up). Synthetic ground lies nowhere on the Earth; ground from a file carries its place.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.cbook import get_sample_data
+from rasterio import Affine
+from scipy.ndimage import gaussian_filter
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.scenario.models import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
+from sionna_radar.scene.elevation_file import Cutout, read_array, read_file
+
+MAX_SYNTHETIC_CELLS = 16_000_000
+
+
+def load_elevation(
+    terrain: FlatTerrain | HillsTerrain | SampleTerrain | RasterTerrain,
+    window_m: tuple[float, float, float, float],
+) -> tuple[Raster, Georeference | None]:
+    """Return the heights of the ground, and where the local frame lies on the Earth.
+
+    window_m: what the survey can see (west, south, east, north) in local metres; of a file no more is
+    read, while synthetic ground is always built whole, centred on the origin. The origin of a file's
+    frame is `centre_lonlat_deg`, or else the middle of the file.
+
+    Raises ScenarioError or InputFileError, each with the field, its value and the remedy.
+    """
+    match terrain:
+        case FlatTerrain():
+            grid = _synthetic_grid(terrain)
+            return Raster(grid=grid, height_m=np.zeros(grid.shape)), None
+        case HillsTerrain():
+            return _hills(terrain), None
+        case SampleTerrain():
+            return _jacksboro(terrain, window_m)
+        case RasterTerrain():
+            cutout = Cutout(
+                window_m=window_m,
+                crs=terrain.crs,
+                centre_lonlat_deg=terrain.centre_lonlat_deg,
+                spacing_m=terrain.spacing_m,
+            )
+            return read_file(terrain.path, cutout)
+
+
+def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
+    """Return vertices and triangles of a raster: two triangles between any four filled neighbours.
+
+        c---d
+        | / |      counter-clockwise seen from above: a b d, a d c
+        a---b
+
+    Empty cells leave holes, and cells that bear no triangle no vertex.
+    """
+    index = np.arange(raster.height_m.size).reshape(raster.grid.shape)
+    corners = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
+    whole = np.logical_and.reduce([raster.filled.ravel()[corner] for corner in corners])
+    a, b, c, d = (corner[whole] for corner in corners)
+    faces = np.stack([np.column_stack([a, b, d]), np.column_stack([a, d, c])], axis=1).reshape(-1, 3)
+
+    used = np.zeros(index.size, dtype=bool)
+    used[faces] = True
+    renumbered = np.cumsum(used) - 1
+    vertices = np.column_stack([raster.grid.centres_m[used], raster.height_m.ravel()[used]])
+    return vertices.astype(np.float64), renumbered[faces]
+
+
+def _synthetic_grid(terrain: FlatTerrain | HillsTerrain) -> Grid:
+    """Return the grid whose outermost centres bound the terrain, so that its mesh has the whole size."""
+    # The small number keeps 1.1 / 0.1 = 11.000000000000002 from asking for a twelfth cell.
+    columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
+    if columns * rows > MAX_SYNTHETIC_CELLS:
+        message = (
+            f"{terrain.spacing_m:g} makes {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
+            "raise it or lower terrain.size_m"
+        )
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    return Grid(
+        west_m=-terrain.spacing_m * (columns - 1) / 2,
+        south_m=-terrain.spacing_m * (rows - 1) / 2,
+        spacing_m=terrain.spacing_m,
+        columns=columns,
+        rows=rows,
+    )
+
+
+def _hills(terrain: HillsTerrain) -> Raster:
+    """Return white noise under a Gaussian filter, shifted and scaled to heights of 0 to `height_m`."""
+    grid = _synthetic_grid(terrain)
+    if terrain.filter_sigma_m > 0.5 * min(terrain.size_m):
+        # Beyond this the filter leaves only rounding errors to scale up.
+        message = (
+            f"{terrain.filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
+            f"({min(terrain.size_m):g} m); lower it or enlarge the terrain"
+        )
+        raise ScenarioError([Problem("terrain.filter_sigma_m", message)])
+    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    # Wrapped, every cell averages equally many independent neighbours; a mirrored or repeated edge
+    # would count some twice and make the hills rougher along the border.
+    surface = gaussian_filter(noise, terrain.filter_sigma_m / terrain.spacing_m, mode="wrap")
+    lowest, highest = surface.min(), surface.max()
+    return Raster(grid=grid, height_m=(surface - lowest) * (terrain.height_m / (highest - lowest)))
+
+
+def _jacksboro(
+    terrain: SampleTerrain, window_m: tuple[float, float, float, float]
+) -> tuple[Raster, Georeference]:
+    with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:
+        # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
+        # seconds, fall on cell centres. "ymin" is wrong: it lies 344 rows NORTH of ymax. That ymax is the
+        # northern edge is told by the highest cell, which so falls on Cross Mountain (36.1983 N,
+        # 84.2306 W, 1077 m), and by the town of Jacksboro (36.33 N), which the other way is not inside.
+        west, north = float(tile["xmin"]), float(tile["ymax"])
+        dx, dy = float(tile["dx"]), float(tile["dy"])
+        height_m = np.asarray(tile["elevation"])
+    cutout = Cutout(
+        window_m=window_m,
+        crs="EPSG:4326",
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+        spacing_m=terrain.spacing_m,
+    )
+    return read_array(height_m, Affine(dx, 0.0, west, 0.0, -dy, north), cutout)
