@@ -1,8 +1,8 @@
 """Random numbers that belong to a pulse, whatever block or worker computes it.
 
-Every stream is a counter-based Philox generator keyed by (seed, stream) whose counter starts at the
-pulse index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone
-(Salmon et al. 2011, "Parallel random numbers: as easy as 1, 2, 3").
+Every stream is a counter-based Philox generator keyed by (seed, stream) whose counter is set from the pulse
+index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone (Salmon et al.
+2011, "Parallel random numbers: as easy as 1, 2, 3").
 """
 
 from enum import IntEnum
@@ -28,8 +28,14 @@ def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generato
 def pulse_uniforms(
     seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], count: int
 ) -> Float[np.ndarray, "pulse {count}"]:
-    """Return `count` numbers in [0, 1) for each pulse."""
-    out = np.empty((len(pulse), count))
-    for row, index in zip(out, pulse, strict=True):
-        pulse_generator(seed, stream, int(index)).random(out=row)
-    return out
+    """Return `count` numbers in [0, 1) for each pulse; a stream is drawn with one `count` throughout."""
+    steps = -(-count // 4)  # a step of the counter yields four numbers
+    out = np.empty((len(pulse), 4 * steps))
+    breaks = np.flatnonzero(np.diff(pulse) != 1) + 1
+    for rows in np.split(np.arange(len(pulse)), breaks):
+        if len(rows) == 0:
+            continue
+        generator = np.random.Philox(key=[seed, int(stream)], counter=0)
+        generator.advance(int(pulse[rows[0]]) * steps)
+        np.random.Generator(generator).random(out=out[rows[0] : rows[-1] + 1])
+    return out[:, :count]

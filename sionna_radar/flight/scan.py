@@ -4,7 +4,7 @@ A scan of one's own is any object with the method of `Scan`; pass it to `sionna_
 """
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -27,6 +27,7 @@ class Pointing:
     active: Bool[np.ndarray, " n"]
 
 
+@runtime_checkable
 class Scan(Protocol):
     """A scan: the antenna's axes against time.
 

@@ -1,7 +1,7 @@
 """How strongly a surface scatters back: sigma0 against the local incidence angle."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from sionna_radar.decibel import from_db
 from sionna_radar.scenario.models import ConstantGamma, Lambertian
 
 
+@runtime_checkable
 class Backscatter(Protocol):
     """A model of the monostatic backscatter of an extended surface.
 

@@ -1,0 +1,29 @@
+"""Airborne millimetre-wave terrain radar, simulated from ray-traced fields to a DEM and its error.
+
+`load_scenario` reads a scenario, `run` flies it, and every stage between can be used alone; see
+`sionna_radar.survey` for the chain. Importing this package loads neither NumPy nor Mitsuba.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
+    from sionna_radar.survey import Survey, run
+
+__all__ = ["Scenario", "Survey", "load_scenario", "parse_scenario", "run"]
+
+_HOMES = {
+    "Scenario": "sionna_radar.scenario",
+    "Survey": "sionna_radar.survey",
+    "load_scenario": "sionna_radar.scenario",
+    "parse_scenario": "sionna_radar.scenario",
+    "run": "sionna_radar.survey",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        message = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(message)
+    return getattr(import_module(_HOMES[name]), name)

@@ -1,0 +1,186 @@
+"""From a block of beat signals to echoes: spectrum, CFAR, grouping, ranging, Doppler correction."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Inexact, Int
+
+from sionna_radar.decibel import from_db
+from sionna_radar.detection.cfar import Cfar
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, run_cells
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.models import ProcessingTable
+
+# Noise of the cell under test and of the nearest training cell may share this much of their power.
+SHARED_NOISE = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spectra:
+    """Power spectra of a block with what the CFAR makes of them."""
+
+    power: Float[np.ndarray, "pulse bin"]
+    noise: Float[np.ndarray, "pulse bin"]
+    threshold: Float[np.ndarray, "pulse bin"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detector:
+    """The processing of a scenario for one chirp."""
+
+    analyser: SpectrumAnalyser
+    cfar: Cfar
+    processing: ProcessingTable
+
+    def spectra(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Spectra:
+        """Return spectra, noise estimates and thresholds of beat signals."""
+        power = self.analyser.power(beat)
+        noise, both = self.cfar.noise_level(power)
+        factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
+        return Spectra(power=power, noise=noise, threshold=noise * factor)
+
+    def detect(
+        self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
+    ) -> Echoes:
+        """Return the echoes of a block.
+
+        Parameters
+        ----------
+        beat:
+            Beat signals.
+        pulse:
+            Running numbers of the pulses.
+        measured:
+            Poses as the navigation system reports them; their velocity corrects for Doppler.
+
+        """
+        return self.echoes(self.spectra(beat), pulse, measured)
+
+    def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return the echoes in spectra that are computed already."""
+        runs = self._select(self._runs(spectra))
+        range_m = ESTIMATORS[self.processing.ranging](runs)
+        if self.processing.doppler_correction:
+            shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
+            range_m = range_m - shift[runs.row]
+        peak_power = runs.power[runs.row, runs.peak]
+        noise = runs.noise[runs.row, runs.peak]
+        return Echoes(
+            pulse=pulse[runs.row],
+            number=_number_within(runs.row),
+            range_m=range_m,
+            power=peak_power,
+            snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
+        )
+
+    def _runs(self, spectra: Spectra) -> EchoRuns:
+        """Return the runs of detected cells, gaps of up to `merge_gap_m` bridged."""
+        tested = self.analyser.range_m >= self.processing.min_range_m
+        row, start, stop = _true_runs((spectra.power > spectra.threshold) & tested)
+        gap = int(self.processing.merge_gap_m / self.analyser.bin_m)
+        follows = np.zeros(len(row), dtype=bool)
+        follows[1:] = (row[1:] == row[:-1]) & (start[1:] - stop[:-1] <= gap)
+        first = np.flatnonzero(~follows)
+        last = np.append(first[1:], len(row)) - 1
+        row, start, stop = row[first], start[first], stop[last] if len(row) else stop
+        return EchoRuns(
+            power=spectra.power,
+            noise=spectra.noise,
+            row=row,
+            start=start,
+            stop=stop,
+            peak=_peaks(spectra.power, row, start, stop),
+            bin_m=self.analyser.bin_m,
+        )
+
+    def _select(self, runs: EchoRuns) -> EchoRuns:
+        """Keep the echoes that the scenario asks for, none far weaker than the strongest of its pulse."""
+        peak_power = runs.power[runs.row, runs.peak]
+        strongest = np.zeros(len(runs.power))
+        np.maximum.at(strongest, runs.row, peak_power)
+        keep = peak_power >= strongest[runs.row] / from_db(self.processing.dynamic_range_db)
+        if self.processing.echoes == "strongest":
+            keep &= _first_of_row(runs.row, peak_power == strongest[runs.row])
+        elif self.processing.echoes == "first":
+            keep = _first_of_row(runs.row, keep)
+        return EchoRuns(
+            power=runs.power,
+            noise=runs.noise,
+            row=runs.row[keep],
+            start=runs.start[keep],
+            stop=runs.stop[keep],
+            peak=runs.peak[keep],
+            bin_m=runs.bin_m,
+        )
+
+
+def build_detector(processing: ProcessingTable, chirp: Chirp) -> Detector:
+    """Return the processing of a scenario.
+
+    Raises
+    ------
+    ScenarioError
+        The window spreads the cell under test into the training cells.
+
+    """
+    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding)
+    table = processing.cfar
+    correlation = analyser.noise_correlation(table.guard + table.training + 1)
+    shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
+    if table.guard < shared[-1]:
+        message = f"{table.guard} cells; the window {processing.window!r} needs at least {shared[-1]}; raise it"
+        raise ScenarioError([Problem("processing.cfar.guard", message)])
+    cfar = Cfar(
+        kind=table.kind,
+        guard=table.guard,
+        training=table.training,
+        false_alarm_probability=table.false_alarm_probability,
+        rank=table.rank,
+        stride=processing.zero_padding,
+        correlation=correlation,
+    )
+    return Detector(analyser=analyser, cfar=cfar, processing=processing)
+
+
+def _true_runs(
+    mask: Bool[np.ndarray, "row bin"],
+) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
+    """Return row, first bin and bin past the end of every run of true cells."""
+    edged = np.zeros((mask.shape[0], mask.shape[1] + 2), dtype=np.int8)
+    edged[:, 1:-1] = mask
+    step = np.diff(edged, axis=1)
+    row, start = np.nonzero(step == 1)
+    return row, start, np.nonzero(step == -1)[1]
+
+
+def _peaks(
+    power: Float[np.ndarray, "row bin"],
+    row: Int[np.ndarray, " run"],
+    start: Int[np.ndarray, " run"],
+    stop: Int[np.ndarray, " run"],
+) -> Int[np.ndarray, " run"]:
+    """Return the strongest bin of each run, the nearest of equals."""
+    if len(row) == 0:
+        return np.zeros(0, dtype=np.int64)
+    cell_row, cell_bin, begin = run_cells(row, start, stop)
+    value = power[cell_row, cell_bin]
+    highest = np.repeat(np.maximum.reduceat(value, begin), stop - start)
+    return np.minimum.reduceat(np.where(value == highest, cell_bin, power.shape[1]), begin)
+
+
+def _first_of_row(row: Int[np.ndarray, " run"], wanted: Bool[np.ndarray, " run"]) -> Bool[np.ndarray, " run"]:
+    """Mark the first wanted run of each row."""
+    index = np.flatnonzero(wanted)
+    _, first = np.unique(row[index], return_index=True)
+    marked = np.zeros(len(row), dtype=bool)
+    marked[index[first]] = True
+    return marked
+
+
+def _number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
+    """Return 0, 1, ... within equal values of a sorted column."""
+    return np.arange(len(row)) - np.searchsorted(row, row, side="left")

@@ -1,0 +1,56 @@
+"""Range spectra of beat signals, on a calibrated power scale."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Float, Inexact
+from scipy.signal import get_window
+
+from sionna_radar.radar.chirp import Chirp
+
+
+@dataclass(frozen=True)
+class SpectrumAnalyser:
+    """Window, zero-padding and FFT; a beat of power P peaks at P.
+
+    zero_padding: spectrum bins per range cell (c / 2B).
+    """
+
+    chirp: Chirp
+    window_name: str
+    zero_padding: int
+
+    @cached_property
+    def window(self) -> Float[np.ndarray, " sample"]:
+        """Weights of the samples, with a sum of one."""
+        weights = get_window(self.window_name, self.chirp.samples)
+        return weights / weights.sum()
+
+    @cached_property
+    def range_m(self) -> Float[np.ndarray, " bin"]:
+        """Range of each bin for a scatterer at rest."""
+        cells = self.chirp.samples // (2 if self.chirp.sampling == "real" else 1)
+        return np.arange(cells * self.zero_padding) * self.bin_m
+
+    @property
+    def bin_m(self) -> float:
+        """Distance between bins."""
+        return self.chirp.range_resolution_m / self.zero_padding
+
+    def power(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Float[np.ndarray, "pulse bin"]:
+        """Return the power spectra of beat signals."""
+        bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
+        if self.chirp.sampling == "real":
+            # A real beat of power P is a cosine whose positive half carries half of it.
+            spectrum = np.sqrt(2) * scipy.fft.rfft(beat * self.window, size)[:, :bins]
+        else:
+            spectrum = scipy.fft.fft(beat * self.window, size)[:, :bins]
+        return spectrum.real**2 + spectrum.imag**2
+
+    def noise_correlation(self, cells: int) -> Float[np.ndarray, " lag"]:
+        """Return the correlation that the window gives to white noise 0, 1, ... range cells apart."""
+        energy = self.window**2 / np.sum(self.window**2)
+        middle = np.arange(self.chirp.samples) - (self.chirp.samples - 1) / 2
+        return np.array([energy @ np.cos(2 * np.pi * lag * middle / self.chirp.samples) for lag in range(cells)])

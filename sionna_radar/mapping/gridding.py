@@ -1,0 +1,85 @@
+"""From points to a DEM: linear interpolation in their Delaunay triangles, empty where nothing was seen.
+
+Two kinds of cells stay empty: those farther than `max_gap_m` from every point, and those in triangles that span
+a radar shadow. Such a triangle reaches from an occluding edge to the ground behind it, and lies along the rays
+that passed the edge: seen from the radar it is edge-on.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import Delaunay, KDTree, QhullError
+
+from sionna_radar.mapping.points import Points
+from sionna_radar.raster import Grid, Raster
+
+
+def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Raster:
+    """Interpolate points to a grid.
+
+    Parameters
+    ----------
+    points:
+        Located echoes; of several over one place of the plan the highest counts.
+    grid:
+        Where the DEM is wanted.
+    max_gap_m:
+        Farthest that a filled cell may lie from a point.
+    shadow_incidence_rad:
+        A triangle wider than the gap that the radar sees at a greater incidence is a shadow.
+
+    """
+    height = np.full(grid.rows * grid.columns, np.nan)
+    place, z, origin = _highest(points)
+    try:
+        triangles = Delaunay(place)
+    except (QhullError, ValueError):  # too few points, or all on a line: they span no surface
+        return Raster(grid=grid, height_m=height.reshape(grid.shape))
+    cell = grid.centres_m
+    near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
+    inside = triangles.find_simplex(cell)
+    lit = ~_edge_on(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
+    use = near & (inside >= 0)
+    use[use] = lit[inside[use]]
+    height[use] = _linear(triangles, inside[use], cell[use], z)
+    return Raster(grid=grid, height_m=height.reshape(grid.shape))
+
+
+def _highest(
+    points: Points,
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+    """Return the plan, height and origin of the points, one of each place."""
+    order = np.lexsort((-points.position_m[:, 2], points.position_m[:, 1], points.position_m[:, 0]))
+    place = points.position_m[order, :2]
+    new = np.ones(len(place), dtype=bool)
+    new[1:] = np.any(place[1:] != place[:-1], axis=1)
+    return place[new], points.position_m[order[new], 2], points.origin_m[order[new]]
+
+
+def _edge_on(
+    triangles: Delaunay,
+    place: Float[np.ndarray, "n 2"],
+    z: Float[np.ndarray, " n"],
+    origin: Float[np.ndarray, "n 3"],
+    wide_m: float,
+    incidence_rad: float,
+) -> Bool[np.ndarray, " triangle"]:
+    corner = np.column_stack([place, z])[triangles.simplices]
+    side = np.roll(corner, -1, axis=1) - corner
+    normal = np.cross(side[:, 0], side[:, 1])
+    normal *= np.sign(normal[:, 2:])
+    to_radar = origin[triangles.simplices].mean(axis=1) - corner.mean(axis=1)
+    cos = np.einsum("ti,ti->t", normal, to_radar)
+    cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
+    return (cos < np.cos(incidence_rad)) & (np.linalg.norm(side, axis=2).max(axis=1) > wide_m)
+
+
+def _linear(
+    triangles: Delaunay,
+    inside: Int[np.ndarray, " cell"],
+    cell: Float[np.ndarray, "cell 2"],
+    z: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " cell"]:
+    transform = triangles.transform[inside]
+    two = np.einsum("cij,cj->ci", transform[:, :2], cell - transform[:, 2])
+    weight = np.column_stack([two, 1 - two.sum(axis=1)])
+    return np.einsum("ci,ci->c", weight, z[triangles.simplices[inside]])

@@ -1,0 +1,94 @@
+"""The linear FMCW sweep and what follows from it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.scenario.models import RadarTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chirp:
+    """One linear sweep, sampled over its whole length.
+
+    carrier_hz is the frequency in the middle of the sweep, where the pulse's pose is taken.
+    """
+
+    carrier_hz: float
+    bandwidth_hz: float
+    rate_hz: float
+    samples: int
+    sweep: Literal["up", "down"] = "up"
+    sampling: Literal["real", "iq"] = "real"
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the sweep."""
+        return 1 / self.rate_hz
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength of the carrier."""
+        return speed_of_light / self.carrier_hz
+
+    @property
+    def slope_hz_s(self) -> float:
+        """Rate of change of frequency, positive for an up-sweep."""
+        return self.bandwidth_hz * self.rate_hz * self.direction
+
+    @property
+    def direction(self) -> int:
+        """1 for an up-sweep, -1 for a down-sweep."""
+        return 1 if self.sweep == "up" else -1
+
+    @property
+    def sampling_rate_hz(self) -> float:
+        """Samples per second of the beat signal."""
+        return self.samples * self.rate_hz
+
+    @property
+    def sample_time_s(self) -> Float[np.ndarray, " sample"]:
+        """Sampling times from the middle of the sweep; sample `samples // 2` lies there."""
+        return (np.arange(self.samples) - self.samples // 2) / self.sampling_rate_hz
+
+    @property
+    def range_resolution_m(self) -> float:
+        """Range that one period of beat over the sweep stands for: c / (2 B)."""
+        return speed_of_light / (2 * self.bandwidth_hz)
+
+    @property
+    def beat_per_metre_hz(self) -> float:
+        """Beat frequency per metre of range: 2 B / (c T)."""
+        return 2 * self.bandwidth_hz * self.rate_hz / speed_of_light
+
+    @property
+    def max_range_m(self) -> float:
+        """Range at the highest beat frequency the sampling can tell."""
+        return self.samples * self.range_resolution_m / (2 if self.sampling == "real" else 1)
+
+    def doppler_hz(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the part of the beat frequency that motion adds: 2 f0 v / c, the mirror on a down-sweep.
+
+        Source: Rouveure et al. 2017, eq. 2, with the sign of the range rate: an approaching target reads
+        short on an up-sweep and long on a down-sweep.
+        """
+        return self.direction * 2 * self.carrier_hz * range_rate_mps / speed_of_light
+
+    def doppler_range_m(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the range by which that beat shifts an echo."""
+        return self.doppler_hz(range_rate_mps) / self.beat_per_metre_hz
+
+
+def build_chirp(radar: RadarTable) -> Chirp:
+    """Return the chirp of a scenario."""
+    return Chirp(
+        carrier_hz=radar.carrier_hz,
+        bandwidth_hz=radar.bandwidth_hz,
+        rate_hz=radar.chirp_rate_hz,
+        samples=radar.samples_per_chirp,
+        sweep=radar.sweep,
+        sampling=radar.sampling,
+    )

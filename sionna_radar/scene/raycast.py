@@ -1,0 +1,101 @@
+"""Casting rays against the meshes of a scene: the truth seen from above, and visibility."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sionna_radar.raster import Grid, Raster
+from sionna_radar.scene.backend import load_mitsuba
+from sionna_radar.scene.model import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hits:
+    """First hits of rays; a miss has infinite distance and surface -1."""
+
+    distance_m: Float[np.ndarray, " ray"]
+    surface: Int[np.ndarray, " ray"]
+
+    @property
+    def hit(self) -> Bool[np.ndarray, " ray"]:
+        """Rays that hit something."""
+        return np.isfinite(self.distance_m)
+
+
+def mitsuba_mesh(surface: Surface, bsdf: Any = None) -> Any:
+    """Return a surface as a Mitsuba mesh with flat faces."""
+    mi = load_mitsuba()
+    properties = mi.Properties()
+    if bsdf is not None:
+        properties["mesh_bsdf"] = bsdf
+    mesh = mi.Mesh(
+        surface.name, len(surface.vertices_m), len(surface.faces), props=properties, has_vertex_normals=False
+    )
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(surface.vertices_m.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(surface.faces.astype(np.uint32).ravel())
+    parameters.update()
+    return mesh
+
+
+class RayCaster:
+    """Rays against a set of surfaces."""
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        mi = load_mitsuba()
+        import drjit as dr
+
+        meshes = {f"surface-{i}": mitsuba_mesh(surface) for i, surface in enumerate(surfaces)}
+        self._scene = mi.load_dict({"type": "scene", **meshes})
+        ids = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mesh))[0]) for mesh in meshes.values()]
+        self._surface_of_shape = np.full(max(ids) + 1, -1)
+        self._surface_of_shape[ids] = np.arange(len(ids))
+
+    def cast(
+        self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]
+    ) -> Hits:
+        """Return what rays along unit vectors hit first."""
+        mi = load_mitsuba()
+        import drjit as dr
+
+        ray = mi.Ray3f(mi.Point3f(origin_m.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
+        found = self._scene.ray_intersect_preliminary(ray)
+        hit = found.is_valid()
+        distance = dr.select(hit, found.t, np.inf)
+        shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
+        surface = np.where(hit.numpy(), self._surface_of_shape[shape.numpy()], -1)
+        return Hits(distance_m=distance.numpy().astype(np.float64), surface=surface)
+
+    def visible(
+        self,
+        origin_m: Float[np.ndarray, "ray 3"],
+        point_m: Float[np.ndarray, "ray 3"],
+        tolerance_m: float = 0.01,
+    ) -> Bool[np.ndarray, " ray"]:
+        """Tell whether points are seen from origins; a point may lie on a surface within the tolerance."""
+        away = point_m - origin_m
+        distance = np.linalg.norm(away, axis=1)
+        return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
+
+    def from_above(self, point_m: Float[np.ndarray, "n 2"], top_m: float) -> Float[np.ndarray, " n"]:
+        """Return the height of the highest surface over points of the plan, seen from `top_m`; NaN if none."""
+        return self._vertical(point_m, top_m, -1.0)
+
+    def from_below(self, point_m: Float[np.ndarray, "n 2"], bottom_m: float) -> Float[np.ndarray, " n"]:
+        """Return the height of the lowest surface over points of the plan, seen from `bottom_m`."""
+        return self._vertical(point_m, bottom_m, 1.0)
+
+    def _vertical(
+        self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float
+    ) -> Float[np.ndarray, " n"]:
+        origin = np.column_stack([point_m, np.full(len(point_m), start_m)])
+        hits = self.cast(origin, np.broadcast_to([0.0, 0.0, up], origin.shape))
+        return np.where(hits.hit, start_m + up * np.where(hits.hit, hits.distance_m, 0.0), np.nan)
+
+
+def truth_dem(caster: RayCaster, grid: Grid, top_m: float) -> Raster:
+    """Return what a vertical ray sees from above at every cell centre."""
+    return Raster(grid=grid, height_m=caster.from_above(grid.centres_m, top_m).reshape(grid.shape))

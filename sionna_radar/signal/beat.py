@@ -1,0 +1,118 @@
+"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp.
+
+With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the sent and the
+received wave is (t from the middle of the sweep, S its slope)
+
+    phi(t) / 2 pi = f0 tau(t) + S t tau(t) - S tau(t)^2 / 2 = c0 + c1 t + c2 t^2
+
+c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross terms, and c2 the drift of the
+beat while the scatterer moves. A chirp's paths share nearly the same c2: their power-weighted mean is applied
+exactly, and what each differs by enters as a power series, as long as it matters.
+"""
+
+import math
+from dataclasses import dataclass
+
+import finufft
+import numpy as np
+from jaxtyping import Complex, Float, Inexact
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.tracing.paths import Paths
+
+NUFFT_ACCURACY = 1e-9
+DRIFT_ACCURACY = 1e-3
+
+
+@dataclass(frozen=True)
+class PhasePolynomial:
+    """Beat phase of each path in cycles: constant, per second, per second squared."""
+
+    constant: Float[np.ndarray, " path"]
+    frequency_hz: Float[np.ndarray, " path"]
+    drift_hz_s: Float[np.ndarray, " path"]
+
+
+def phase_polynomial(
+    delay_s: Float[np.ndarray, " path"], range_rate_mps: Float[np.ndarray, " path"], chirp: Chirp
+) -> PhasePolynomial:
+    """Return the beat phase of paths; a down-sweep is mixed so that range still reads positive."""
+    f0, slope, sign = chirp.carrier_hz, chirp.slope_hz_s, chirp.direction
+    stretch = 2 * np.asarray(range_rate_mps, dtype=np.float64) / speed_of_light
+    return PhasePolynomial(
+        constant=sign * (f0 * delay_s - slope * delay_s**2 / 2),
+        frequency_hz=sign * (f0 * stretch + slope * delay_s - slope * delay_s * stretch),
+        drift_hz_s=sign * (slope * stretch - slope * stretch**2 / 2),
+    )
+
+
+def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray, "pulse sample"]:
+    """Return the noise-free beat signals of a block of pulses for a unit sent power.
+
+    A path of gain a adds the power |a|^2: as a complex exponential of that magnitude to I/Q samples, as a
+    cosine of sqrt(2) times it to real ones. An ideal filter removes beats that the sampling cannot tell.
+
+    Parameters
+    ----------
+    paths:
+        Paths of the block, sorted by pulse.
+    pulses:
+        The pulses of the block.
+    chirp:
+        The sweep.
+
+    """
+    phase = phase_polynomial(paths.delay_s, paths.range_rate_mps, chirp)
+    gain = np.conj(paths.gain) if chirp.direction > 0 else paths.gain
+    weight = gain * np.exp(2j * np.pi * np.mod(phase.constant, 1.0)) * _passed(phase.frequency_hz, chirp)
+    turn = 2 * np.pi * phase.frequency_hz / chirp.sampling_rate_hz
+    first = np.searchsorted(paths.pulse, pulses.index, side="left")
+    last = np.searchsorted(paths.pulse, pulses.index, side="right")
+    beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
+    # Within a beam the points come in no order worth sorting; the smaller grid suits few points per chirp.
+    plan = finufft.Plan(
+        1, (chirp.samples,), eps=NUFFT_ACCURACY, isign=1, nthreads=1, spread_sort=0, upsampfac=1.25
+    )
+    for row, (start, stop) in enumerate(zip(first, last, strict=True)):
+        if start < stop:
+            part = slice(start, stop)
+            beat[row] = _one_chirp(plan, turn[part], weight[part], phase.drift_hz_s[part], chirp)
+    return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
+
+
+def _one_chirp(
+    plan: finufft.Plan,
+    turn: Float[np.ndarray, " path"],
+    weight: Complex[np.ndarray, " path"],
+    drift_hz_s: Float[np.ndarray, " path"],
+    chirp: Chirp,
+) -> Complex[np.ndarray, " sample"]:
+    time_s = chirp.sample_time_s
+    power = weight.real**2 + weight.imag**2
+    total = power.sum()
+    if total == 0.0:
+        return np.zeros(len(time_s), dtype=np.complex128)
+    mean_drift = float(power @ drift_hz_s / total)
+    # Phase that each path's own drift adds at the ends of the sweep.
+    excess = 2 * np.pi * (drift_hz_s - mean_drift) * (chirp.duration_s / 2) ** 2
+    relative_s2 = (2 * time_s / chirp.duration_s) ** 2
+    spread = math.sqrt(float(power @ excess**2 / total))
+    plan.setpts(turn)
+    beat = plan.execute(weight)
+    term, order, error = weight, 1, spread
+    while error > DRIFT_ACCURACY:
+        term = term * (1j * excess / order)
+        beat += plan.execute(term) * relative_s2**order
+        order += 1
+        error *= spread / order
+    return beat * np.exp(2j * np.pi * mean_drift * time_s**2)
+
+
+def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Float[np.ndarray, " path"]:
+    """Return 1 for beats inside the sampled band and 0 outside."""
+    half = chirp.sampling_rate_hz / 2
+    # Complex samples tell 0 to the sampling rate; a real signal folds negative frequencies onto positive.
+    centre = half if chirp.sampling == "iq" else 0.0
+    return (np.abs(frequency_hz - centre) < half).astype(np.float64)

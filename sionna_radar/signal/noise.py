@@ -1,0 +1,48 @@
+"""Thermal noise of the receiver."""
+
+import numpy as np
+from jaxtyping import Inexact, Int
+from scipy.constants import Boltzmann
+
+from sionna_radar.decibel import from_db
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.randomness import Stream, pulse_generator
+from sionna_radar.scenario.models import RadarTable
+
+
+def transmit_power_w(radar: RadarTable) -> float:
+    """Return the sent power; 1 where the scenario gives a signal-to-noise ratio instead."""
+    return 1.0 if radar.transmit_power_dbm is None else 1e-3 * from_db(radar.transmit_power_dbm)
+
+
+def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float:
+    """Return the noise power of a sample.
+
+    From the noise figure it is k T F times the sampled bandwidth. From `snr_db` it is that much below the
+    reference echo, and constant over the survey as a receiver's noise is.
+
+    Parameters
+    ----------
+    radar, chirp:
+        The radar and its sweep.
+    reference_echo:
+        Received over sent power of the echo that `snr_db` refers to.
+
+    """
+    if radar.snr_db is not None:
+        return reference_echo / from_db(radar.snr_db)
+    assert radar.noise_figure_db is not None
+    bandwidth = chirp.sampling_rate_hz / (1 if chirp.sampling == "iq" else 2)
+    return Boltzmann * radar.temperature_k * from_db(radar.noise_figure_db) * bandwidth
+
+
+def add_noise(
+    beat: Inexact[np.ndarray, "pulse sample"], power: float, seed: int, pulse: Int[np.ndarray, " pulse"]
+) -> Inexact[np.ndarray, "pulse sample"]:
+    """Return beat signals with white Gaussian noise of a given power; complex signals get half in each part."""
+    noisy = beat.copy()
+    for row, index in zip(noisy, pulse, strict=True):
+        generator = pulse_generator(seed, Stream.NOISE, int(index))
+        parts = row.view(np.float64)  # a complex sample is two of these
+        parts += np.sqrt(power * len(row) / len(parts)) * generator.standard_normal(len(parts))
+    return noisy

@@ -1,0 +1,64 @@
+"""Ray directions inside a beam, drawn so that a few hundred rays carry the beam's whole echo.
+
+Most rays are drawn in proportion to the two-way power of the beam, a small share evenly over the half sphere
+in front of the antenna, for the side lobes. Within a pulse the rays form a low-discrepancy set (Halton), turned
+by a random shift of each pulse (Cranley and Patterson 1976), which leaves every single ray random and makes the
+pulse's total power far less noisy than independent rays would.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats.qmc import Halton
+
+from sionna_radar.radar.antenna import Antenna, Cut
+
+QUANTILES = 4096
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeamSampler:
+    """The rays of one pulse before its random shift.
+
+    unit: low-discrepancy points of the unit square, one a ray; the first `beam_rays` follow the beam.
+    azimuth_quantile, elevation_quantile: direction cosines at equally spaced probabilities; between two of
+        them the density is constant, and it is that density which the weights use.
+    """
+
+    unit: Float[np.ndarray, "ray 2"]
+    beam_rays: int
+    azimuth_quantile: Float[np.ndarray, " quantile"]
+    elevation_quantile: Float[np.ndarray, " quantile"]
+
+    @property
+    def rays(self) -> int:
+        """Rays of a pulse."""
+        return len(self.unit)
+
+    @property
+    def beam_share(self) -> float:
+        """Share of the rays that follow the beam."""
+        return self.beam_rays / self.rays
+
+
+def beam_sampler(antenna: Antenna, rays: int, side_lobe_share: float) -> BeamSampler:
+    """Return the sampler of an antenna; at least one ray goes to the side lobes."""
+    wide_rays = max(1, round(rays * side_lobe_share))
+    beam_rays = rays - wide_rays
+    halton = Halton(2, scramble=False)
+    unit = np.concatenate([halton.random(beam_rays), halton.reset().random(wide_rays)])
+    return BeamSampler(
+        unit=unit,
+        beam_rays=beam_rays,
+        azimuth_quantile=_quantiles(antenna.azimuth),
+        elevation_quantile=_quantiles(antenna.elevation),
+    )
+
+
+def _quantiles(cut: Cut) -> Float[np.ndarray, " quantile"]:
+    distribution = cut.two_way_distribution
+    rising = np.concatenate([[True], np.diff(distribution) > 0])
+    quantiles = np.interp(np.linspace(0, 1, QUANTILES + 1), distribution[rising], cut.cosine[rising])
+    quantiles[[0, -1]] = -1.0, 1.0
+    return quantiles
