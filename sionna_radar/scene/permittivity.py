@@ -46,7 +46,7 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
             document="ITU-R P.527-6 section 5.1.1, eqs. 5-13 (double Debye)",
             published_hz=(0.0, 1000e9),
             measured_hz=None,
-            note="inside its range at 77 GHz; within 1 % of tabulated 94 GHz indices at 10 and 20 deg C",
+            note="inside its range at 77 GHz; within 2 % of tabulated 94 GHz indices at 10 and 20 deg C",
         ),
         "ice": Source(
             document="ITU-R P.527-6 section 5.1.3.1, eqs. 28-34 (Maetzler 2006)",
