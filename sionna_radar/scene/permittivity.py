@@ -280,8 +280,8 @@ def _soil_water(
 ) -> complex:
     """Return the permittivity of the free water in soil, with its conductivity (P.527-6 eqs. 65-70)."""
     pure = _double_debye_water(f_ghz, temperature_c)
-    if water_fraction == 0.0:
-        return pure  # multiplied by nothing afterwards; the conductivity term alone would divide by zero
+    if water_fraction < 1e-12:
+        return pure  # multiplied by next to nothing afterwards; the conductivity term would overflow
     bulk = bulk_density_g_cm3
     low = 0.0467 + 0.2204 * bulk - 0.004111 * sand_percent - 0.006614 * clay_percent
     high = -1.645 + 1.939 * bulk - 0.0225622 * sand_percent + 0.01594 * clay_percent

@@ -151,6 +151,8 @@ def test_soil_equals_the_second_transcription_of_the_recommendation():
 def test_dry_soil_is_lossless_and_bulk_density_ignores_traces():
     dry = soil_permittivity(CARRIER_HZ, temperature_c=20.0, water_fraction=0.0, **LOAM)
     assert dry.imag == 0.0
+    nearly_dry = soil_permittivity(CARRIER_HZ, temperature_c=20.0, water_fraction=1e-300, **LOAM)
+    assert nearly_dry == pytest.approx(dry)
     assert soil_bulk_density_g_cm3(100.0, 0.0) == pytest.approx(1.07256 + 0.078886 * math.log(100.0))
 
 
