@@ -129,7 +129,9 @@ class TableBackscatter:
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
         angle = np.clip(np.abs(incidence_rad), self.incidence_rad[0], self.incidence_rad[-1])
-        level_db = PchipInterpolator(self.incidence_rad, self.sigma0_db)(angle)
+        # The interpolator divides by the steps in level: one of a billionth of a dB is taken as none.
+        levels_db = np.round(self.sigma0_db, 9)
+        level_db = PchipInterpolator(self.incidence_rad, levels_db)(angle)
         return np.where(_is_lit(incidence_rad), 10.0 ** (level_db / 10.0), 0.0)
 
 
