@@ -1,15 +1,30 @@
 """The whole chain, from a scenario to a DEM and its error."""
 
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Inexact
 
-from sionna_radar.flight.pulses import PulseSchedule
-from sionna_radar.mapping.compare import DemError
-from sionna_radar.mapping.points import Points
+from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.flight.scan import Scan
+from sionna_radar.mapping.compare import DemError, difference, summarise
+from sionna_radar.mapping.coverage import Illumination
+from sionna_radar.mapping.gridding import grid_points
+from sionna_radar.mapping.points import Points, locate
+from sionna_radar.preparation import Preparation, prepare
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
 from sionna_radar.scenario.models import Scenario
+from sionna_radar.scene.raycast import truth_dem
+from sionna_radar.signal.beat import synthesise
+from sionna_radar.signal.noise import add_noise
+from sionna_radar.stopwatch import Stopwatch
+from sionna_radar.tracing.engine import Tracer, build_engine
+from sionna_radar.tracing.paths import Paths
+
+BLOCK_SIZE = 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,3 +70,119 @@ class Survey:
     chirp: ChirpRecord
     timing_s: dict[str, float]
     peak_memory_mb: float
+
+
+def run(
+    scenario: Scenario,
+    *,
+    block_size: int = BLOCK_SIZE,
+    antenna: Antenna | None = None,
+    scan: Scan | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Survey:
+    """Fly a survey and return its points, its DEM and its error.
+
+    Parameters
+    ----------
+    scenario:
+        The survey.
+    block_size:
+        Pulses simulated at once; it changes the speed and the memory, never the result.
+    antenna, scan:
+        An antenna or a scan of one's own in place of the scenario's.
+    progress:
+        Called after each block with the pulses done and the pulses in all.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The scenario cannot be flown; see `prepare`.
+
+    """
+    watch = Stopwatch()
+    with watch("prepare"):
+        ready = prepare(scenario, antenna=antenna, scan=scan)
+        tracer = build_tracer(ready)
+        illumination = Illumination(ready.grid)
+    located, path_count = [], 0
+    for pulses in ready.schedule.blocks(block_size):
+        with watch("trace"):
+            paths = tracer.trace(pulses)
+        with watch("synthesise"):
+            beat = received(paths, pulses, ready)
+        with watch("detect"):
+            echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
+        with watch("map"):
+            located.append(locate(echoes, pulses.index, pulses.measured))
+            illumination.add(paths)
+        path_count += len(paths)
+        progress(int(pulses.index[-1]) + 1, len(ready.schedule))
+    with watch("map"):
+        points = Points.concatenate(located)
+        dem_table = scenario.dem
+        dem = grid_points(points, ready.grid, ready.max_gap_m, np.deg2rad(dem_table.shadow_incidence_deg))
+    with watch("compare"):
+        truth = truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
+        error = difference(dem, truth)
+        dem_error = summarise(error, illumination.mask(ready.max_gap_m) & truth.filled)
+        chirp = record_chirp(tracer, ready)
+    return Survey(
+        scenario=scenario,
+        schedule=ready.schedule,
+        pulses=len(ready.schedule),
+        paths=path_count,
+        points=points,
+        dem=dem,
+        truth=truth,
+        error=error,
+        dem_error=dem_error,
+        georeference=ready.built.scene.georeference,
+        chirp=chirp,
+        timing_s=watch.seconds(),
+        peak_memory_mb=peak_memory_mb(),
+    )
+
+
+def build_tracer(ready: Preparation) -> Tracer:
+    """Return the tracer of a prepared survey."""
+    scenario, scene = ready.scenario, ready.built.scene
+    engine = build_engine(scenario.tracing, scene, ready.antenna, ready.chirp, scenario.seed)
+    return Tracer(engine, scene, ready.antenna, ready.chirp, ready.built.caster)
+
+
+def received(paths: Paths, pulses: Pulses, ready: Preparation) -> Inexact[np.ndarray, "pulse sample"]:
+    """Return the beat signals of a block as the receiver samples them: scaled to the sent power, with noise."""
+    beat = np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, ready.chirp)
+    return add_noise(beat, ready.noise_power_w, ready.scenario.seed, pulses.index)
+
+
+def record_chirp(tracer: Tracer, ready: Preparation) -> ChirpRecord:
+    """Return the chirp in the middle of the survey with its spectrum, threshold and echoes."""
+    pulses = ready.schedule.pulses(np.array([len(ready.schedule) // 2]))
+    beat = received(tracer.trace(pulses), pulses, ready)
+    spectra = ready.detector.spectra(beat)
+    echoes = ready.detector.echoes(spectra, pulses.index, pulses.measured)
+    shift = 0.0
+    if ready.scenario.processing.doppler_correction:
+        shift = float(ready.chirp.doppler_range_m(pulses.measured.boresight_range_rate_mps)[0])
+    tested = np.isfinite(spectra.threshold[0])
+    return ChirpRecord(
+        pulse=int(pulses.index[0]),
+        sample_time_s=ready.chirp.sample_time_s,
+        beat=beat[0],
+        range_m=ready.detector.analyser.range_m,
+        power=spectra.power[0],
+        threshold=np.where(tested, spectra.threshold[0], np.nan),
+        echo_range_m=echoes.range_m + shift,
+        echo_power=echoes.power,
+    )
+
+
+def peak_memory_mb() -> float:
+    """Return the largest resident memory of this process so far; NaN where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return float("nan")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6

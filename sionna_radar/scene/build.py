@@ -1,0 +1,102 @@
+"""Building the scene of a scenario: terrain or city, buildings, targets, materials."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.decibel import from_db
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.raster import Georeference, Raster
+from sionna_radar.scenario.models import CityTerrain, MaterialField, Scenario
+from sionna_radar.scene.backscatter import build_backscatter
+from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.city import load_city
+from sionna_radar.scene.model import Scene, Surface, Target
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.scene.terrain import load_elevation, mesh_of
+
+Ground = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltScene:
+    """A scene with what the rest of the survey asks of it.
+
+    ground_m: height of the bare ground at points of the plan; NaN beyond the terrain.
+    caster: rays against all surfaces.
+    """
+
+    scene: Scene
+    ground_m: Ground
+    caster: RayCaster
+
+
+def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float]) -> BuiltScene:
+    """Build the scene of a scenario.
+
+    Parameters
+    ----------
+    scenario:
+        What to build.
+    window_m:
+        What the survey can see (west, south, east, north); no more of a file is read.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        A building or target lies beyond the terrain; the elevation file is no good.
+
+    """
+    surfaces, ground_m, georeference = _terrain(scenario, window_m)
+    boxes = tuple(build_box(b, i, ground_m) for i, b in enumerate(scenario.buildings))
+    scene = Scene(
+        surfaces=surfaces + boxes,
+        materials={name: build_backscatter(m) for name, m in scenario.all_materials.items()},
+        targets=_targets(scenario, ground_m),
+        ground_material=getattr(scenario.terrain, "material", "ground"),
+        georeference=georeference,
+    )
+    return BuiltScene(scene=scene, ground_m=ground_m, caster=RayCaster(scene.surfaces))
+
+
+def _terrain(
+    scenario: Scenario, window_m: tuple[float, float, float, float]
+) -> tuple[tuple[Surface, ...], Ground, Georeference | None]:
+    terrain = scenario.terrain
+    if isinstance(terrain, CityTerrain):
+        surfaces = load_city(terrain)
+        caster = RayCaster(surfaces)
+        bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
+        return surfaces, lambda point: caster.from_below(point, bottom), None
+    raster, georeference = load_elevation(terrain, window_m)
+    surfaces = _covered(raster, terrain.material, getattr(terrain, "fields", ()))
+    return surfaces, raster.at, georeference
+
+
+def _covered(raster: Raster, material: str, fields: tuple[MaterialField, ...]) -> tuple[Surface, ...]:
+    """Return the terrain's mesh, split by material; a later field lies over an earlier one."""
+    vertices, faces = mesh_of(raster)
+    middle = vertices[faces][:, :, :2].mean(axis=1)
+    owner = np.zeros(len(faces), dtype=np.int64)
+    for number, field in enumerate(fields, start=1):
+        owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = number
+    names = [material, *(field.material for field in fields)]
+    return tuple(
+        Surface(name=f"terrain-{number}", vertices_m=vertices, faces=faces[owner == number], material=name)
+        for number, name in enumerate(names)
+        if np.any(owner == number)
+    )
+
+
+def _targets(scenario: Scenario, ground_m: Ground) -> tuple[Target, ...]:
+    targets = []
+    for index, target in enumerate(scenario.targets):
+        ground = float(ground_m(np.array([target.position_m]))[0])
+        if not np.isfinite(ground):
+            message = f"{target.position_m} lies beyond the terrain; move it or enlarge the terrain"
+            raise ScenarioError([Problem(f"targets.{index}.position_m", message)])
+        position = (*target.position_m, ground + target.height_m)
+        targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm)))
+    return tuple(targets)

@@ -1,0 +1,43 @@
+"""Box buildings that stand on the ground."""
+
+from collections.abc import Callable
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.scenario.models import Building
+from sionna_radar.scene.model import Surface
+
+
+def build_box(
+    building: Building, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+) -> Surface:
+    """Return a building as a box: its base on the lowest ground under its outline, its height above that.
+
+    Raises
+    ------
+    ScenarioError
+        Part of the outline lies outside the terrain.
+
+    """
+    length, width, height = building.size_m
+    heading = np.deg2rad(building.heading_deg)
+    along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
+    share = np.linspace(-0.5, 0.5, 21)
+    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(share * length, share * width))
+    base = float(np.min(ground_m(np.array(building.position_m) + a * along + b * across)))
+    if not np.isfinite(base):
+        message = f"the building at {building.position_m} reaches beyond the terrain; move it or enlarge the terrain"
+        raise ScenarioError([Problem(f"buildings.{index}.position_m", message)])
+    place = np.eye(4)
+    place[:2, 0], place[:2, 1] = across, along
+    place[:3, 3] = [*building.position_m, base + height / 2]
+    box = trimesh.creation.box(extents=(width, length, height), transform=place)
+    return Surface(
+        name=f"building-{index}",
+        vertices_m=np.asarray(box.vertices, dtype=np.float64),
+        faces=np.asarray(box.faces, dtype=np.int64),
+        material=building.material,
+    )
