@@ -25,7 +25,7 @@ from scipy.linalg import cholesky, toeplitz
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-SAMPLE = 50_000
+SAMPLE = 20_000
 ROWS_AT_ONCE = 64
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import finufft
 import numpy as np
-from jaxtyping import Complex, Float, Inexact
+from jaxtyping import Bool, Complex, Float, Inexact
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
@@ -66,7 +66,11 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     """
     phase = phase_polynomial(paths.delay_s, paths.range_rate_mps, chirp)
     gain = np.conj(paths.gain) if chirp.direction > 0 else paths.gain
-    weight = gain * np.exp(2j * np.pi * np.mod(phase.constant, 1.0)) * _passed(phase.frequency_hz, chirp)
+    rotor = np.exp(2j * np.pi * np.mod(phase.constant, 1.0))
+    # A plain call, not an expression: NumPy may swap the factors of a large temporary, and a fused complex
+    # product then rounds differently from block size to block size.
+    weight = np.multiply(gain, rotor)
+    weight[~_passed(phase.frequency_hz, chirp)] = 0.0
     turn = 2 * np.pi * phase.frequency_hz / chirp.sampling_rate_hz
     first = np.searchsorted(paths.pulse, pulses.index, side="left")
     last = np.searchsorted(paths.pulse, pulses.index, side="right")
@@ -110,9 +114,9 @@ def _one_chirp(
     return beat * np.exp(2j * np.pi * mean_drift * time_s**2)
 
 
-def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Float[np.ndarray, " path"]:
-    """Return 1 for beats inside the sampled band and 0 outside."""
+def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Bool[np.ndarray, " path"]:
+    """Tell which beats lie inside the sampled band."""
     half = chirp.sampling_rate_hz / 2
     # Complex samples tell 0 to the sampling rate; a real signal folds negative frequencies onto positive.
     centre = half if chirp.sampling == "iq" else 0.0
-    return (np.abs(frequency_hz - centre) < half).astype(np.float64)
+    return np.abs(frequency_hz - centre) < half
