@@ -45,7 +45,8 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
     def sample(self, ctx, si, sample1, sample2, active=True):  # type: ignore[no-untyped-def]
         """Sample a diffuse reflection, the only interaction there is."""
-        wanted = (ctx.component & InteractionType.DIFFUSE) > 0
+        # The solver says which interactions it wants in the bits of this float.
+        wanted = (dr.reinterpret_array(mi.UInt32, si.dp_du.z) & InteractionType.DIFFUSE) > 0
         width = dr.width(si.wi)
         sample = mi.BSDFSample3f()
         sample.sampled_component = dr.select(
@@ -72,7 +73,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
     def pdf(self, ctx, si, wo, active=True):  # type: ignore[no-untyped-def]
         """Return the probability of a diffuse reflection."""
-        wanted = (ctx.component & InteractionType.DIFFUSE) > 0
+        wanted = (dr.reinterpret_array(mi.UInt32, si.dp_du.z) & InteractionType.DIFFUSE) > 0
         return dr.select(wanted, dr.ones(mi.Float, dr.width(si.wi)), 0.0)
 
     def traverse(self, callback):  # type: ignore[no-untyped-def]
@@ -84,14 +85,12 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
 
 def _transverse_field(k_in, k_out):  # type: ignore[no-untyped-def]
-    """Return the Jones matrix that carries a field vector from one direction's implicit basis to another's."""
+    """Return the Jones matrix that carries a field vector from one implicit basis to another."""
     s_in, s_out = implicit_basis_vector(k_in), implicit_basis_vector(k_out)
     p_in, p_out = dr.cross(k_in, s_in), dr.cross(k_out, s_out)
     ss, sp = dr.dot(s_out, s_in), dr.dot(s_out, p_in)
     ps, pp = dr.dot(p_out, s_in), dr.dot(p_out, p_in)
-    return mi.Matrix4f(
-        [[ss, sp, 0, 0], [ps, pp, 0, 0], [0, 0, ss, sp], [0, 0, ps, pp]]
-    )
+    return mi.Matrix4f([[ss, sp, 0, 0], [ps, pp, 0, 0], [0, 0, ss, sp], [0, 0, ps, pp]])
 
 
 class SeparablePattern(rt.AntennaPattern):

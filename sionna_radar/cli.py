@@ -1,0 +1,228 @@
+"""The command line: `sionna-radar COMMAND`.
+
+Exit codes: 0 done, 2 bad input (one clear error on standard error, nothing written), 1 anything else. The heavy
+libraries are imported inside the commands, so that `--help` answers at once.
+"""
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sionna_radar.errors import BackendError, RadarError
+
+if TYPE_CHECKING:
+    from sionna_radar.scenario import Scenario
+    from sionna_radar.survey import Survey
+
+DEMO = "san_francisco"
+
+app = typer.Typer(
+    help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A TOML file, or the name of a shipped scenario.")
+]
+OutputOption = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where results go; default results/NAME.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4.",
+    ),
+]
+SeedOption = Annotated[int | None, typer.Option(help="Replace the scenario's seed.")]
+BlockOption = Annotated[
+    int | None, typer.Option(min=1, help="Pulses simulated at once; changes speed and memory, never the result.")
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+def main() -> None:
+    """Run the command line."""
+    with _errors_told():
+        app()
+
+
+@app.command()
+def demo(output: OutputOption = None, quiet: QuietOption = False) -> None:
+    """Fly a real survey over San Francisco, and write its figures and numbers."""
+    _fly(DEMO, output or Path("results/demo"), {}, None, quiet)
+
+
+@app.command(name="run")
+def run_command(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    block_size: BlockOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a scenario and write its DEM, points, errors and figures."""
+    overrides = _overrides(set_, seed)
+    _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, quiet)
+
+
+@app.command()
+def validate(scenario: ScenarioArgument, set_: SetOption = None, seed: SeedOption = None) -> None:
+    """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
+    from sionna_radar.preparation import prepare
+    from sionna_radar.scenario import to_toml
+
+    _log_to_stderr(quiet=False)
+    checked = _load(scenario, _overrides(set_, seed))
+    prepare(checked)
+    typer.echo(to_toml(checked), nl=False)
+
+
+@app.command()
+def scenes() -> None:
+    """List the shipped scenarios."""
+    import tomllib
+
+    from sionna_radar.scenario import shipped_scenarios
+
+    for name, path in shipped_scenarios().items():
+        typer.echo(f"{name:16}{tomllib.loads(path.read_text(encoding='utf-8')).get('description', '')}")
+
+
+@app.command()
+def doctor() -> None:
+    """Report Python, the ray tracer's variant, libLLVM and where it was found, and the GPU; trace one ray."""
+    import platform
+
+    from sionna_radar.report.summary import versions
+    from sionna_radar.scene.backend import describe_backend
+
+    backend = describe_backend()
+    rows = {
+        "Python": f"{platform.python_version()} ({sys.executable})",
+        "system": platform.platform(),
+        "Dr.Jit variant": f"{backend.variant}, {backend.threads} threads",
+        "libLLVM": (
+            f"{backend.llvm.version} at {backend.llvm.path} ({backend.llvm.origin})"
+            if backend.llvm
+            else "not needed: the GPU traces"
+        ),
+        "GPU": backend.gpu,
+        **{name: version or "not installed" for name, version in versions().items() if name != "python"},
+    }
+    for name, value in rows.items():
+        typer.echo(f"{name:16}{value}")
+    typer.echo("one ray traced: all is well")
+
+
+@app.command()
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Smaller runs, noisier ratios.")] = False,
+) -> None:
+    """Measure the speed ratios that the program promises, side by side in one run."""
+    from sionna_radar.bench import measure
+
+    for line in measure(quick=quick):
+        typer.echo(line)
+
+
+def _fly(
+    scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
+) -> None:
+    from sionna_radar.report.products import check_output, write_products
+    from sionna_radar.survey import BLOCK_SIZE, run
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, overrides)
+    directory = check_output(output)
+    with _progress(quiet) as progress:
+        survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
+    written = write_products(survey, directory)
+    if not quiet:
+        _print_result(survey, output, len(written))
+
+
+def _load(scenario: str, overrides: dict[str, object]) -> "Scenario":
+    from sionna_radar.scenario import load_scenario
+
+    return load_scenario(scenario, overrides)
+
+
+def _overrides(assignments: list[str] | None, seed: int | None) -> dict[str, object]:
+    from sionna_radar.scenario.loading import parse_overrides
+
+    overrides = parse_overrides(assignments or [])
+    return overrides if seed is None else {**overrides, "seed": seed}
+
+
+def _print_result(survey: "Survey", output: Path, files: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    error, timing = survey.dem_error, survey.timing_s
+    flown = survey.schedule.trajectory.cruise_s()
+    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
+    rows = {
+        "pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}",
+        "DEM cells, coverage": f"{error.count:,}, {error.coverage:.1%} of the lit ground",
+        "elevation error RMS": f"{error.rms_m:.3f} m",
+        "mean, standard deviation": f"{error.mean_m:+.3f} m, {error.std_m:.3f} m",
+        "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
+        "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
+        "time": f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight",
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    Console(highlight=False).print(table)
+    typer.echo(f"{files} files in {output}")
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on a terminal; elsewhere, or when quiet, none."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("preparing", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total, description="pulses")
+
+
+def _log_to_stderr(quiet: bool) -> None:
+    logger = logging.getLogger("sionna_radar")
+    if not logger.handlers:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+        logger.addHandler(handler)
+    logger.setLevel(logging.ERROR if quiet else logging.WARNING)
+
+
+@contextmanager
+def _errors_told() -> Iterator[None]:
+    """Turn errors of the user's making into one message and exit code 2."""
+    try:
+        yield
+    except BackendError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(1)
+    except RadarError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
