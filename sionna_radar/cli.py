@@ -174,12 +174,15 @@ def _print_result(survey: "Survey", output: Path, files: int) -> None:
     rows = {
         "pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}",
         "DEM cells, coverage": f"{error.count:,}, {error.coverage:.1%} of the lit ground",
-        "elevation error RMS": f"{error.rms_m:.3f} m",
-        "mean, standard deviation": f"{error.mean_m:+.3f} m, {error.std_m:.3f} m",
-        "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
-        "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
-        "time": f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight",
     }
+    if error.count:
+        rows |= {
+            "elevation error RMS": f"{error.rms_m:.3f} m",
+            "mean, standard deviation": f"{error.mean_m:+.3f} m, {error.std_m:.3f} m",
+            "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
+            "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
+        }
+    rows["time"] = f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight"
     for name, value in rows.items():
         table.add_row(name, value)
     Console(highlight=False).print(table)

@@ -1,16 +1,20 @@
 """From points to a DEM: linear interpolation in their Delaunay triangles, empty where nothing was seen.
 
-Two kinds of cells stay empty: those farther than `max_gap_m` from every point, and those in triangles that span
-a radar shadow. Such a triangle reaches from an occluding edge to the ground behind it, and lies along the rays
-that passed the edge: seen from the radar it is edge-on.
+Empty stay cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
+gaps (they close the bays of the outline, where nothing was seen), and cells in triangles that span a radar shadow.
+Such a triangle reaches from an occluding edge to the ground behind it, and lies along the rays that passed the
+edge: seen from the radar it is edge-on.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from matplotlib.tri import Triangulation
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from sionna_radar.mapping.points import Points
 from sionna_radar.raster import Grid, Raster
+
+LONGEST_SIDE_GAPS = 3.0
 
 
 def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Raster:
@@ -36,10 +40,11 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
         return Raster(grid=grid, height_m=height.reshape(grid.shape))
     cell = grid.centres_m
     near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
-    inside = triangles.find_simplex(cell)
-    lit = ~_edge_on(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
+    # SciPy's own search is slow for points outside the hull; matplotlib's trapezoid map is not.
+    inside = Triangulation(*place.T, triangles.simplices).get_trifinder()(*cell.T)
+    kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
     use = near & (inside >= 0)
-    use[use] = lit[inside[use]]
+    use[use] = kept[inside[use]]
     height[use] = _linear(triangles, inside[use], cell[use], z)
     return Raster(grid=grid, height_m=height.reshape(grid.shape))
 
@@ -55,12 +60,12 @@ def _highest(
     return place[new], points.position_m[order[new], 2], points.origin_m[order[new]]
 
 
-def _edge_on(
+def _lit(
     triangles: Delaunay,
     place: Float[np.ndarray, "n 2"],
     z: Float[np.ndarray, " n"],
     origin: Float[np.ndarray, "n 3"],
-    wide_m: float,
+    gap_m: float,
     incidence_rad: float,
 ) -> Bool[np.ndarray, " triangle"]:
     corner = np.column_stack([place, z])[triangles.simplices]
@@ -70,7 +75,10 @@ def _edge_on(
     to_radar = origin[triangles.simplices].mean(axis=1) - corner.mean(axis=1)
     cos = np.einsum("ti,ti->t", normal, to_radar)
     cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
-    return (cos < np.cos(incidence_rad)) & (np.linalg.norm(side, axis=2).max(axis=1) > wide_m)
+    longest = np.linalg.norm(side, axis=2).max(axis=1)
+    on_plan = np.linalg.norm(side[:, :, :2], axis=2).max(axis=1)
+    shadow = (cos < np.cos(incidence_rad)) & (longest > gap_m)
+    return ~shadow & (on_plan <= LONGEST_SIDE_GAPS * gap_m)
 
 
 def _linear(

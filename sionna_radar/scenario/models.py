@@ -332,7 +332,7 @@ class ProcessingTable(Table):
     zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
     cfar: CfarTable = CfarTable()
     echoes: Literal["first", "strongest", "all"] = "strongest"
-    merge_gap_m: NonNegative = 1.0
+    merge_gap_m: NonNegative = 3.0
     dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
     ranging: Literal["peak", "centroid"] = "centroid"
     min_range_m: NonNegative = 3.0

@@ -54,20 +54,35 @@ class RayCaster:
         self._surface_of_shape = np.full(max(ids) + 1, -1)
         self._surface_of_shape[ids] = np.arange(len(ids))
 
-    def cast(
-        self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]
-    ) -> Hits:
+    def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return what rays along unit vectors hit first."""
         mi = load_mitsuba()
         import drjit as dr
 
-        ray = mi.Ray3f(mi.Point3f(origin_m.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
-        found = self._scene.ray_intersect_preliminary(ray)
+        found = self.intersect(self.prepare(origin_m, direction))
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)
         shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
         surface = np.where(hit.numpy(), self._surface_of_shape[shape.numpy()], -1)
         return Hits(distance_m=distance.numpy().astype(np.float64), surface=surface)
+
+    def prepare(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Any:
+        """Return rays in the memory of the ray tracer."""
+        mi = load_mitsuba()
+        import drjit as dr
+
+        ray = mi.Ray3f(mi.Point3f(origin_m.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
+        dr.eval(ray)
+        return ray
+
+    def intersect(self, ray: Any) -> Any:
+        """Return Mitsuba's surface interactions of prepared rays, computed and complete."""
+        import drjit as dr
+
+        found = self._scene.ray_intersect(ray)
+        dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
+        dr.sync_thread()
+        return found
 
     def visible(
         self,
