@@ -1,0 +1,133 @@
+"""Scans and the pulses they leave, with the numbers of the paper's Table 2."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.flight.pulses import schedule_pulses
+from sionna_radar.flight.scan import Pointing, Scan, build_scan
+from sionna_radar.flight.trajectory import Phase, Trajectory
+from sionna_radar.scenario.models import ScanTable
+
+
+def flight(roll_deg: float = 0.0, pitch_deg: float = 0.0, seconds: float = 4.0) -> Trajectory:
+    """North at 10 m/s, 50 m up, with a constant attitude."""
+    euler = np.deg2rad([roll_deg, pitch_deg, 0.0])
+    return Trajectory(
+        position=lambda t: np.column_stack([0 * t, 10 * t, np.full_like(t, 50.0)]),
+        velocity=lambda t: np.tile([0.0, 10.0, 0.0], (len(t), 1)),
+        euler=lambda t: np.tile(euler, (len(t), 1)),
+        phases=((Phase.CRUISE, 0.0, seconds),),
+    )
+
+
+def schedule(trajectory: Trajectory | None = None, **scan: object):
+    return schedule_pulses(trajectory or flight(), build_scan(ScanTable(**scan)), 360.0)
+
+
+def test_a_turn_has_180_pulses_two_degrees_apart():
+    pulses = schedule(mode="conical", half_swath_deg=180.0).pulses(np.arange(360))
+    steps = np.rad2deg(np.mod(np.diff(pulses.scan_rad), 2 * np.pi))
+    np.testing.assert_allclose(steps, 2.0, atol=1e-9)
+    assert len(schedule(mode="conical", half_swath_deg=180.0)) == 4 * 360
+
+
+def test_pulses_outside_the_sector_are_dropped():
+    survey = schedule(half_swath_deg=50.0)
+    scan = np.rad2deg(survey.pulses(np.arange(len(survey))).scan_rad)
+    # Pulses lie at odd degrees (half a chirp after the start), 50 of them within 50 deg, for 8 turns.
+    np.testing.assert_allclose(np.unique(scan.round(6)), np.arange(-49, 50, 2))
+    assert len(survey) == 8 * 50
+
+
+def test_a_pulse_on_the_edge_of_the_sector_belongs_to_it():
+    survey = schedule(half_swath_deg=49.0)
+    scan = np.rad2deg(survey.pulses(np.arange(len(survey))).scan_rad)
+    assert np.abs(scan).max() == pytest.approx(49.0)
+    assert len(survey) == 8 * 50
+
+
+def test_scan_lines_lie_five_metres_apart():
+    survey = schedule(half_swath_deg=50.0)
+    pulses = survey.pulses(np.arange(len(survey)))
+    same = np.isclose(np.rad2deg(pulses.scan_rad), 21.0)
+    np.testing.assert_allclose(np.diff(pulses.true.position_m[same, 1]), 5.0, atol=1e-9)
+
+
+def test_a_pulse_is_timed_at_the_middle_of_its_chirp():
+    survey = schedule(mode="fixed")
+    np.testing.assert_allclose(survey.time_s, (np.arange(1440) + 0.5) / 360.0, atol=1e-12)
+
+
+def test_a_fixed_antenna_keeps_its_direction():
+    pulses = schedule(mode="fixed", incidence_deg=30.0, start_deg=20.0).pulses(np.arange(50))
+    a, b = np.deg2rad([30.0, 20.0])
+    expected = [np.cos(a) * np.sin(b), np.sin(a), -np.cos(a) * np.cos(b)]  # right is east, ahead is north
+    np.testing.assert_allclose(pulses.true.boresight, np.tile(expected, (50, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("roll_deg", "pitch_deg", "body_fixed"),
+    [
+        (0.0, 10.0, (0.0, np.sin(np.deg2rad(10)), -np.cos(np.deg2rad(10)))),  # nose up: the belly looks ahead
+        (10.0, 0.0, (-np.sin(np.deg2rad(10)), 0.0, -np.cos(np.deg2rad(10)))),  # right wing down: it looks left
+    ],
+)
+def test_stabilisation_takes_out_roll_and_pitch(roll_deg, pitch_deg, body_fixed):
+    moving = flight(roll_deg, pitch_deg)
+    levelled = schedule(moving, mode="fixed", incidence_deg=0.0, stabilised=True).pulses(np.arange(3))
+    carried = schedule(moving, mode="fixed", incidence_deg=0.0, stabilised=False).pulses(np.arange(3))
+    np.testing.assert_allclose(levelled.true.boresight, np.tile([0, 0, -1.0], (3, 1)), atol=1e-12)
+    np.testing.assert_allclose(carried.true.boresight, np.tile(body_fixed, (3, 1)), atol=1e-12)
+
+
+def test_whisk_broom_incidence_meets_the_ground_on_a_line_ahead():
+    survey = schedule(incidence_deg=45.0)
+    pose = survey.pulses(np.arange(50)).true
+    # Ahead by h tan a / cos b: the beam's angle from the plane across the track is constant.
+    reach = 50.0 / -pose.boresight[:, 2]
+    np.testing.assert_allclose(reach * pose.boresight[:, 1], reach * np.sin(np.pi / 4), atol=1e-9)
+
+
+def test_range_rate_of_ground_ahead_is_negative():
+    pose = schedule(mode="fixed", incidence_deg=30.0).pulses(np.arange(2)).true
+    np.testing.assert_allclose(pose.boresight_range_rate_mps, -10 * np.sin(np.deg2rad(30)), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 7, 400, 10_000])
+def test_blocks_hold_every_pulse_once_whatever_their_size(size):
+    survey = schedule()
+    blocks = list(survey.blocks(size))
+    assert max(map(len, blocks)) <= size
+    np.testing.assert_array_equal(np.concatenate([b.index for b in blocks]), np.arange(len(survey)))
+    whole = survey.pulses(np.arange(len(survey)))
+    for part in ("position_m", "velocity_mps", "R_world_antenna"):
+        joined = np.concatenate([getattr(b.true, part) for b in blocks])
+        np.testing.assert_array_equal(joined, getattr(whole.true, part))
+
+
+def test_a_sample_is_spread_from_the_first_pulse_to_the_last():
+    survey = schedule()
+    index = survey.sample(9).index
+    np.testing.assert_allclose(np.diff(index), (len(survey) - 1) / 8, atol=1)
+    assert (index[0], index[-1]) == (0, len(survey) - 1)
+    assert len(survey.sample(10**6)) == len(survey)
+
+
+def test_a_scan_of_ones_own_is_flown():
+    class Nodding:
+        stabilised = True
+
+        def point(self, time_s):
+            tilt = 0.3 * np.sin(time_s)
+            down, none = np.cos(tilt), np.zeros_like(tilt)
+            boresight = np.column_stack([np.sin(tilt), none, down])
+            left = np.tile([0.0, -1.0, 0.0], (len(tilt), 1))
+            R = np.stack([boresight, left, np.cross(boresight, left)], axis=2)
+            return Pointing(R, tilt, tilt > 0.1)
+
+    assert isinstance(Nodding(), Scan)
+    survey = schedule_pulses(flight(), Nodding(), 100.0)
+    pulses = survey.pulses(np.arange(len(survey)))
+    assert 0 < len(survey) < 400
+    assert np.all(pulses.scan_rad > 0.1)
+    np.testing.assert_allclose(pulses.true.boresight[:, 1], np.sin(0.3 * np.sin(survey.time_s)), atol=1e-12)
