@@ -20,13 +20,13 @@ class Illumination:
 
     def add(self, paths: Paths) -> None:
         """Mark the cells that a block of paths hit with the main beam."""
-        power = np.abs(paths.gain) ** 2 * (paths.surface >= 0)
-        if len(power) == 0:
+        if len(paths) == 0:
             return
-        _, pulse = np.unique(paths.pulse, return_inverse=True)
-        strongest = np.zeros(pulse.max() + 1)
-        np.maximum.at(strongest, pulse, power)
-        hit = paths.hit_m[power > MAIN_BEAM_SHARE * strongest[pulse]]
+        power = (paths.gain.real**2 + paths.gain.imag**2) * (paths.surface >= 0)
+        first = np.flatnonzero(np.diff(paths.pulse, prepend=paths.pulse[0] - 1))
+        count = np.diff(first, append=len(paths))
+        strongest = np.repeat(np.maximum.reduceat(power, first), count)
+        hit = paths.hit_m[power > MAIN_BEAM_SHARE * strongest]
         grid = self._grid
         column = np.round((hit[:, 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
         row = np.round((hit[:, 1] - grid.south_m) / grid.spacing_m).astype(np.int64)

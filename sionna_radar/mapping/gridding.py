@@ -45,7 +45,8 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
     use = near & (inside >= 0)
     use[use] = kept[inside[use]]
-    height[use] = _linear(triangles, inside[use], cell[use], z)
+    corners = triangles.simplices[inside[use]]
+    height[use] = _linear(place[corners], z[corners], cell[use])
     return Raster(grid=grid, height_m=height.reshape(grid.shape))
 
 
@@ -82,12 +83,15 @@ def _lit(
 
 
 def _linear(
-    triangles: Delaunay,
-    inside: Int[np.ndarray, " cell"],
+    corner: Float[np.ndarray, "cell 3 2"],
+    corner_z: Float[np.ndarray, "cell 3"],
     cell: Float[np.ndarray, "cell 2"],
-    z: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " cell"]:
-    transform = triangles.transform[inside]
-    two = np.einsum("cij,cj->ci", transform[:, :2], cell - transform[:, 2])
-    weight = np.column_stack([two, 1 - two.sum(axis=1)])
-    return np.einsum("ci,ci->c", weight, z[triangles.simplices[inside]])
+    """Return the height at cells on the planes of their triangles, by barycentric weights."""
+    from_first = cell - corner[:, 0]
+    b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    weight_b = (from_first[:, 0] * c[:, 1] - from_first[:, 1] * c[:, 0]) / area
+    weight_c = (b[:, 0] * from_first[:, 1] - b[:, 1] * from_first[:, 0]) / area
+    z0, z1, z2 = corner_z.T
+    return z0 + weight_b * (z1 - z0) + weight_c * (z2 - z0)
