@@ -167,11 +167,12 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
     problems = []
     pose = schedule.sample(SAMPLED_PULSES).true
     top = float(max(high[2], pose.position_m[:, 2].max())) + 10.0
-    clearance = pose.position_m[:, 2] - built.caster.from_above(pose.position_m[:, :2], top)
-    if np.nanmin(clearance) <= 0:
-        x, y, z = pose.position_m[np.nanargmin(clearance)]
+    surface = built.caster.from_above(pose.position_m[:, :2], top)
+    clearance = pose.position_m[:, 2] - np.where(np.isnan(surface), -np.inf, surface)
+    if clearance.min() <= 0:
+        x, y, z = pose.position_m[np.argmin(clearance)]
         message = (
-            f"the radar would be {-np.nanmin(clearance):.1f} m under the surface at ({x:.1f}, {y:.1f}, {z:.1f}) m; "
+            f"the radar would be {-clearance.min():.1f} m under the surface at ({x:.1f}, {y:.1f}, {z:.1f}) m; "
             "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("platform.altitude_m", message))
@@ -183,6 +184,12 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
             "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
         )
         problems.append(Problem("radar.scan", message))
+    elif np.isinf(looks.range_m).mean() > 0.5:
+        message = (
+            f"{np.isinf(looks.range_m).mean():.0%} of the beams fall into holes of the terrain, where it has no data; "
+            "move the track, or terrain.centre_lonlat_deg, to where it has"
+        )
+        problems.append(Problem("terrain", message))
     lost = np.isfinite(looks.range_m) & (looks.range_m > chirp.max_range_m)
     if lost.mean() > LOST_SHARE:
         message = (

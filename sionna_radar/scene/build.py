@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.decibel import from_db
 from sionna_radar.errors import Problem, ScenarioError
@@ -24,7 +25,7 @@ Ground = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 class BuiltScene:
     """A scene with what the rest of the survey asks of it.
 
-    ground_m: height of the bare ground at points of the plan; NaN beyond the terrain.
+    ground_m: height of the bare ground at points of the plan, holes bridged; NaN beyond the terrain.
     caster: rays against all surfaces.
     """
 
@@ -72,7 +73,15 @@ def _terrain(
         return surfaces, lambda point: caster.from_below(point, bottom), None
     raster, georeference = load_elevation(terrain, window_m)
     surfaces = _covered(raster, terrain.material, getattr(terrain, "fields", ()))
-    return surfaces, raster.at, georeference
+    return surfaces, _bridged(raster).at, georeference
+
+
+def _bridged(raster: Raster) -> Raster:
+    """Return a raster whose holes hold the nearest height, so that a flight can be planned across a lake."""
+    if raster.filled.all():
+        return raster
+    nearest = distance_transform_edt(~raster.filled, return_distances=False, return_indices=True)
+    return Raster(grid=raster.grid, height_m=raster.height_m[tuple(nearest)])
 
 
 def _covered(raster: Raster, material: str, fields: tuple[MaterialField, ...]) -> tuple[Surface, ...]:
