@@ -49,9 +49,9 @@ def peak_range(runs: EchoRuns) -> Float[np.ndarray, " echo"]:
     tiny = np.finfo(float).tiny
     left, middle, right = (np.log(runs.power[runs.row, inner + k] + tiny) for k in (-1, 0, 1))
     curvature = left - 2 * middle + right
-    curved = curvature < 0
+    curved = (curvature < 0) & (inner == runs.peak)
     step = np.where(curved, 0.5 * (left - right) / np.where(curved, curvature, 1.0), 0.0)
-    return (inner + np.clip(step, -1.0, 1.0)) * runs.bin_m
+    return (runs.peak + np.clip(step, -1.0, 1.0)) * runs.bin_m
 
 
 def centroid_range(runs: EchoRuns) -> Float[np.ndarray, " echo"]:
