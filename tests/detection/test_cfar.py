@@ -1,0 +1,175 @@
+"""CFAR factors against the closed forms of Gandhi and Kassam 1988, and false alarms counted on noise."""
+
+from functools import cache
+from math import comb
+
+import numpy as np
+import pytest
+
+from sionna_radar.detection.cfar import Cfar
+from sionna_radar.detection.detector import build_detector
+from sionna_radar.errors import ScenarioError
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.models import CfarTable, ProcessingTable
+
+KINDS = ("CA", "GO", "SO", "OS")
+INDEPENDENT = np.array([1.0])
+
+
+def make_chirp(samples, sampling) -> Chirp:
+    return Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=samples, sampling=sampling)
+
+
+def make_cfar(kind, training=16, pfa=1e-3, guard=2, **values) -> Cfar:
+    values = {"correlation": INDEPENDENT} | values
+    return Cfar(kind=kind, guard=guard, training=training, false_alarm_probability=pfa, **values)
+
+
+def cell_averaging(factor, cells):
+    """Mean of so many cells."""
+    return (1 + factor / cells) ** -cells
+
+
+def smallest_of(factor, side):
+    """Smaller mean of two sides of so many cells each."""
+    t = factor / side
+    return 2 * sum(comb(side + i - 1, i) * (2 + t) ** -(side + i) for i in range(side))
+
+
+def greatest_of(factor, side):
+    """Greater mean of two sides of so many cells each."""
+    return 2 * (1 + factor / side) ** -side - smallest_of(factor, side)
+
+
+def ordered(factor, cells, k):
+    """The k-th smallest of so many cells."""
+    i = np.arange(k)
+    return float(np.prod((cells - i) / (cells - i + factor)))
+
+
+@pytest.mark.parametrize("pfa", [1e-2, 1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("training", [4, 16, 32])
+def test_factors_of_the_means_for_independent_cells(training, pfa):
+    n = training
+    ca, go, so = (make_cfar(kind, n, pfa) for kind in ("CA", "GO", "SO"))
+    assert cell_averaging(ca.both_sides_factor, 2 * n) == pytest.approx(pfa, rel=1e-6)
+    assert greatest_of(go.both_sides_factor, n) == pytest.approx(pfa, rel=0.01)
+    assert smallest_of(so.both_sides_factor, n) == pytest.approx(pfa, rel=0.01)
+    for cfar in (ca, go, so):  # with a single side there is nothing to choose from
+        assert cell_averaging(cfar.one_side_factor, n) == pytest.approx(pfa, rel=1e-6)
+
+
+@pytest.mark.parametrize(("training", "pfa"), [(4, 1e-2), (16, 1e-3), (16, 1e-6), (32, 1e-6)])
+def test_factors_of_os_for_independent_cells(training, pfa):
+    cfar = make_cfar("OS", training, pfa)
+    both, one = int(np.ceil(0.75 * 2 * training)), int(np.ceil(0.75 * training))
+    assert ordered(cfar.both_sides_factor, 2 * training, both) == pytest.approx(pfa, rel=0.1)
+    assert ordered(cfar.one_side_factor, training, one) == pytest.approx(pfa, rel=0.1)
+
+
+@pytest.mark.parametrize("rank", [0.5, 0.9, 1.0])
+def test_the_rank_of_os(rank):
+    cfar = make_cfar("OS", 16, 1e-4, rank=rank)
+    assert ordered(cfar.both_sides_factor, 32, int(np.ceil(rank * 32))) == pytest.approx(1e-4, rel=0.05)
+
+
+def test_correlated_cells_need_a_higher_threshold():
+    for kind in KINDS:
+        hann = make_cfar(kind, correlation=np.array([1, 2 / 3, 1 / 6]))
+        assert hann.both_sides_factor > make_cfar(kind).both_sides_factor
+        assert hann.one_side_factor > make_cfar(kind).one_side_factor
+
+
+def plain_noise_level(kind, power, guard, training, stride, rank=0.75):
+    """The definition, cell by cell."""
+    bins = len(power)
+    level = np.full(bins, np.inf)
+    steps = [stride * (guard + 1 + i) for i in range(training)]
+    for cell in range(bins):
+        lag = [power[cell - s] for s in steps] if cell - steps[-1] >= 0 else None
+        lead = [power[cell + s] for s in steps] if cell + steps[-1] < bins else None
+        sides = [side for side in (lag, lead) if side is not None]
+        if not sides:
+            continue
+        if kind == "OS":
+            cells = sorted(np.concatenate(sides))
+            level[cell] = cells[int(np.ceil(rank * len(cells))) - 1]
+        else:
+            combine = {"CA": np.mean, "GO": np.max, "SO": np.min}[kind]
+            level[cell] = combine([np.mean(side) for side in sides])
+    return level
+
+
+@pytest.mark.parametrize("bins", [60, 61, 37, 20])
+@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize("kind", KINDS)
+def test_noise_levels_follow_the_definition(kind, stride, bins):
+    power = np.random.default_rng(4).exponential(size=(70, bins)) * np.linspace(1, 5, bins)
+    cfar = make_cfar(kind, training=5, guard=2, stride=stride)
+    level, both = cfar.noise_level(power)
+    reach = 7 * stride
+    np.testing.assert_array_equal(both, [c >= reach and c + reach < bins for c in range(bins)])
+    for row in (0, 33, 69):
+        np.testing.assert_allclose(level[row], plain_noise_level(kind, power[row], 2, 5, stride), rtol=1e-9)
+    factor = np.where(both, cfar.both_sides_factor, cfar.one_side_factor)
+    np.testing.assert_allclose(cfar.threshold(power), level * factor)
+
+
+def test_a_step_in_the_noise_shows_what_each_kind_is_for():
+    power = np.where(np.arange(200) < 100, 1.0, 100.0)[None]
+    level = {kind: make_cfar(kind, 16).noise_level(power)[0][0, 96] for kind in KINDS}
+    assert level["GO"] > level["CA"] > level["SO"] == 1.0
+
+
+@cache
+def false_alarms(sampling: str, zero_padding: int, guard: int, training: int, chirps: int):
+    """Count false alarms in pure noise at a wanted 1e-3: for each kind, (alarms, cells) of middle and edges."""
+    samples = 512 if sampling == "real" else 256  # 256 range cells either way
+    chirp = make_chirp(samples=samples, sampling=sampling)
+    detectors = {}
+    for kind in KINDS:
+        table = CfarTable(kind=kind, guard=guard, training=training, false_alarm_probability=1e-3)
+        detectors[kind] = build_detector(ProcessingTable(cfar=table, zero_padding=zero_padding), chirp)
+    over = dict.fromkeys(KINDS, 0)
+    random = np.random.default_rng(11)
+    for _ in range(chirps // 1000):
+        noise = random.standard_normal((1000, samples))
+        if sampling == "iq":
+            noise = noise + 1j * random.standard_normal(noise.shape)
+        for kind, detector in detectors.items():
+            spectra = detector.spectra(noise)
+            over[kind] = over[kind] + np.sum(spectra.power > spectra.threshold, axis=0)
+    analyser = detectors["CA"].analyser
+    cell = np.arange(256 * zero_padding)
+    reach = (guard + training) * zero_padding
+    middle = (cell >= reach) & (cell + reach < len(cell))
+    edges = ~middle & (analyser.range_m >= ProcessingTable().min_range_m)
+    return {kind: [(n[part].sum(), chirps * part.sum()) for part in (middle, edges)] for kind, n in over.items()}
+
+
+# A Hann window leaves half as many independent cells as there are: with 2.6 million the error of the count is 2.7 %.
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("sampling", "zero_padding"), [("real", 1), ("real", 2), ("iq", 1), ("iq", 2)])
+def test_false_alarms_in_noise(kind, sampling, zero_padding):
+    (alarms, cells), _ = false_alarms(sampling, zero_padding, guard=3, training=16, chirps=12_000)[kind]
+    assert cells >= 2_000_000
+    assert alarms / cells == pytest.approx(1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("sampling", "zero_padding"), [("real", 2), ("iq", 1)])
+def test_false_alarms_at_the_ends_of_the_spectrum(kind, sampling, zero_padding):
+    _, (alarms, cells) = false_alarms(sampling, zero_padding, guard=40, training=24, chirps=20_000)[kind]
+    assert cells >= 2_000_000
+    assert alarms / cells == pytest.approx(1e-3, rel=0.1)
+
+
+def test_no_cell_is_detected_where_no_side_fits():
+    cfar = make_cfar("CA", training=16, guard=2)
+    assert np.all(np.isinf(cfar.threshold(np.ones((1, 18)))))
+
+
+def test_guard_cells_that_the_window_reaches_over_are_refused(chirp_of):
+    with pytest.raises(ScenarioError, match=r"processing.cfar.guard.*needs at least 2"):
+        build_detector(ProcessingTable(cfar=CfarTable(guard=1)), chirp_of())
+    build_detector(ProcessingTable(cfar=CfarTable(guard=2)), chirp_of())

@@ -1,0 +1,146 @@
+"""Beat synthesis against the plain sum of the exact phase, sample by sample and path by path."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sionna_radar.signal import beat as beat_module
+from sionna_radar.signal.beat import synthesise
+from sionna_radar.tracing.paths import Paths
+
+C = 299_792_458.0
+SWEEPS = [(sweep, sampling) for sweep in ("up", "down") for sampling in ("real", "iq")]
+
+
+def make_paths(pulse, range_m, rate_mps, gain) -> Paths:
+    pulse, range_m, rate, gain = np.broadcast_arrays(pulse, np.asarray(range_m, dtype=float), rate_mps, gain)
+    count = len(range_m)
+    return Paths(
+        pulse=np.array(pulse, dtype=int),
+        delay_s=2 * range_m / C,
+        gain=np.array(gain, dtype=complex),
+        range_rate_mps=np.array(rate, dtype=float),
+        incidence_rad=np.zeros(count),
+        hit_m=np.zeros((count, 3)),
+        surface=np.zeros(count, dtype=int),
+    )
+
+
+def plain_sum(paths: Paths, index: np.ndarray, chirp) -> np.ndarray:
+    """The beat by its definition: the sent wave times the conjugate of each received one.
+
+    The phase between them is 2 pi (f0 tau + S t tau - S tau^2 / 2) with tau = 2 (r + v t) / c. A down-sweep is
+    mixed the other way round, so that a range reads as a positive frequency again.
+    """
+    t = (np.arange(chirp.samples) - chirp.samples // 2) / (chirp.samples * chirp.rate_hz)
+    sign = 1 if chirp.sweep == "up" else -1
+    slope = sign * chirp.bandwidth_hz * chirp.rate_hz
+    out = np.zeros((len(index), chirp.samples), dtype=complex)
+    for k in range(len(paths)):
+        tau = paths.delay_s[k] + 2 * paths.range_rate_mps[k] * t / C
+        phase = 2 * np.pi * (chirp.carrier_hz * tau + slope * t * tau - slope * tau**2 / 2)
+        between = np.conj(paths.gain[k]) * np.exp(1j * phase)
+        out[np.searchsorted(index, paths.pulse[k])] += between if sign > 0 else np.conj(between)
+    return out if chirp.sampling == "iq" else np.sqrt(2) * out.real
+
+
+def relative_error(measured: np.ndarray, expected: np.ndarray) -> float:
+    """Largest error of a sample over the root mean square of its pulse."""
+    level = np.sqrt(np.mean(np.abs(expected) ** 2, axis=1, keepdims=True))
+    return float(np.max(np.abs(measured - expected) / level))
+
+
+def random_paths(seed: int, count: int, pulses: int, rates: tuple[float, float]) -> Paths:
+    random = np.random.default_rng(seed)
+    gain = random.normal(size=count) + 1j * random.normal(size=count)
+    pulse = np.sort(random.integers(10, 10 + pulses, count))
+    return make_paths(pulse, random.uniform(25, 120, count), random.uniform(*rates, count), 1e-6 * gain)
+
+
+@pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
+@pytest.mark.parametrize("rate_mps", [0.0, 14.0, -14.0])
+def test_one_velocity_is_exact(chirp_of, looking, sweep, sampling, rate_mps):
+    chirp = chirp_of(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(1, 60, 4, (rate_mps, rate_mps)), looking(4, first=10)
+    assert relative_error(synthesise(paths, pulses, chirp), plain_sum(paths, pulses.index, chirp)) < 1e-6
+
+
+@pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
+def test_a_wide_spread_of_velocities_converges_to_the_plain_sum(chirp_of, looking, monkeypatch, sweep, sampling):
+    chirp = chirp_of(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(2, 60, 4, (-15.0, 15.0)), looking(4, first=10)
+    monkeypatch.setattr(beat_module, "DRIFT_ACCURACY", 1e-9)
+    assert relative_error(synthesise(paths, pulses, chirp), plain_sum(paths, pulses.index, chirp)) < 1e-6
+
+
+@pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
+@pytest.mark.parametrize("spread_mps", [0.3, 3.0, 15.0, 60.0])
+def test_the_drift_series_is_as_accurate_as_it_promises(chirp_of, looking, sweep, sampling, spread_mps):
+    chirp = chirp_of(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(3, 300, 4, (-spread_mps, spread_mps)), looking(4, first=10)
+    expected = plain_sum(paths, pulses.index, chirp)
+    error = synthesise(paths, pulses, chirp) - expected
+    assert np.sqrt(np.mean(np.abs(error) ** 2) / np.mean(np.abs(expected) ** 2)) < beat_module.DRIFT_ACCURACY
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(0, 20), st.integers(0, 20), st.floats(-20, 20))
+def test_scatterers_superpose(chirp_of, looking, seed, one, other, rate_mps):
+    chirp, pulses = chirp_of(samples=256), looking(3, first=10)
+    parts = [random_paths(seed + k, count, 3, (rate_mps, rate_mps)) for k, count in enumerate((one, other))]
+    together = synthesise(Paths.concatenate(parts), pulses, chirp)
+    apart = sum(synthesise(part, pulses, chirp) for part in parts)
+    np.testing.assert_allclose(together, apart, atol=1e-6 * 1e-6 * (one + other + 1))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.complex_numbers(min_magnitude=1e-9, max_magnitude=1.0), st.floats(0, 2 * np.pi))
+def test_a_factor_on_all_gains_is_a_factor_on_the_beat(chirp_of, looking, factor, turn):
+    chirp, pulses = chirp_of(samples=128, sampling="iq"), looking(1)
+    paths = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, np.exp(1j * turn) * np.array([1.0, 2.0, 3.0j]))
+    scaled = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, factor * paths.gain)
+    expected = np.conj(factor) * synthesise(paths, pulses, chirp)
+    np.testing.assert_allclose(synthesise(scaled, pulses, chirp), expected, atol=1e-6 * abs(factor))
+
+
+@pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
+def test_a_path_of_gain_a_brings_the_power_a_squared(chirp_of, looking, sweep, sampling):
+    chirp = chirp_of(sweep=sweep, sampling=sampling)
+    beat = synthesise(make_paths([0], [60.0], 0.0, [3e-5 * np.exp(0.7j)]), looking(1), chirp)
+    assert np.isrealobj(beat) == (sampling == "real")
+    assert np.mean(np.abs(beat) ** 2) == pytest.approx(9e-10, rel=5e-3)
+
+
+@pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
+def test_range_reads_as_a_positive_frequency(chirp_of, looking, sweep, sampling):
+    chirp = chirp_of(sweep=sweep, sampling=sampling)
+    beat = synthesise(make_paths([0], [60.0], 0.0, [1.0]), looking(1), chirp)[0]
+    spectrum = np.abs(np.fft.fft(beat))
+    half = spectrum[:512] if sampling == "real" else spectrum
+    assert np.argmax(half) == round(60.0 * 2 * 500e6 / C)
+
+
+@pytest.mark.parametrize(("sampling", "kept"), [("real", [True, True, False, False]), ("iq", [True, True, True, False])])
+def test_beats_beyond_the_sampling_are_filtered_out(chirp_of, looking, sampling, kept):
+    chirp, pulses = chirp_of(sampling=sampling), looking(1)
+    for range_m, passed in zip((20.0, 153.0, 155.0, 310.0), kept, strict=True):
+        beat = synthesise(make_paths([0], [range_m], 0.0, [1.0]), pulses, chirp)
+        assert np.any(beat != 0) == passed, range_m
+
+
+def test_pulses_without_paths_are_silent(chirp_of, looking):
+    pulses = looking(4, first=10)
+    beat = synthesise(make_paths([11, 13], [50.0, 60.0], 0.0, [1.0, 1.0]), pulses, chirp_of())
+    np.testing.assert_array_equal(np.any(beat != 0, axis=1), [False, True, False, True])
+    assert not np.any(synthesise(make_paths([], [], [], []), pulses, chirp_of()))
+
+
+def test_the_block_changes_no_bit(chirp_of, looking):
+    chirp, paths = chirp_of(), random_paths(5, 20_000, 40, (-3.0, 3.0))
+    whole = synthesise(paths, looking(40, first=10), chirp)
+    for k in (10, 23, 49):
+        mine = paths.pulse == k
+        alone = make_paths(paths.pulse[mine], np.zeros(mine.sum()), paths.range_rate_mps[mine], paths.gain[mine])
+        alone = type(alone)(**{**vars(alone), "delay_s": paths.delay_s[mine]})
+        np.testing.assert_array_equal(synthesise(alone, looking(1, first=k), chirp)[0], whole[k - 10])
