@@ -1,0 +1,149 @@
+"""Figures of a cross-check of the two engines, for print, in the style of the survey's figures."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from sionna_radar.crosscheck import CrossCheck
+from sionna_radar.raster import Raster
+
+DPI = 150
+EMPTY = "0.82"
+HEIGHTS, ERRORS = "viridis", "RdBu_r"
+ORANGE, BLUE, GREY = "#e69f00", "#0072b2", "0.45"  # Okabe and Ito
+MAP_BOX_IN = (4.0, 4.0)
+
+
+def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
+    """Draw every figure into a directory as PNG, and return the files."""
+    figures: dict[str, Callable[[CrossCheck], Figure]] = {
+        "power": power,
+        "ranges": ranges,
+        "dems": dems,
+    }
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = [directory / f"{name}.png" for name in figures]
+    for path, draw in zip(paths, figures.values(), strict=True):
+        draw(check).savefig(path, dpi=DPI)
+    return paths
+
+
+def power(check: CrossCheck) -> Figure:
+    """Draw the power of every pulse against its incidence, of both engines, and the difference."""
+    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
+    incidence_deg = np.rad2deg(check.sionna.incidence_rad)
+    for run, colour, size, name in ((check.sionna, BLUE, 5.0, "Sionna"), (check.gamma, ORANGE, 2.0, "Gamma")):
+        upper.plot(
+            incidence_deg, _decibels(run.power), ls="", marker="o", ms=size, mew=0, color=colour, label=name
+        )
+    upper.set_ylabel("Power of an echo (dB rel. to sent)")
+    upper.set_title("Power before interference", fontsize="medium")
+    upper.legend(frameon=False)
+    difference = check.power_difference_db
+    lower.plot(
+        incidence_deg, difference, ls="", marker="o", ms=2, mew=0, color=GREY, alpha=0.5, label="Pulse"
+    )
+    bins = check.by_incidence()
+    lower.plot(
+        [b.incidence_deg for b in bins],
+        [b.mean_power_difference_db for b in bins],
+        ls="",
+        marker="D",
+        ms=6,
+        mfc=ORANGE,
+        mec="black",
+        label="Mean power, 5 deg of incidence",
+    )
+    tolerance = check.tolerances.mean_power_db
+    lower.axhspan(-tolerance, tolerance, color=BLUE, alpha=0.12, lw=0, label=f"Tolerance ±{tolerance:g} dB")
+    reach = _limit(np.append(difference, tolerance))
+    lower.set_ylim(-1.3 * reach, 1.3 * reach)
+    lower.axhline(0.0, color="black", lw=0.8)
+    lower.set(xlabel="Mean local incidence (deg)", ylabel="Gamma minus Sionna (dB)")
+    title = f"Difference: {check.mean_power_difference_db:+.3f} dB of the mean power"
+    lower.set_title(title, fontsize="medium")
+    lower.legend(frameon=False, ncols=3, loc="upper left")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def ranges(check: CrossCheck) -> Figure:
+    """Draw how the ranges of the engines differ: before speckle, and as detected beside two seeds of one."""
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    paths = check.gamma.range_m - check.sionna.range_m
+    _histogram(left, [(100 * paths, BLUE, "Gamma minus Sionna")], "Power-weighted range (cm)")
+    left.set_title("Mean range of a pulse's paths, free of speckle", fontsize="medium")
+    echoes = check.gamma.echo_range_m - check.sionna.echo_range_m
+    seeds = check.sionna_again.echo_range_m - check.sionna.echo_range_m
+    shown = [(echoes, BLUE, "Gamma minus Sionna"), (seeds, ORANGE, "Sionna, two seeds")]
+    _histogram(right, shown, "Range of the strongest echo (m)")
+    right.set_title("Detected ranges, with speckle", fontsize="medium")
+    return figure
+
+
+def dems(check: CrossCheck) -> Figure:
+    """Draw the DEMs of both engines on one colour scale, and their difference."""
+    rasters = [check.sionna.dem, check.gamma.dem, check.dem_difference]
+    west, east, south, north = check.gamma.dem.grid.extent_m
+    scale = min(MAP_BOX_IN[0] / (east - west), MAP_BOX_IN[1] / (north - south))
+    width, height = max(scale * (east - west), 2.0), max(scale * (north - south), 1.5)
+    figure = Figure(figsize=(3 * (width + 1.4), height + 1.4), layout="constrained")
+    filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
+    heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
+    reach = _limit(rasters[2].height_m.ravel())
+    speckle = f"RMS {check.dem_rms_difference_m:.3f} m; speckle makes {check.dem_speckle_rms_m:.3f} m"
+    titles = "DEM of the Sionna engine", "DEM of the gamma engine", f"Gamma minus Sionna\n{speckle}"
+    styles = [(HEIGHTS, heights, "Height (m)")] * 2 + [(ERRORS, Normalize(-reach, reach), "Difference (m)")]
+    for axes, raster, title, style in zip(figure.subplots(1, 3), rasters, titles, styles, strict=True):
+        _map(axes, raster, *style)
+        axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def _map(axes: Axes, raster: Raster, colours: str, scale: Normalize, label: str) -> None:
+    axes.set_facecolor(EMPTY)
+    axes.imshow(
+        np.ma.masked_invalid(raster.height_m),
+        origin="lower",
+        extent=raster.grid.extent_m,
+        cmap=colours,
+        norm=scale,
+        interpolation="nearest",
+    )
+    axes.set(xlabel="East (m)", ylabel="North (m)")
+    axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, extend="both", label=label, shrink=0.8)
+
+
+def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]], label: str) -> None:
+    """Draw distributions on common bins that reach as far as 99 in 100 of the first."""
+    reach = _limit(shown[0][0])
+    edges = np.linspace(-reach, reach, 61)
+    for values, colour, name in shown:
+        known = values[np.isfinite(values)]
+        share = 100 * np.histogram(known, bins=edges)[0] / max(len(known), 1)
+        spread = f"{name}\nmean {known.mean():+.3f}, std {known.std():.3f}" if len(known) else name
+        axes.stairs(share, edges, fill=True, color=colour, alpha=0.5, label=spread)
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set(xlabel=label, ylabel="Share of pulses (%)", xlim=(-reach, reach))
+    axes.set_ylim(top=1.5 * axes.get_ylim()[1])
+    axes.legend(frameon=False, loc="upper right", fontsize="small")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _limit(values: Float[np.ndarray, " n"]) -> float:
+    """Return the size that 99 values in 100 stay within: a few outliers must not bleach a figure."""
+    known = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
+
+
+def _decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return 10 * np.log10(np.where(ratio > 0, ratio, np.nan))
