@@ -8,13 +8,15 @@ edge: seen from the radar it is edge-on.
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from matplotlib.tri import Triangulation
+from matplotlib.tri import Triangulation, TriFinder
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from sionna_radar.mapping.points import Points
 from sionna_radar.raster import Grid, Raster
 
 LONGEST_SIDE_GAPS = 3.0
+# Width of a triangle over its length below which it holds no cell.
+FLAT = 1e-9
 
 
 def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Raster:
@@ -41,13 +43,21 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     cell = grid.centres_m
     near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
     # SciPy's own search is slow for points outside the hull; matplotlib's trapezoid map is not.
-    inside = Triangulation(*place.T, triangles.simplices).get_trifinder()(*cell.T)
+    inside = _trifinder(place, triangles.simplices)(*cell.T)
     kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
     use = near & (inside >= 0)
     use[use] = kept[inside[use]]
     corners = triangles.simplices[inside[use]]
     height[use] = _linear(place[corners], z[corners], cell[use])
     return Raster(grid=grid, height_m=height.reshape(grid.shape))
+
+
+def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "triangle 3"]) -> TriFinder:
+    # Points on straight lines make triangles of no width but for rounding, and the trapezoid map refuses them.
+    side = np.roll(place[simplices], -1, axis=1) - place[simplices]
+    area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
+    flat = area <= FLAT * np.max(np.sum(side**2, axis=2), axis=1)
+    return Triangulation(*place.T, simplices, mask=flat).get_trifinder()
 
 
 def _highest(
