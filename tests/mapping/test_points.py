@@ -1,0 +1,54 @@
+"""Placing echoes on the beam axis of the measured pose."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.mapping.points import Points, locate
+
+
+def echoes_of(pulse, range_m) -> Echoes:
+    pulse = np.array(pulse)
+    count = len(pulse)
+    return Echoes(
+        pulse=pulse,
+        number=np.arange(count) - np.searchsorted(pulse, pulse),
+        range_m=np.array(range_m, dtype=float),
+        power=np.linspace(1, 2, count),
+        snr_db=np.linspace(10, 20, count),
+    )
+
+
+def test_points_lie_on_the_beam_axis(looking):
+    pulses = looking(4, incidence_deg=30.0, scan_deg=np.array([0.0, 10.0, 20.0, 30.0]), first=7, position_m=(5.0, 6.0, 50.0))
+    points = locate(echoes_of([8, 8, 10], [40.0, 60.0, 50.0]), pulses.index, pulses.measured)
+    a = np.deg2rad(30)
+    for k, (scan_deg, range_m) in enumerate([(10, 40), (10, 60), (30, 50)]):
+        b = np.deg2rad(scan_deg)  # flying north: ahead is y, right is x
+        along = np.array([np.cos(a) * np.sin(b), np.sin(a), -np.cos(a) * np.cos(b)])
+        np.testing.assert_allclose(points.position_m[k], [5, 6, 50] + range_m * along, atol=1e-9)
+    np.testing.assert_array_equal(points.origin_m, np.tile([5.0, 6.0, 50.0], (3, 1)))
+    np.testing.assert_array_equal(points.number, [0, 1, 0])
+
+
+def test_no_echoes_no_points(looking):
+    pulses = looking(4)
+    nothing = Echoes(**{name: column[:0] for name, column in vars(echoes_of([0], [1.0])).items()})
+    assert len(locate(nothing, pulses.index, pulses.measured)) == 0
+
+
+def test_the_digest_tells_every_change(looking):
+    pulses = looking(2)
+    points = locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured)
+    assert points.sha256() == locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured).sha256()
+    for name in ("position_m", "range_m", "power", "snr_db"):
+        nudged = getattr(points, name).copy()
+        nudged.flat[-1] = np.nextafter(nudged.flat[-1], np.inf)
+        assert replace(points, **{name: nudged}).sha256() != points.sha256()
+
+
+def test_concatenation_keeps_the_order(looking):
+    pulses = looking(4)
+    parts = [locate(echoes_of([k], [40.0 + k]), pulses.index, pulses.measured) for k in (0, 2, 3)]
+    np.testing.assert_array_equal(Points.concatenate(parts).pulse, [0, 2, 3])
