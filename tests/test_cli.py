@@ -1,0 +1,238 @@
+"""The command line: exit codes, one clear error, nothing written on bad input."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio import Affine
+
+from sionna_radar.cli import main
+
+SMALL = """
+seed = 1
+[terrain]
+kind = "flat"
+size_m = [300.0, 300.0]
+[platform]
+altitude_m = 50.0
+speed_mps = 10.0
+length_m = 10.0
+start_m = [-60.0, 0.0]
+[radar]
+snr_db = 30.0
+[tracing]
+paths_per_pulse = 64
+"""
+
+
+@dataclass
+class Done:
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys):
+    """The command line in this process, which has the heavy libraries loaded already."""
+
+    def call(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        captured = capsys.readouterr()
+        return Done(stop.value.code or 0, captured.out, captured.err)
+
+    return call
+
+
+@pytest.fixture
+def small(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def bad_dem(tmp_path):
+    path = tmp_path / "broken.tif"
+    path.write_bytes(b"II*\x00 this is no GeoTIFF")
+    return path
+
+
+def without_crs(tmp_path):
+    path = tmp_path / "grid.asc"
+    rows = "\n".join(" ".join("10.0" for _ in range(20)) for _ in range(20))
+    path.write_text(f"ncols 20\nnrows 20\nxllcorner 0\nyllcorner 0\ncellsize 10\nNODATA_value -9999\n{rows}\n")
+    return path
+
+
+def test_run_writes_every_product(cli, small, tmp_path):
+    done = cli("run", small, "-o", tmp_path / "out", "--block-size", 7)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""  # no progress bar where there is no terminal
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
+    assert written == {
+        "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
+    }  # fmt: skip
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert set(summary) == {
+        "scenario", "seed", "engine", "pulses", "paths", "echoes", "dem_error", "timing_s", "peak_memory_mb",
+        "points_sha256", "versions",
+    }  # fmt: skip
+    assert set(summary["dem_error"]) == {
+        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m", "le90_m"
+    }  # fmt: skip
+    assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
+    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")
+    assert again.returncode == 0
+    assert again.stdout == ""
+    repeated = json.loads((tmp_path / "again" / "summary.json").read_text())
+    assert repeated["points_sha256"] == summary["points_sha256"]
+
+
+def test_seed_and_set_replace_values(cli, small, tmp_path):
+    done = cli("run", small, "-o", tmp_path / "out", "--seed", 9, "--set", "radar.antenna.beamwidth_deg=4", "-q")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["seed"] == 9
+    assert summary["scenario"]["radar"]["antenna"]["beamwidth_deg"] == 4
+
+
+BAD_VALUES = {
+    "unknown key": ("radar.beam=3", "radar.beam"),
+    "wrong type": ("radar.carrier_hz=fast", "radar.carrier_hz"),
+    "out of range": ("platform.altitude_m=-5", "platform.altitude_m"),
+    "not a number": ("platform.speed_mps=nan", "platform.speed_mps"),
+    "contradiction": ("radar.noise_figure_db=10", "radar.snr_db"),
+    "no KEY=VALUE": ("radar", "--set"),
+    "unknown terrain": ("terrain.kind=moon", "terrain"),
+    "no such material": ("terrain.material=cheese", "terrain.material"),
+    "range beyond the beat": ("radar.samples_per_chirp=256", "radar.samples_per_chirp"),
+    "swath leaves the mesh": ("radar.scan.half_swath_deg=75", "radar"),
+    "no pulses": ("platform.length_m=0.001", "radar.scan"),
+    "track off the terrain": ("platform.start_m=[400.0, 0.0]", "platform.start_m"),
+    "guard too small": ("processing.cfar.guard=0", "processing.cfar.guard"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_VALUES)
+def test_bad_value_is_one_error_and_nothing_is_written(cli, kind, small, tmp_path):
+    assignment, field = BAD_VALUES[kind]
+    done = cli("run", small, "-o", tmp_path / "out", "--set", assignment)
+    assert done.returncode == 2
+    assert field in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("error:") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.toml"]
+
+
+def test_all_problems_are_told_at_once(cli, small):
+    done = cli("validate", small, "--set", "radar.beam=3", "--set", "platform.speed_mps=-1", "--set", "seed=-1")
+    assert done.returncode == 2
+    assert all(key in done.stderr for key in ("radar.beam", "platform.speed_mps", "seed", "3 problems"))
+
+
+@pytest.mark.parametrize("text", ["seed = ", "[terrain\n", "seed = 1\nseed = 2\n"])
+def test_toml_syntax(cli, text, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    done = cli("run", path, "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "not valid TOML" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_scenario(cli, tmp_path):
+    done = cli("run", tmp_path / "nowhere.toml")
+    assert done.returncode == 2
+    assert "no such scenario" in done.stderr
+
+
+@pytest.mark.parametrize(("make", "word"), [(bad_dem, "broken.tif"), (without_crs, "terrain.crs")])
+def test_bad_elevation_file(cli, make, word, tmp_path):
+    path = make(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    done = cli("run", "own_dem", "--set", f"terrain.path={path}", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_missing_elevation_file(cli, tmp_path):
+    done = cli("run", "own_dem", "--set", f"terrain.path={tmp_path / 'none.tif'}", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "none.tif" in done.stderr
+
+
+def test_a_place_that_is_no_result_is_left_alone(cli, small, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("keep me")
+    done = cli("run", small, "-o", tmp_path / "mine")
+    assert done.returncode == 2
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["letter.txt"]
+
+
+def test_own_dem_of_1_m_in_utm(cli, tmp_path):
+    """A slope of known form, flown with no edit but the path; the DEM lies on it and on its coordinates."""
+    size, west, north = 300, 500_000.0, 5_040_000.0
+    column, row = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    height = 850 + 0.05 * column - 0.03 * row + 2 * np.sin(column / 20)
+    path = tmp_path / "utm.tif"
+    profile = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": "float32"}
+    with rasterio.open(path, "w", crs="EPSG:32631", transform=Affine(1, 0, west, 0, -1, north), **profile) as file:
+        file.write(height.astype(np.float32), 1)
+    done = cli("run", "own_dem", "--set", f"terrain.path={path}", "-o", tmp_path / "out", "-q")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["dem_error"]["rms_m"] < 0.3
+    with rasterio.open(tmp_path / "out" / "dem.tif") as file:
+        assert file.crs.to_epsg() == 32631
+        rows, columns = np.nonzero(np.isfinite(file.read(1)))
+        x, y = rasterio.transform.xy(file.transform, rows, columns)
+        value = file.read(1)[rows, columns]
+    x, y = np.asarray(x) - west, north - np.asarray(y)
+    expected = 850 + 0.05 * x - 0.03 * y + 2 * np.sin(x / 20)
+    assert len(value) > 1000
+    assert np.sqrt(np.mean((value - expected) ** 2)) < 0.3
+
+
+def test_validate_prints_a_scenario_that_loads(cli, small, tmp_path):
+    done = cli("validate", small)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "resolved.toml").write_text(done.stdout)
+    assert cli("validate", tmp_path / "resolved.toml").stdout == done.stdout
+
+
+def test_scenes_lists_the_shipped_scenarios(cli):
+    lines = cli("scenes").stdout.splitlines()
+    names = {line.split()[0] for line in lines}
+    shipped = {"hills", "buildings", "roof_edge", "two_fields", "jacksboro", "san_francisco", "munich", "own_dem"}
+    assert shipped <= names
+    assert all(len(line.split(maxsplit=1)) == 2 for line in lines)
+
+
+def test_doctor_names_variant_and_library():
+    command = [sys.executable, "-m", "sionna_radar", "doctor"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "ad_mono_polarized" in done.stdout
+    assert "all is well" in done.stdout
+
+
+def test_help_loads_no_heavy_library():
+    code = (
+        "import sys\n"
+        "from sionna_radar.cli import app\n"
+        "from typer.testing import CliRunner\n"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0\n"
+        "print([m for m in ('mitsuba', 'drjit', 'sionna', 'scipy', 'matplotlib') if m in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
