@@ -1,10 +1,9 @@
 """The gamma engine: the paper's own facet model, one scatterer on every facet that the beam meets.
 
 Rouveure et al. 2017, section 3: the surface is a set of facets; each that is seen from the radar inside the
-antenna's footprint is one scatterer of cross-section sigma0 A, and the echo is their coherent sum. Nothing
-here comes from Sionna: geometry, index, amplitudes and phases are NumPy and SciPy. The one shared part is the
-shadow test, which asks the scene's `RayCaster`, that is Mitsuba's ray casting, whether a facet's centre is
-seen.
+antenna's footprint is one scatterer of cross-section sigma0 A, and the echo is their coherent sum. Geometry,
+index, amplitudes and phases are NumPy and SciPy, nothing comes from Sionna. The shadow test alone is shared:
+it asks the scene's `RayCaster`, that is Mitsuba's ray casting, whether a facet's centre is seen.
 
 Footprint: the directions where the outer envelope of the two-way pattern is above `FOOTPRINT_DB` of its peak.
 With side lobes of -20 dB what lies outside holds less than 0.001 dB of the echo of a uniform surface, and
@@ -316,10 +315,7 @@ class GammaEngine:
     def _subdivided(
         self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
     ) -> Facets:
-        """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine.
-
-        Far too long ones are halved, and what the beam misses is dropped, before the rest is divided at once.
-        """
+        """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine."""
         facets = self._index.search(self._footprint, position_m, R_world_antenna)
         fine = []
         while len(facets):
@@ -335,6 +331,7 @@ class GammaEngine:
             for count in np.unique(parts[few]):
                 pieces = facets.take(few & (parts == count)).divided(int(count))
                 fine.append(self._centred(pieces, position_m, R_world_antenna))
+            # What the beam misses of far too long ones is dropped before they are divided at once.
             facets = facets.take(met & (parts > MOST_PARTS)).halved()
         return Facets.concatenate(fine) if fine else facets
 
