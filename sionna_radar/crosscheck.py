@@ -279,9 +279,7 @@ def _gamma(ready: Preparation, seed: int) -> Engine:
     return GammaEngine(ready.built.scene, ready.antenna, ready.chirp, seed, ready.built.caster)
 
 
-def _fly(
-    ready: Preparation, engine: Engine, seed: int, block_size: int, progress: Callable[[int], None]
-) -> EngineRun:
+def _fly(ready: Preparation, engine: Engine, seed: int, block_size: int, progress: Callable[[int], None]) -> EngineRun:
     """Fly all pulses with an engine; the receiver's noise is that of the scenario's seed."""
     scene, count = ready.built.scene, len(ready.schedule)
     tracer = Tracer(engine, scene, ready.antenna, ready.chirp, ready.built.caster)
@@ -362,9 +360,7 @@ def _refuse_others(directory: Path) -> None:
     if directory.exists() and (
         not directory.is_dir() or (any(directory.iterdir()) and not (directory / MARKER).is_file())
     ):
-        message = (
-            f"output = {directory} holds no earlier cross-check (no {MARKER}); name a new or empty folder"
-        )
+        message = f"output = {directory} holds no earlier cross-check (no {MARKER}); name a new or empty folder"
         raise OutputError(message)
 
 

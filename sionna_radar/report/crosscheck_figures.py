@@ -40,16 +40,12 @@ def power(check: CrossCheck) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     incidence_deg = np.rad2deg(check.sionna.incidence_rad)
     for run, colour, size, name in ((check.sionna, BLUE, 5.0, "Sionna"), (check.gamma, ORANGE, 2.0, "Gamma")):
-        upper.plot(
-            incidence_deg, _decibels(run.power), ls="", marker="o", ms=size, mew=0, color=colour, label=name
-        )
+        upper.plot(incidence_deg, _decibels(run.power), ls="", marker="o", ms=size, mew=0, color=colour, label=name)
     upper.set_ylabel("Power of an echo (dB rel. to sent)")
     upper.set_title("Power before interference", fontsize="medium")
     upper.legend(frameon=False)
     difference = check.power_difference_db
-    lower.plot(
-        incidence_deg, difference, ls="", marker="o", ms=2, mew=0, color=GREY, alpha=0.5, label="Pulse"
-    )
+    lower.plot(incidence_deg, difference, ls="", marker="o", ms=2, mew=0, color=GREY, alpha=0.5, label="Pulse")
     bins = check.by_incidence()
     lower.plot(
         [b.incidence_deg for b in bins],

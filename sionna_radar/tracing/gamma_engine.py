@@ -71,9 +71,7 @@ class Facets:
 
     def take(self, chosen: Int[np.ndarray, " n"] | Bool[np.ndarray, " facet"]) -> "Facets":
         """Return some of the facets."""
-        return Facets(
-            corner_m=self.corner_m[chosen], identity=self.identity[chosen], surface=self.surface[chosen]
-        )
+        return Facets(corner_m=self.corner_m[chosen], identity=self.identity[chosen], surface=self.surface[chosen])
 
     def halved(self) -> "Facets":
         """Return both halves of every facet, cut from the middle of its longest side to its third corner."""
@@ -312,9 +310,7 @@ class GammaEngine:
             surface=facets.surface[facing],
         )
 
-    def _subdivided(
-        self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
-    ) -> Facets:
+    def _subdivided(self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]) -> Facets:
         """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine."""
         facets = self._index.search(self._footprint, position_m, R_world_antenna)
         fine = []
@@ -354,10 +350,7 @@ class GammaEngine:
     def _visible(self, pulses: Pulses, rows: list[int], found: list[_Scatterers]) -> Paths:
         """Return the paths of scatterers that nothing hides."""
         row = np.repeat(np.array(rows, dtype=np.int64), [len(f.power) for f in found])
-        column = {
-            field.name: np.concatenate([getattr(f, field.name) for f in found])
-            for field in fields(_Scatterers)
-        }
+        column = {field.name: np.concatenate([getattr(f, field.name) for f in found]) for field in fields(_Scatterers)}
         origin, velocity = pulses.true.position_m[row], pulses.true.velocity_mps[row]
         point = origin + column["away_m"]
         seen = column["power"] > 0
@@ -379,9 +372,7 @@ class GammaEngine:
         )
 
 
-def _split_mix(
-    state: UInt64[np.ndarray, "..."], step: UInt64[np.ndarray, "..."]
-) -> UInt64[np.ndarray, "..."]:
+def _split_mix(state: UInt64[np.ndarray, "..."], step: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
     """Return the numbers that SplitMix64 yields at some steps from some states.
 
     Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"; the constants are

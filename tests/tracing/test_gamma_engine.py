@@ -29,9 +29,7 @@ def db(ratio):
 
 
 def triangle(corners, name="facet"):
-    return Surface(
-        name=name, vertices_m=np.array(corners, dtype=float), faces=np.array([[0, 1, 2]]), material="ground"
-    )
+    return Surface(name=name, vertices_m=np.array(corners, dtype=float), faces=np.array([[0, 1, 2]]), material="ground")
 
 
 def engine_over(scene, antenna, chirp, **options):
@@ -47,9 +45,7 @@ def over_plane(plane, pencil, chirp_of):
 def rough(surface_of, scene_of):
     """Hills of half-metre triangles."""
     return scene_of(
-        surface_of(
-            lambda x, y: 2 * np.sin(x / 9) * np.cos(y / 7), size_m=120.0, spacing_m=0.5, centre_m=(0, 50)
-        )
+        surface_of(lambda x, y: 2 * np.sin(x / 9) * np.cos(y / 7), size_m=120.0, spacing_m=0.5, centre_m=(0, 50))
     )
 
 
@@ -65,9 +61,7 @@ def test_the_file_imports_nothing_of_sionna_mitsuba_or_drjit():
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 20, 45, 60, 75])
-def test_power_over_a_plane_is_that_of_the_integral(
-    over_plane, pencil, looking, plane_power_of, incidence_deg
-):
+def test_power_over_a_plane_is_that_of_the_integral(over_plane, pencil, looking, plane_power_of, incidence_deg):
     # Different places, so that the beam falls differently onto the facets.
     place = np.column_stack([np.linspace(-3, 3, 8), np.linspace(0, 2, 8), np.full(8, 50.0)])
     paths = over_plane.trace(looking(8, incidence_deg=incidence_deg, position_m=place))
@@ -108,9 +102,7 @@ def test_two_huge_triangles_echo_like_a_fine_mesh(pencil, chirp_of, looking, sur
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 45, 70])
-def test_the_footprint_loses_no_power_worth_telling(
-    over_plane, plane, pencil, chirp_of, looking, incidence_deg
-):
+def test_the_footprint_loses_no_power_worth_telling(over_plane, plane, pencil, chirp_of, looking, incidence_deg):
     pulses = looking(1, incidence_deg=incidence_deg)
     wide = engine_over(plane, pencil, chirp_of(), footprint_db=-70.0).trace(pulses)
     lost = 1 - pulse_power(over_plane.trace(pulses))[0] / pulse_power(wide)[0]
@@ -198,15 +190,11 @@ def test_the_block_size_changes_no_bit(rough, pencil, chirp_of, looking, monkeyp
     whole = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
     monkeypatch.setattr(gamma_engine, "RAYS_AT_ONCE", 2000)
     waves = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
-    single = [
-        engine.trace(looking(1, incidence_deg=45.0, scan_deg=scan[i : i + 1], first=5 + i)) for i in range(12)
-    ]
+    single = [engine.trace(looking(1, incidence_deg=45.0, scan_deg=scan[i : i + 1], first=5 + i)) for i in range(12)]
     assert np.all(np.diff(whole.pulse) >= 0)
     for name in ("pulse", "delay_s", "gain", "range_rate_mps", "incidence_rad", "hit_m", "surface"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(waves, name))
-        np.testing.assert_array_equal(
-            getattr(whole, name), np.concatenate([getattr(paths, name) for paths in single])
-        )
+        np.testing.assert_array_equal(getattr(whole, name), np.concatenate([getattr(paths, name) for paths in single]))
 
 
 def area_vector(facets: Facets) -> np.ndarray:
