@@ -93,15 +93,21 @@ class Cfar:
         return level, has_lag & has_lead
 
     def _mean_level(
-        self, power: Float[np.ndarray, "pulse bin"], has_lag: Bool[np.ndarray, " bin"], has_lead: Bool[np.ndarray, " bin"]
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        has_lag: Bool[np.ndarray, " bin"],
+        has_lead: Bool[np.ndarray, " bin"],
     ) -> Float[np.ndarray, "pulse bin"]:
         lag, lead = self._side_means(power)
-        combine = {"CA": lambda a, b: (a + b) / 2, "GO": np.maximum, "SO": np.minimum}[self.kind]
         level = np.full(power.shape, np.inf)
-        both = has_lag & has_lead
         level[:, has_lag] = lag[:, has_lag]
         level[:, has_lead] = lead[:, has_lead]
-        level[:, both] = combine(lag[:, both], lead[:, both])
+        both = has_lag & has_lead
+        lag, lead = lag[:, both], lead[:, both]
+        if self.kind == "CA":
+            level[:, both] = (lag + lead) / 2
+        else:
+            level[:, both] = np.maximum(lag, lead) if self.kind == "GO" else np.minimum(lag, lead)
         return level
 
     def _side_means(
@@ -125,7 +131,10 @@ class Cfar:
         return lag, lead
 
     def _ranked_level(
-        self, power: Float[np.ndarray, "pulse bin"], has_lag: Bool[np.ndarray, " bin"], has_lead: Bool[np.ndarray, " bin"]
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        has_lag: Bool[np.ndarray, " bin"],
+        has_lead: Bool[np.ndarray, " bin"],
     ) -> Float[np.ndarray, "pulse bin"]:
         offsets = self.stride * np.arange(self.guard + 1, self.guard + self.training + 1)
         cell = np.arange(power.shape[1])

@@ -16,10 +16,14 @@ from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.sionna_parts import SionnaScene, dr, mi, rt, sionna_angles
+from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 
-from sionna.rt.path_solvers.field_calculator import FieldCalculator  # isort: skip
-from sionna.rt.path_solvers.paths_buffer import PathsBuffer  # isort: skip
+# isort: split
+# These load libLLVM, which the import above has chosen.
+import drjit as dr
+import sionna.rt as rt
+from sionna.rt.path_solvers.field_calculator import FieldCalculator
+from sionna.rt.path_solvers.paths_buffer import PathsBuffer
 
 
 class BeamEngine:
@@ -153,7 +157,7 @@ def _quantile(quantiles, probability):  # type: ignore[no-untyped-def]
 def _density(quantiles, cosine):  # type: ignore[no-untyped-def]
     """Return the density of the piecewise linear quantile function at a cosine."""
     cells = dr.width(quantiles) - 1
-    below = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, quantiles, i) < cosine) 
+    below = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, quantiles, i) < cosine)
     below = mi.UInt32(dr.maximum(mi.Int32(below) - 1, 0))
     width = dr.gather(mi.Float, quantiles, below + 1) - dr.gather(mi.Float, quantiles, below)
     return dr.rcp(cells * dr.maximum(width, 1e-12))

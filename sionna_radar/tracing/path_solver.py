@@ -11,7 +11,12 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.randomness import Stream, pulse_generator
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.sionna_parts import SionnaScene, dr, mi, rt, sionna_angles
+from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
+
+# isort: split
+# These load libLLVM, which the import above has chosen.
+import drjit as dr
+import sionna.rt as rt
 
 
 class PathSolverEngine:

@@ -1,8 +1,9 @@
 """Sionna RT's side of a scene: our backscatter material, our antenna pattern, and the scene made of them."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Int
-
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -32,7 +33,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
     transverse field vector itself.
     """
 
-    def __init__(self, properties: mi.Properties, backscatter: Backscatter) -> None:
+    def __init__(self, properties: Any, backscatter: Backscatter) -> None:
         super().__init__(properties)
         incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
         # At grazing the ratio is taken just short of the horizon, where sigma0 and the cosine both vanish.
