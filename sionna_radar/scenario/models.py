@@ -151,7 +151,9 @@ TERRAIN_KINDS = ("flat", "hills", "jacksboro", "raster", *(f"sionna:{name}" for 
 
 def _terrain_tag(value: Any) -> str | None:
     kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    return "sionna" if isinstance(kind, str) and kind.startswith("sionna:") else kind
+    if not isinstance(kind, str):
+        return None
+    return "sionna" if kind.startswith("sionna:") else kind
 
 
 Terrain = Annotated[
