@@ -26,8 +26,8 @@ ORDER = (
     ("detection",),
     ("mapping",),
     ("preparation",),
-    ("survey", "crosscheck"),
-    ("report",),
+    ("survey",),
+    ("report", "crosscheck"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
@@ -39,7 +39,9 @@ def stage(module: str) -> str:
 
 
 def sources(*folders: str) -> list[Path]:
-    return sorted(path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0].removesuffix(".py") in folders)
+    return sorted(
+        path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0].removesuffix(".py") in folders
+    )
 
 
 def imports(path: Path) -> set[str]:
@@ -94,7 +96,7 @@ def loaded_by(statement: str) -> set[str]:
     return {module.split(".")[0] for module in run(f"import sys; {statement}; print(' '.join(sys.modules))").split()}
 
 
-@pytest.mark.parametrize("path", filter(knows_the_ray_tracer, sources("tracing")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", list(filter(knows_the_ray_tracer, sources("tracing"))), ids=lambda path: path.stem)
 def test_a_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads(path):
     """Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported; an old library ends the process."""
     code = f"import sionna_radar.tracing.{path.stem}, os, mitsuba as mi; print(mi.Float([1, 2]) + 1)"

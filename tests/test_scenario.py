@@ -119,7 +119,11 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"processing__window": "haan"}, "processing.window", "no window of scipy"),
         ({"processing__cfar__kind": "XY"}, "processing.cfar.kind", "'XY' is refused"),
         ({"processing__cfar__guard": 300}, "processing.cfar.guard", "do not fit 512 range cells"),
-        ({"processing__cfar__false_alarm_probability": 1.0}, "processing.cfar.false_alarm_probability", "1.0 is refused"),
+        (
+            {"processing__cfar__false_alarm_probability": 1.0},
+            "processing.cfar.false_alarm_probability",
+            "1.0 is refused",
+        ),
         ({"dem__spacing_m": 0.0}, "dem.spacing_m", "0.0 is refused"),
         ({"seed": -1}, "seed", "-1 is refused"),
         ({"seed": 2**63}, "seed", "is refused"),
@@ -138,7 +142,11 @@ def test_the_least_scenario_takes_the_papers_radar():
             "materials.moss.gamma_db",
             "not both",
         ),
-        ({"materials": {"moss": {"model": "lambertian", "nadir_sigma0_db": "x"}}}, "materials.moss.nadir_sigma0_db", "'x'"),
+        (
+            {"materials": {"moss": {"model": "lambertian", "nadir_sigma0_db": "x"}}},
+            "materials.moss.nadir_sigma0_db",
+            "'x'",
+        ),
     ],
 )
 def test_bad_input_is_refused_with_its_key_and_a_remedy(keys, field, said):
@@ -233,7 +241,15 @@ def test_an_override_that_is_wrong_is_refused_like_the_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("4", 4), ("4.5", 4.5), ("[2.0, 3.0]", [2.0, 3.0]), ("true", True), ("conical", "conical"), ('"a b"', "a b"), ("1e3", 1e3)],
+    [
+        ("4", 4),
+        ("4.5", 4.5),
+        ("[2.0, 3.0]", [2.0, 3.0]),
+        ("true", True),
+        ("conical", "conical"),
+        ('"a b"', "a b"),
+        ("1e3", 1e3),
+    ],
 )
 def test_assignments_hold_toml_or_a_bare_word(text, value):
     (parsed,) = parse_overrides([f"a.b = {text}" if text == "4" else f"a.b={text}"]).values()

@@ -34,7 +34,9 @@ def found(detector, spectra, looking) -> Echoes:
 
 
 def cells_of(echoes: Echoes) -> list[tuple[int, int, float]]:
-    return [(int(p), int(n), float(r)) for p, n, r in zip(echoes.pulse, echoes.number, echoes.range_m / CELL_M, strict=True)]
+    return [
+        (int(p), int(n), float(r)) for p, n, r in zip(echoes.pulse, echoes.number, echoes.range_m / CELL_M, strict=True)
+    ]
 
 
 def test_neighbouring_cells_are_one_echo(chirp_of, looking):
@@ -58,9 +60,7 @@ def test_a_merged_echo_is_placed_by_all_its_power(chirp_of, looking):
     assert echoes.range_m[0] / CELL_M == pytest.approx((30 * 50 + 10 * 52) / 40)  # power above the noise
 
 
-@pytest.mark.parametrize(
-    ("choice", "cells"), [("all", [40, 60, 80]), ("first", [40]), ("strongest", [60])]
-)
+@pytest.mark.parametrize(("choice", "cells"), [("all", [40, 60, 80]), ("first", [40]), ("strongest", [60])])
 def test_which_echoes_are_kept(chirp_of, looking, choice, cells):
     detector = detector_of(chirp_of(), echoes=choice)
     spectra = spectra_of(chirp_of(), {40: 20, 60: 90, 80: 50}, {40: 20, 60: 90, 80: 50})

@@ -66,5 +66,7 @@ def test_noise_correlation_is_the_measured_one(chirp_of):
     noise = random.normal(size=(20_000, 128)) + 1j * random.normal(size=(20_000, 128))
     spectrum = np.fft.fft(noise * analyser.window, 256)
     for lag, expected in enumerate(analyser.noise_correlation(5)):
-        product = np.mean(spectrum[:, 100] * np.conj(spectrum[:, 100 + 2 * lag])) / np.mean(np.abs(spectrum[:, 100]) ** 2)
+        product = np.mean(spectrum[:, 100] * np.conj(spectrum[:, 100 + 2 * lag])) / np.mean(
+            np.abs(spectrum[:, 100]) ** 2
+        )
         assert abs(product) == pytest.approx(abs(expected), abs=0.03)

@@ -51,7 +51,9 @@ def test_points_in_rows_are_no_hindrance(turn, spacing, shift):
     a, b = (k.ravel() * spacing + shift for k in np.meshgrid(np.arange(30), np.arange(20)))
     x, y = np.cos(turn) * a - np.sin(turn) * b, np.sin(turn) * a + np.cos(turn) * b
     grid = Grid.covering(x.min(), y.min(), x.max(), y.max(), spacing / 2)
-    dem = grid_points(points_at(np.column_stack([x, y, plane(x, y)]), (shift, shift, 1000.0)), grid, 2 * spacing, SHADOW_RAD)
+    dem = grid_points(
+        points_at(np.column_stack([x, y, plane(x, y)]), (shift, shift, 1000.0)), grid, 2 * spacing, SHADOW_RAD
+    )
     u, v = np.cos(turn) * grid.centres_m[:, 0] + np.sin(turn) * grid.centres_m[:, 1], None
     v = -np.sin(turn) * grid.centres_m[:, 0] + np.cos(turn) * grid.centres_m[:, 1]
     deep = 0.01 * spacing  # just inside the outline

@@ -21,7 +21,9 @@ def echoes_of(pulse, range_m) -> Echoes:
 
 
 def test_points_lie_on_the_beam_axis(looking):
-    pulses = looking(4, incidence_deg=30.0, scan_deg=np.array([0.0, 10.0, 20.0, 30.0]), first=7, position_m=(5.0, 6.0, 50.0))
+    pulses = looking(
+        4, incidence_deg=30.0, scan_deg=np.array([0.0, 10.0, 20.0, 30.0]), first=7, position_m=(5.0, 6.0, 50.0)
+    )
     points = locate(echoes_of([8, 8, 10], [40.0, 60.0, 50.0]), pulses.index, pulses.measured)
     a = np.deg2rad(30)
     for k, (scan_deg, range_m) in enumerate([(10, 40), (10, 60), (30, 50)]):

@@ -42,7 +42,13 @@ def test_a_velocity_error_of_5_cm_per_second(chirp_of, angle_deg, hertz, metre):
 
 def test_a_scenario_gives_its_chirp():
     radar = RadarTable(
-        carrier_hz=76e9, bandwidth_hz=1e9, chirp_rate_hz=500.0, samples_per_chirp=256, sweep="down", sampling="iq", snr_db=10.0
+        carrier_hz=76e9,
+        bandwidth_hz=1e9,
+        chirp_rate_hz=500.0,
+        samples_per_chirp=256,
+        sweep="down",
+        sampling="iq",
+        snr_db=10.0,
     )
     chirp = build_chirp(radar)
     assert chirp.slope_hz_s == -1e9 * 500

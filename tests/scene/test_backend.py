@@ -38,7 +38,12 @@ def test_without_any_library_the_error_names_the_remedy(monkeypatch):
     monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
     monkeypatch.setattr(backend, "_wheel_libraries", list)
     monkeypatch.setattr(backend, "_system_libraries", list)
-    for system, remedy in (("Linux", "karellen-llvm-core"), ("Darwin", "brew"), ("Windows", "installer"), ("Plan9", "install")):
+    for system, remedy in (
+        ("Linux", "karellen-llvm-core"),
+        ("Darwin", "brew"),
+        ("Windows", "installer"),
+        ("Plan9", "install"),
+    ):
         monkeypatch.setattr(backend.platform, "system", lambda name=system: name)
         with pytest.raises(BackendError, match=remedy):
             backend.find_llvm()

@@ -67,7 +67,10 @@ def test_fields_change_the_material_of_their_ground():
         {"centre_m": [50.0, 0.0], "size_m": [100.0, 100.0], "material": "wheat"},
         {"centre_m": [75.0, 0.0], "size_m": [50.0, 100.0], "material": "bare"},  # over the first
     ]
-    materials = {"wheat": {"model": "constant_gamma", "gamma_db": -25.0}, "bare": {"model": "lambertian", "nadir_sigma0_db": -20.0}}
+    materials = {
+        "wheat": {"model": "constant_gamma", "gamma_db": -25.0},
+        "bare": {"model": "lambertian", "nadir_sigma0_db": -20.0},
+    }
     built = build(FLAT | {"fields": fields}, materials=materials)
     names = [s.material for s in built.scene.surfaces]
     assert names == ["ground", "wheat", "bare"]
@@ -81,7 +84,13 @@ def test_fields_change_the_material_of_their_ground():
 
 
 def test_materials_of_the_papers_table():
-    for name, gamma_db in [("city", -10.8), ("mountain", -21.6), ("forest", -25.0), ("rolling_hills", -28.8), ("desert", -42.2)]:
+    for name, gamma_db in [
+        ("city", -10.8),
+        ("mountain", -21.6),
+        ("forest", -25.0),
+        ("rolling_hills", -28.8),
+        ("desert", -42.2),
+    ]:
         scene = build(materials={"ground": {"model": "constant_gamma", "terrain_class": name}}).scene
         assert 10 * np.log10(scene.materials["ground"].sigma0(np.zeros(1))[0]) == pytest.approx(gamma_db, abs=0.05)
 
@@ -97,10 +106,13 @@ def test_targets_stand_on_the_ground():
 @pytest.mark.parametrize(
     ("tables", "field"),
     [
-        ({"targets": [{"position_m": [0.0, 0.0], "rcs_dbsm": 0.0}, {"position_m": [500.0, 0.0], "rcs_dbsm": 0.0}]}, r"targets\.1\.position_m"),
+        (
+            {"targets": [{"position_m": [0.0, 0.0], "rcs_dbsm": 0.0}, {"position_m": [500.0, 0.0], "rcs_dbsm": 0.0}]},
+            r"targets\.1\.position_m",
+        ),
         ({"buildings": [{"position_m": [95.0, 0.0], "size_m": [5.0, 20.0, 5.0]}]}, r"buildings\.0\.position_m"),
     ],
-)  # fmt: skip
+)
 def test_what_lies_beyond_the_terrain_is_refused(tables, field):
     with pytest.raises(ScenarioError, match=rf"{field}: .*beyond the terrain"):
         build(**tables)

@@ -10,7 +10,9 @@ from sionna_radar.scene.raycast import RayCaster, truth_dem
 
 def box_top(x_from, x_to, height, name="roof") -> Surface:
     """A horizontal rectangle in the air, from y = -10 to 10."""
-    vertices = np.array([[x_from, -10, height], [x_to, -10, height], [x_to, 10, height], [x_from, 10, height]], dtype=float)
+    vertices = np.array(
+        [[x_from, -10, height], [x_to, -10, height], [x_to, 10, height], [x_from, 10, height]], dtype=float
+    )
     return Surface(name=name, vertices_m=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="ground")
 
 

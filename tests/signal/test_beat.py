@@ -121,7 +121,9 @@ def test_range_reads_as_a_positive_frequency(chirp_of, looking, sweep, sampling)
     assert np.argmax(half) == round(60.0 * 2 * 500e6 / C)
 
 
-@pytest.mark.parametrize(("sampling", "kept"), [("real", [True, True, False, False]), ("iq", [True, True, True, False])])
+@pytest.mark.parametrize(
+    ("sampling", "kept"), [("real", [True, True, False, False]), ("iq", [True, True, True, False])]
+)
 def test_beats_beyond_the_sampling_are_filtered_out(chirp_of, looking, sampling, kept):
     chirp, pulses = chirp_of(sampling=sampling), looking(1)
     for range_m, passed in zip((20.0, 153.0, 155.0, 310.0), kept, strict=True):

@@ -168,7 +168,7 @@ def test_moving_scene_and_radar_together_changes_nothing(
 ):
     antenna, chirp = antenna_of(4.0, 4.0), chirp_of()
     still = surface_of(hill, size_m=200.0)
-    moved = replace(still, vertices_m=still.vertices_m + [east, north, up])
+    moved = replace(still, vertices_m=still.vertices_m + np.array([east, north, up]))
     here = looking(8, incidence_deg=40.0, scan_deg=10.0)
     there = looking(8, incidence_deg=40.0, scan_deg=10.0, position_m=(east, north, 50.0 + up))
     one = engine(scene_of(still), antenna, chirp, side_lobe_share=0.01).trace(here)

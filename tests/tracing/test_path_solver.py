@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
+from sionna_radar.scenario.models import TracingTable
 from sionna_radar.tracing.beam_solver import BeamEngine
 from sionna_radar.tracing.engine import build_engine
 from sionna_radar.tracing.path_solver import PathSolverEngine
-from sionna_radar.scenario.models import TracingTable
 
 C = 299_792_458.0
 PULSES = 12
@@ -28,7 +28,7 @@ def scene(request, plane, surface_of, scene_of):
 def scattered(looking):
     """Poses spread a little, so that the solver's lattice of rays falls anew in each: independent repeats."""
     random = np.random.default_rng(8)
-    position = [0, 0, 50] + random.uniform(-2, 2, (PULSES, 3))
+    position = np.array([0.0, 0.0, 50.0]) + random.uniform(-2, 2, (PULSES, 3))
     pulses = looking(PULSES, position_m=position, velocity_mps=(2.0, 9.0, 1.0), first=3)
     euler = np.column_stack([np.zeros((PULSES, 2)), random.uniform(-0.3, 0.3, PULSES)])
     R = world_from_body(euler) @ whisk_broom_from_antenna(np.deg2rad(30), random.uniform(-0.2, 0.2, PULSES))

@@ -58,7 +58,9 @@ def test_the_material_scatters_back_sigma0(model, surface_of, scene_of, antenna_
     other = replace(plain, materials={"ground": model})
     power, incidence = [], None
     for scene in (plain, other):
-        paths = BeamEngine(scene, antenna_of(60.0, 60.0), chirp_of(), 1, 4096, 0.05).trace(looking(1, incidence_deg=40.0))
+        paths = BeamEngine(scene, antenna_of(60.0, 60.0), chirp_of(), 1, 4096, 0.05).trace(
+            looking(1, incidence_deg=40.0)
+        )
         power.append(np.abs(paths.gain.astype(complex)) ** 2)
         incidence = np.arccos(50.0 / np.linalg.norm(paths.hit_m - [0, 0, 50], axis=1))
     near = incidence < np.deg2rad(85)

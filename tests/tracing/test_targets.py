@@ -27,16 +27,18 @@ def wall(x_from, x_to, y, height) -> Surface:
     return Surface(name="wall", vertices_m=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="ground")
 
 
-def echo_db(target, antenna, chirp, caster, **look):
-    paths = trace_targets([target], look.pop("looking")(1, **look), antenna, chirp, caster)
+def echo_db(target, antenna, chirp, caster, pulses):
+    paths = trace_targets([target], pulses, antenna, chirp, caster)
     return 20 * np.log10(np.abs(paths.gain[0]))
 
 
 def test_on_boresight_the_echo_is_the_radar_equation(pencil, chirp_of, far_below, looking):
     range_m, rcs = 100.0, 2.5
-    target = Target(position_m=(0.0, range_m * np.sin(np.deg2rad(40)), 50 - range_m * np.cos(np.deg2rad(40))), rcs_m2=rcs)
+    target = Target(
+        position_m=(0.0, range_m * np.sin(np.deg2rad(40)), 50 - range_m * np.cos(np.deg2rad(40))), rcs_m2=rcs
+    )
     expected = pencil.peak_gain**2 * WAVELENGTH_M**2 * rcs / ((4 * np.pi) ** 3 * range_m**4)
-    measured = echo_db(target, pencil, chirp_of(), far_below, looking=looking, incidence_deg=40.0)
+    measured = echo_db(target, pencil, chirp_of(), far_below, looking(1, incidence_deg=40.0))
     assert measured == pytest.approx(10 * np.log10(expected), abs=0.05)
 
 
@@ -45,14 +47,15 @@ def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(
     antenna_of, chirp_of, far_below, looking, azimuth_deg, elevation_deg
 ):
     antenna, chirp = antenna_of(2.0, 4.0), chirp_of()
-    pose = looking(1, incidence_deg=50.0, scan_deg=25.0).true
+    pulses = looking(1, incidence_deg=50.0, scan_deg=25.0)
+    pose = pulses.true
     boresight, left, up = pose.R_world_antenna[0].T
     levels = []
     for azimuth, elevation in ((0.0, 0.0), (azimuth_deg, elevation_deg)):
         y, z = np.sin(np.deg2rad([azimuth, elevation]))
         away = np.sqrt(1 - y * y - z * z) * boresight + y * left + z * up
         target = Target(position_m=tuple(pose.position_m[0] + 80 * away), rcs_m2=1.0)
-        levels.append(echo_db(target, antenna, chirp, far_below, looking=looking, incidence_deg=50.0, scan_deg=25.0))
+        levels.append(echo_db(target, antenna, chirp, far_below, pulses))
     planes = (azimuth_deg != 0) + (elevation_deg != 0)  # 3.01 dB each way and plane
     assert levels[0] - levels[1] == pytest.approx(6.02 * planes, abs=0.05)
 
@@ -61,14 +64,11 @@ def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(
 @given(st.floats(5, 1000), st.floats(0, 80), st.floats(-60, 60))
 def test_doubling_the_range_costs_12_db(antenna_of, chirp_of, far_below, looking, range_m, incidence_deg, scan_deg):
     antenna, chirp = antenna_of(10.0, 10.0), chirp_of()
-    boresight = looking(1, incidence_deg=incidence_deg, scan_deg=scan_deg).true.boresight[0]
+    pulses = looking(1, incidence_deg=incidence_deg, scan_deg=scan_deg)
+    places = [np.array([0, 0, 50]) + r * pulses.true.boresight[0] for r in (range_m, 2 * range_m)]
     near, far = (
-        echo_db(
-            Target(position_m=tuple(np.array([0, 0, 50]) + r * boresight), rcs_m2=1.0),
-            antenna, chirp, far_below, looking=looking, incidence_deg=incidence_deg, scan_deg=scan_deg,
-        )
-        for r in (range_m, 2 * range_m)
-    )  # fmt: skip
+        echo_db(Target(position_m=tuple(place), rcs_m2=1.0), antenna, chirp, far_below, pulses) for place in places
+    )
     assert near - far == pytest.approx(40 * np.log10(2), abs=1e-6)
 
 
@@ -84,7 +84,9 @@ def test_delay_range_rate_and_place(antenna_of, chirp_of, far_below, looking):
     assert np.all(np.isnan(paths.incidence_rad))
 
 
-def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(surface_of, scene_of, antenna_of, chirp_of, looking):
+def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(
+    surface_of, scene_of, antenna_of, chirp_of, looking
+):
     targets = (
         Target(position_m=(0.0, 30.0, 0.0), rcs_m2=1.0),  # on the ground before the wall
         Target(position_m=(0.0, 60.0, 0.0), rcs_m2=2.0),  # on the ground in its shadow
