@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.errors import BackendError, RadarError
+from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
@@ -73,6 +74,28 @@ def run_command(
     """Fly a scenario and write its DEM, points, errors and figures."""
     overrides = _overrides(set_, seed)
     _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, quiet)
+
+
+@app.command()
+def crosscheck(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a scenario with both engines on the same pulses, and tell whether they agree."""
+    from sionna_radar import crosscheck as check
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, _overrides(set_, seed))
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_crosscheck", check.MARKER)
+    with _progress(quiet) as progress:
+        result = check.crosscheck(checked, progress=progress)
+    written = check.write(result, directory)
+    if not quiet:
+        typer.echo(result.verdict())
+        typer.echo(f"{len(written)} files in {directory}")
 
 
 @app.command()
@@ -138,12 +161,12 @@ def bench(
 def _fly(
     scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
 ) -> None:
-    from sionna_radar.report.products import check_output, write_products
+    from sionna_radar.report.products import MARKER, write_products
     from sionna_radar.survey import BLOCK_SIZE, run
 
     _log_to_stderr(quiet)
     checked = _load(scenario, overrides)
-    directory = check_output(output)
+    directory = check_output(output, MARKER)
     with _progress(quiet) as progress:
         survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
     written = write_products(survey, directory)

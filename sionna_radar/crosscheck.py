@@ -12,11 +12,9 @@ so the difference of the engines is held against that yardstick: what exceeds it
 the receiver is the same in all four.
 """
 
-import json
 import math
-import tempfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,15 +23,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.errors import OutputError, Problem, ScenarioError
-from sionna_radar.mapping.gridding import grid_points
+from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
+from sionna_radar.report.folder import strict_json, write_folder, write_text
 from sionna_radar.scenario.models import Scenario
-from sionna_radar.survey import BLOCK_SIZE, received
-from sionna_radar.tracing.engine import Engine, Tracer, build_engine
-from sionna_radar.tracing.gamma_engine import GammaEngine
+from sionna_radar.survey import BLOCK_SIZE, engine_inputs, fly, grid_dem, tracer_with
+from sionna_radar.tracing.engine import Engine, build_engine
 from sionna_radar.tracing.paths import Paths
 
 MARKER = "crosscheck.json"
@@ -204,7 +201,7 @@ class CrossCheck:
             "speckle": SPECKLE,
             "scenario": self.scenario.model_dump(mode="json"),
         }
-        return {key: _without_nan(value) for key, value in document.items()}
+        return document
 
     def _common(self) -> Bool[np.ndarray, "row column"]:
         filled = self.sionna.dem.filled & self.sionna_again.dem.filled
@@ -271,37 +268,34 @@ def _report(progress: Callable[[int, int], None], offset: int, total: int, done:
 
 
 def _sionna(ready: Preparation, seed: int) -> Engine:
-    table = ready.scenario.tracing.model_copy(update={"engine": "sionna"})
-    return build_engine(table, ready.built.scene, ready.antenna, ready.chirp, seed)
+    table = ready.scenario.tracing.model_copy(update={"engine": "sionna", "speckle": "per_pulse"})
+    return build_engine(table, replace(engine_inputs(ready), seed=seed))
 
 
 def _gamma(ready: Preparation, seed: int) -> Engine:
-    return GammaEngine(ready.built.scene, ready.antenna, ready.chirp, seed, ready.built.caster)
+    table = ready.scenario.tracing.model_copy(update={"engine": "gamma"})
+    return build_engine(table, replace(engine_inputs(ready), seed=seed))
 
 
 def _fly(ready: Preparation, engine: Engine, seed: int, block_size: int, progress: Callable[[int], None]) -> EngineRun:
     """Fly all pulses with an engine; the receiver's noise is that of the scenario's seed."""
-    scene, count = ready.built.scene, len(ready.schedule)
-    tracer = Tracer(engine, scene, ready.antenna, ready.chirp, ready.built.caster)
+    count = len(ready.schedule)
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
-    for pulses in ready.schedule.blocks(block_size):
-        paths = tracer.trace(pulses)
-        here = pulses.index
-        power[here], range_m[here], incidence[here] = _means(paths, int(here[0]), len(here))
-        echoes = ready.detector.detect(received(paths, pulses, ready), here, pulses.measured)
+    for block in fly(ready, tracer_with(engine, ready), block_size):
+        here, echoes = block.pulses.index, block.echoes
+        power[here], range_m[here], incidence[here] = _means(block.paths, int(here[0]), len(here))
         order = np.argsort(echoes.power, kind="stable")
         echo_range_m[echoes.pulse[order]] = echoes.range_m[order]
-        located.append(locate(echoes, here, pulses.measured))
+        located.append(locate(echoes, here, block.pulses.measured))
         progress(int(here[-1]) + 1)
-    shadow = np.deg2rad(ready.scenario.dem.shadow_incidence_deg)
     return EngineRun(
         seed=seed,
         power=power,
         range_m=range_m,
         incidence_rad=incidence,
         echo_range_m=echo_range_m,
-        dem=grid_points(Points.concatenate(located), ready.grid, ready.max_gap_m, shadow),
+        dem=grid_dem(Points.concatenate(located), ready),
     )
 
 
@@ -333,35 +327,11 @@ def write(check: CrossCheck, directory: Path) -> list[Path]:
     """
     from sionna_radar.report.crosscheck_figures import draw_all
 
-    directory = directory.expanduser().resolve()
-    try:
-        _refuse_others(directory)
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(
-            prefix=f".{directory.name}.", dir=directory.parent, ignore_cleanup_errors=True
-        ) as staging:
-            fresh, retired = Path(staging) / "fresh", Path(staging) / "retired"
-            fresh.mkdir()
-            text = json.dumps(check.summary(), indent=2, allow_nan=False) + "\n"
-            (fresh / MARKER).write_text(text, encoding="utf-8", newline="\n")
-            draw_all(check, fresh / "figures")
-            if directory.exists():
-                directory.rename(retired)
-            fresh.rename(directory)
-    except OSError as error:
-        if isinstance(error, OutputError):
-            raise
-        message = f"output = {directory} cannot be written ({error}); free some space or name another folder"
-        raise OutputError(message) from error
-    return sorted(path for path in directory.rglob("*") if path.is_file())
+    def fill(folder: Path) -> None:
+        write_text(folder / MARKER, strict_json(check.summary()))
+        draw_all(check, folder / "figures")
 
-
-def _refuse_others(directory: Path) -> None:
-    if directory.exists() and (
-        not directory.is_dir() or (any(directory.iterdir()) and not (directory / MARKER).is_file())
-    ):
-        message = f"output = {directory} holds no earlier cross-check (no {MARKER}); name a new or empty folder"
-        raise OutputError(message)
+    return write_folder(directory, MARKER, fill)
 
 
 def _ratio_db(gamma: float, sionna: float) -> float:
@@ -384,11 +354,3 @@ def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
         "median": float(np.median(known)),
         "p95_abs": float(np.percentile(np.abs(known), 95)),
     }
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

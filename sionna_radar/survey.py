@@ -1,19 +1,20 @@
 """The whole chain, from a scenario to a DEM and its error."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Inexact
 
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
-from sionna_radar.preparation import Preparation, prepare
+from sionna_radar.preparation import SAMPLED_PULSES, Preparation, prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
 from sionna_radar.scenario.models import Scenario
@@ -21,7 +22,7 @@ from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.stopwatch import Stopwatch
-from sionna_radar.tracing.engine import Tracer, build_engine
+from sionna_radar.tracing.engine import Engine, EngineInputs, Tracer, build_engine
 from sionna_radar.tracing.paths import Paths
 
 BLOCK_SIZE = 256
@@ -105,22 +106,15 @@ def run(
         tracer = build_tracer(ready)
         illumination = Illumination(ready.grid)
     located, path_count = [], 0
-    for pulses in ready.schedule.blocks(block_size):
-        with watch("trace"):
-            paths = tracer.trace(pulses)
-        with watch("synthesise"):
-            beat = received(paths, pulses, ready)
-        with watch("detect"):
-            echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
+    for block in fly(ready, tracer, block_size, watch):
         with watch("map"):
-            located.append(locate(echoes, pulses.index, pulses.measured))
-            illumination.add(paths)
-        path_count += len(paths)
-        progress(int(pulses.index[-1]) + 1, len(ready.schedule))
+            located.append(locate(block.echoes, block.pulses.index, block.pulses.measured))
+            illumination.add(block.paths)
+        path_count += len(block.paths)
+        progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
     with watch("map"):
         points = Points.concatenate(located)
-        dem_table = scenario.dem
-        dem = grid_points(points, ready.grid, ready.max_gap_m, np.deg2rad(dem_table.shadow_incidence_deg))
+        dem = grid_dem(points, ready)
     with watch("compare"):
         truth = truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
         error = difference(dem, truth)
@@ -143,11 +137,56 @@ def run(
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """A block of pulses on its way through the chain."""
+
+    pulses: Pulses
+    paths: Paths
+    echoes: Echoes
+
+
+def fly(ready: Preparation, tracer: Tracer, block_size: int, watch: Stopwatch | None = None) -> Iterator[Block]:
+    """Yield the survey block by block: traced, synthesised, detected."""
+    watch = watch or Stopwatch()
+    for pulses in ready.schedule.blocks(block_size):
+        with watch("trace"):
+            paths = tracer.trace(pulses)
+        with watch("synthesise"):
+            beat = received(paths, pulses, ready)
+        with watch("detect"):
+            echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
+        yield Block(pulses=pulses, paths=paths, echoes=echoes)
+
+
+def grid_dem(points: Points, ready: Preparation) -> Raster:
+    """Return the DEM of located echoes on the survey's grid."""
+    shadow = np.deg2rad(ready.scenario.dem.shadow_incidence_deg)
+    return grid_points(points, ready.grid, ready.max_gap_m, shadow)
+
+
 def build_tracer(ready: Preparation) -> Tracer:
     """Return the tracer of a prepared survey."""
-    scenario, scene = ready.scenario, ready.built.scene
-    engine = build_engine(scenario.tracing, scene, ready.antenna, ready.chirp, scenario.seed)
-    return Tracer(engine, scene, ready.antenna, ready.chirp, ready.built.caster)
+    return tracer_with(build_engine(ready.scenario.tracing, engine_inputs(ready)), ready)
+
+
+def engine_inputs(ready: Preparation) -> EngineInputs:
+    """Return what an engine is made from."""
+    reach = ready.chirp.max_range_m
+    position = ready.schedule.sample(SAMPLED_PULSES).true.position_m
+    return EngineInputs(
+        scene=ready.built.scene,
+        antenna=ready.antenna,
+        chirp=ready.chirp,
+        seed=ready.scenario.seed,
+        caster=ready.built.caster,
+        region_m=np.array([position.min(axis=0) - reach, position.max(axis=0) + reach]),
+    )
+
+
+def tracer_with(engine: Engine, ready: Preparation) -> Tracer:
+    """Return a tracer of a prepared survey with an engine of one's own."""
+    return Tracer(engine, ready.built.scene, ready.antenna, ready.chirp, ready.built.caster)
 
 
 def received(paths: Paths, pulses: Pulses, ready: Preparation) -> Inexact[np.ndarray, "pulse sample"]:

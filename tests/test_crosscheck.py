@@ -107,6 +107,6 @@ def test_the_results_are_written_and_replaced_as_a_whole(check, tmp_path):
 
 def test_a_folder_of_something_else_is_left_alone(check, tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(OutputError, match="holds no earlier cross-check"):
+    with pytest.raises(OutputError, match="holds no earlier result"):
         write(check, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

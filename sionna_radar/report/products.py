@@ -1,13 +1,7 @@
-"""The folder of a survey's results: numbers, scenario, point cloud, rasters and figures, all or none.
+"""The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
 
-Everything is written to a temporary folder beside the destination and moved into place by a rename, so a
-failure, a full disk or an interrupt leaves an earlier result as it was.
-"""
-
-import tempfile
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import laspy
@@ -21,10 +15,10 @@ from pyproj.exceptions import CRSError
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 
-from sionna_radar.errors import OutputError
 from sionna_radar.mapping.points import Points
 from sionna_radar.raster import Georeference, Grid, Raster
 from sionna_radar.report.figures import draw_all
+from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.summary import summary_json
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey import Survey
@@ -34,7 +28,7 @@ POINT_SCALE_M = 0.001
 
 
 def write_products(survey: Survey, directory: Path) -> list[Path]:
-    """Write the results into a directory, and return the files.
+    """Write the results into a directory, whole or not at all, and return the files.
 
     An earlier result in the directory is replaced as a whole.
 
@@ -44,93 +38,7 @@ def write_products(survey: Survey, directory: Path) -> list[Path]:
         The directory holds something else, or cannot be written.
 
     """
-    directory = check_output(directory)
-    try:
-        with (
-            _missing_parents(directory),
-            tempfile.TemporaryDirectory(
-                prefix=f".{directory.name}.", dir=directory.parent, ignore_cleanup_errors=True
-            ) as staging,
-        ):
-            # The staging folder itself is private to the user; a folder made inside it has usual permissions.
-            fresh = Path(staging) / "fresh"
-            fresh.mkdir()
-            _write_all(survey, fresh)
-            _move_into_place(fresh, directory, retired=Path(staging) / "retired")
-    except OSError as error:
-        message = f"output = {directory} cannot be written ({error}); free some space or name another folder"
-        raise OutputError(message) from error
-    return sorted(path for path in directory.rglob("*") if path.is_file())
-
-
-def check_output(directory: Path) -> Path:
-    """Return the resolved directory, or refuse it before any work is lost on it.
-
-    Raises
-    ------
-    OutputError
-        It is a file, a mount point, or holds something other than an earlier result, or the place that it
-        would be made in is no folder or cannot be written.
-
-    """
-    try:
-        directory = directory.expanduser().resolve()
-        problem = _obstacle(directory)
-    except (OSError, RuntimeError) as error:
-        problem = f"cannot be reached ({error}); check the path and its permissions"
-    if problem:
-        message = f"output = {directory} {problem}"
-        raise OutputError(message)
-    return directory
-
-
-def _obstacle(directory: Path) -> str:
-    if directory.exists():
-        if not directory.is_dir():
-            return "is a file; name a folder"
-        if directory.is_mount():
-            return "is a mount point and cannot be replaced; name a folder inside it"
-        if any(directory.iterdir()) and not (directory / MARKER).is_file():
-            return (
-                f"is not empty and holds no earlier result (no {MARKER}); name a new or empty folder, "
-                "or empty this one"
-            )
-    parent = next(path for path in directory.parents if path.exists())
-    if not parent.is_dir():
-        return f"cannot be made: {parent} is a file; name a folder elsewhere"
-    try:
-        # Permission bits do not tell of read-only mounts and quotas; making a folder does.
-        tempfile.TemporaryDirectory(prefix=f".{directory.name}.", dir=parent).cleanup()
-    except OSError as error:
-        return f"cannot be made: {parent} is not writable ({error.strerror}); name a folder elsewhere"
-    return ""
-
-
-@contextmanager
-def _missing_parents(directory: Path) -> Iterator[None]:
-    """Make the parents of a directory, and take them away again on failure."""
-    missing = [path for path in directory.parents if not path.exists()]
-    try:
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except BaseException:
-        for path in missing:
-            if path.is_dir() and not any(path.iterdir()):
-                path.rmdir()
-        raise
-
-
-def _move_into_place(fresh: Path, directory: Path, retired: Path) -> None:
-    """Rename the fresh result to its place; the earlier one, if any, ends as `retired`."""
-    earlier = directory.exists()
-    if earlier:
-        directory.rename(retired)
-    try:
-        fresh.rename(directory)
-    except BaseException:
-        if earlier:
-            retired.rename(directory)
-        raise
+    return write_folder(directory, MARKER, partial(_write_all, survey))
 
 
 def _write_all(survey: Survey, directory: Path) -> None:
@@ -144,11 +52,6 @@ def _write_all(survey: Survey, directory: Path) -> None:
     # A difference of heights does not depend on where they are counted from.
     write_geotiff(directory / "error.tif", survey.error, place, "DEM minus truth", 0.0)
     draw_all(survey, directory / "figures")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write text as UTF-8 with plain line feeds, alike on every platform."""
-    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def write_geotiff(

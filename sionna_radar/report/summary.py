@@ -1,12 +1,11 @@
 """The numbers of a survey, as one JSON document."""
 
-import json
-import math
 import platform
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey import Survey
 
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
@@ -30,12 +29,12 @@ def summary(survey: Survey) -> dict[str, Any]:
         "points_sha256": survey.points.sha256(),
         "versions": versions(),
     }
-    return {key: _without_nan(value) for key, value in document.items()}
+    return without_nan(document)
 
 
 def summary_json(survey: Survey) -> str:
     """Return the summary as strict JSON text."""
-    return json.dumps(summary(survey), indent=2, allow_nan=False) + "\n"
+    return strict_json(summary(survey))
 
 
 def versions() -> dict[str, str | None]:
@@ -49,11 +48,3 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -16,14 +16,12 @@ from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.sionna_fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 
 # isort: split
-# These load libLLVM, which the import above has chosen.
+# It loads libLLVM, which the import above has chosen.
 import drjit as dr
-import sionna.rt as rt
-from sionna.rt.path_solvers.field_calculator import FieldCalculator
-from sionna.rt.path_solvers.paths_buffer import PathsBuffer
 
 
 class BeamEngine:
@@ -46,7 +44,6 @@ class BeamEngine:
             mi.Float(q.astype(np.float32))
             for q in (self._sampler.azimuth_quantile, self._sampler.elevation_quantile)
         ]
-        self._fields = FieldCalculator()
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
@@ -58,22 +55,11 @@ class BeamEngine:
         hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
         incidence = dr.safe_acos(dr.abs(dr.dot(hit.n, direction)))
         rate = -dr.dot(dr.gather(mi.Vector3f, _vector(pose.velocity_mps), row), direction)
-        buffer = _buffer(row, hit, probability)
-        # Evaluated here at once: the field calculator gathers from each array and would trace for each again.
-        dr.eval(buffer.valid, buffer.source_indices, buffer.probs, buffer.shapes, buffer.primitives,
-                buffer.vertices_x, buffer.vertices_y, buffer.vertices_z, incidence, rate)
-        buffer = self._fields(
-            wavelength=self._sionna.rt_scene.wavelength,
-            paths=buffer,
-            samples_per_src=1,
-            diffraction=False,
-            src_positions=origin,
-            tgt_positions=origin,
-            src_orientations=angles,
-            tgt_orientations=angles,
-            src_antenna_patterns=self._sionna.pattern.patterns,
-            tgt_antenna_patterns=self._sionna.pattern.patterns,
-        )
+        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+        valid = hit.is_valid() & (probability > 0)
+        buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
+        dr.schedule(incidence, rate)
+        buffer = calculate_fields(self._sionna, buffer, origin, angles)
         return self._table(pulses, buffer, incidence, rate)
 
     def _shoot(self, pulses: Pulses):  # type: ignore[no-untyped-def]
@@ -161,21 +147,3 @@ def _density(quantiles, cosine):  # type: ignore[no-untyped-def]
     below = mi.UInt32(dr.maximum(mi.Int32(below) - 1, 0))
     width = dr.gather(mi.Float, quantiles, below + 1) - dr.gather(mi.Float, quantiles, below)
     return dr.rcp(cells * dr.maximum(width, 1e-12))
-
-
-def _buffer(row, hit, probability):  # type: ignore[no-untyped-def]
-    """Return Sionna's path buffer for one diffuse bounce back to where each ray came from."""
-    count = dr.width(row)
-    shape = (count, 1)
-    buffer = PathsBuffer(count, 1, False)
-    buffer.valid = hit.is_valid() & (probability > 0)
-    # Sionna fills these columns by scattering path after path; all of them are known here at once.
-    buffer._src_indices = buffer._tgt_indices = row
-    buffer._vertices_x = mi.TensorXf(hit.p.x, shape)
-    buffer._vertices_y = mi.TensorXf(hit.p.y, shape)
-    buffer._vertices_z = mi.TensorXf(hit.p.z, shape)
-    buffer._shapes = mi.TensorXu(dr.reinterpret_array(mi.UInt32, hit.shape), shape)
-    buffer._primitives = mi.TensorXu(hit.prim_index, shape)
-    buffer._interaction_types = mi.TensorXu(dr.full(mi.UInt32, rt.InteractionType.DIFFUSE, count), shape)
-    buffer._probs = mi.TensorXf(probability, shape)
-    return buffer

@@ -1,6 +1,10 @@
 """What every tracing engine offers, and which one a scenario asks for."""
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
@@ -39,12 +43,37 @@ class Tracer:
         return Paths.concatenate([paths, targets])
 
 
-def build_engine(table: TracingTable, scene: Scene, antenna: Antenna, chirp: Chirp, seed: int) -> Engine:
+@dataclass(frozen=True, kw_only=True)
+class EngineInputs:
+    """What an engine is made from.
+
+    caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
+    region_m: lowest and highest corner of the box that the survey can see.
+    """
+
+    scene: Scene
+    antenna: Antenna
+    chirp: Chirp
+    seed: int
+    caster: RayCaster
+    region_m: Float[np.ndarray, "2 3"]
+
+
+def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     """Return the engine that a scenario names."""
+    scene, antenna, chirp, seed = given.scene, given.antenna, given.chirp, given.seed
+    if table.engine == "gamma":
+        from sionna_radar.tracing.gamma_engine import GammaEngine
+
+        return GammaEngine(scene, antenna, chirp, seed, given.caster)
     if table.engine == "path_solver":
         from sionna_radar.tracing.path_solver import PathSolverEngine
 
         return PathSolverEngine(scene, antenna, chirp, seed, samples=table.paths_per_pulse)
+    if table.speckle == "persistent":
+        from sionna_radar.tracing.persistent import PersistentEngine
+
+        return PersistentEngine(scene, antenna, chirp, seed, table.scatterers_per_m2, given.region_m)
     from sionna_radar.tracing.beam_solver import BeamEngine
 
     return BeamEngine(scene, antenna, chirp, seed, table.paths_per_pulse, table.side_lobe_share)

@@ -128,7 +128,8 @@ def _lookup(table, cosine):  # type: ignore[no-untyped-def]
 class SionnaScene:
     """A scene of ours inside Sionna RT.
 
-    surface_of_shape: index of our surface for each Mitsuba shape pointer; -1 where there is none.
+    shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
+    surface_of_shape: the reverse; -1 where there is none.
     """
 
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
@@ -141,9 +142,10 @@ class SionnaScene:
         self.rt_scene.edit(add=objects)
         self.rt_scene.frequency = carrier_hz
         self.pattern = SeparablePattern(antenna)
-        ids = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
-        self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(ids) + 1, -1)
-        self.surface_of_shape[ids] = np.arange(len(ids))
+        shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
+        self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
+        self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
+        self.surface_of_shape[shapes] = np.arange(len(shapes))
 
 
 def _material(name: str, backscatter: Backscatter) -> BackscatterMaterial:

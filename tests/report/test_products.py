@@ -14,7 +14,8 @@ from sionna_radar.errors import OutputError
 from sionna_radar.mapping.compare import DemError
 from sionna_radar.raster import Raster
 from sionna_radar.report import products
-from sionna_radar.report.products import check_output, write_geotiff, write_laz, write_products
+from sionna_radar.report.folder import check_output
+from sionna_radar.report.products import MARKER, write_geotiff, write_laz, write_products
 from sionna_radar.report.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import Survey
@@ -155,7 +156,7 @@ def test_failed_last_rename_restores_the_earlier_result(
 def test_other_people_s_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(OutputError, match=r"output = .* is not empty .* name a new or empty folder"):
-        check_output(tmp_path)
+        check_output(tmp_path, MARKER)
     assert (tmp_path / "thesis.tex").exists()
 
 
@@ -163,9 +164,9 @@ def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(OutputError, match=r"output = .*file is a file; name a folder"):
-        check_output(file)
+        check_output(file, MARKER)
     with pytest.raises(OutputError, match=r"file is a file|cannot be reached"):
-        check_output(file / "inside" / "out")
+        check_output(file / "inside" / "out", MARKER)
 
 
 def test_unwritable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,13 +176,13 @@ def test_unwritable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(products.tempfile, "TemporaryDirectory", refuse)
     with pytest.raises(OutputError, match="not writable"):
-        check_output(tmp_path / "a" / "b")
+        check_output(tmp_path / "a" / "b", MARKER)
 
 
 def test_check_leaves_no_trace(tmp_path: Path) -> None:
-    assert check_output(tmp_path / "a" / "b") == (tmp_path / "a" / "b").resolve()
+    assert check_output(tmp_path / "a" / "b", MARKER) == (tmp_path / "a" / "b").resolve()
     (tmp_path / "here").mkdir()
-    check_output(tmp_path / "here")
+    check_output(tmp_path / "here", MARKER)
     assert [p.name for p in tmp_path.iterdir()] == ["here"]
 
 

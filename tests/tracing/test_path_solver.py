@@ -8,8 +8,11 @@ import pytest
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.scenario.models import TracingTable
 from sionna_radar.tracing.beam_solver import BeamEngine
-from sionna_radar.tracing.engine import build_engine
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.engine import EngineInputs, build_engine
+from sionna_radar.tracing.gamma_engine import GammaEngine
 from sionna_radar.tracing.path_solver import PathSolverEngine
+from sionna_radar.tracing.persistent import PersistentEngine
 
 C = 299_792_458.0
 PULSES = 12
@@ -71,6 +74,22 @@ def test_incidence_over_a_plane(plane, antenna_of, chirp_of, looking):
     np.testing.assert_allclose(np.cos(paths.incidence_rad[near]), 50.0 / range_m[near], atol=1e-4)
 
 
-@pytest.mark.parametrize(("name", "kind"), [("path_solver", PathSolverEngine), ("sionna", BeamEngine)])
-def test_a_scenario_names_its_engine(plane, pencil, chirp_of, name, kind):
-    assert isinstance(build_engine(TracingTable(engine=name), plane, pencil, chirp_of(), 1), kind)
+@pytest.mark.parametrize(
+    ("table", "kind"),
+    [
+        (TracingTable(engine="path_solver"), PathSolverEngine),
+        (TracingTable(engine="sionna"), BeamEngine),
+        (TracingTable(engine="gamma"), GammaEngine),
+        (TracingTable(speckle="persistent", scatterers_per_m2=0.01), PersistentEngine),
+    ],
+)
+def test_a_scenario_names_its_engine(plane, pencil, chirp_of, table, kind):
+    given = EngineInputs(
+        scene=plane,
+        antenna=pencil,
+        chirp=chirp_of(),
+        seed=1,
+        caster=RayCaster(plane.surfaces),
+        region_m=np.array([[-50.0] * 3, [50.0] * 3]),
+    )
+    assert isinstance(build_engine(table, given), kind)

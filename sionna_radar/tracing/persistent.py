@@ -1,0 +1,124 @@
+"""The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
+
+Each pulse sees the scatterers within a cone around its beam that a ray reaches. Their fields come from the same
+material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and incidence t stands
+for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.model import Scene
+from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.scatterers import scatter
+from sionna_radar.tracing.sionna_fields import calculate_fields, diffuse_buffer
+from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
+
+# isort: split
+# It loads libLLVM, which the import above has chosen.
+import drjit as dr
+
+# Share of the two-way power of each cut that may lie outside the cone.
+OUTSIDE_SHARE = 1e-3
+PULSES_AT_ONCE = 64
+# A ray to a scatterer stops this far short of it, so that the scatterer's own triangle does not hide it.
+SHORT_OF_SURFACE = 1e-4
+
+
+class PersistentEngine:
+    """Traces blocks of pulses over fixed scatterers; see the module's text.
+
+    per_m2: scatterers per square metre of surface.
+    region_m: box that the survey can see; scatterers lie inside it only.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        antenna: Antenna,
+        chirp: Chirp,
+        seed: int,
+        per_m2: float,
+        region_m: Float[np.ndarray, "2 3"] | None = None,
+    ) -> None:
+        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
+        self._scatterers = scatter(scene, per_m2, seed, region_m)
+        self._cone_rad = _cone_rad(antenna)
+        self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses, sorted by pulse and then by scatterer."""
+        chunks = np.array_split(np.arange(len(pulses)), -(-len(pulses) // PULSES_AT_ONCE))
+        parts = [self._seen(pulses, rows) for rows in chunks]
+        row, which = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return self._table(pulses, row, which)
+
+    def _seen(self, pulses: Pulses, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return pulse row and scatterer of the pairs that lie in the cone and see each other."""
+        pose = pulses.true
+        cone, which = self._scatterers.cells.in_cones(
+            pose.position_m[rows], pose.boresight[rows], self._cone_rad
+        )
+        origin = mi.Point3f(pose.position_m[rows[cone]].T.astype(np.float32))
+        axis = mi.Vector3f(pose.boresight[rows[cone]].T.astype(np.float32))
+        away = dr.gather(mi.Point3f, self._position, mi.UInt32(which.astype(np.uint32))) - origin
+        distance = dr.norm(away)
+        in_cone = dr.dot(away, axis) > np.cos(self._cone_rad) * distance
+        ray = mi.Ray3f(origin, away / distance)
+        ray.maxt = distance * (1 - SHORT_OF_SURFACE)
+        seen = (in_cone & ~self._sionna.rt_scene.mi_scene.ray_test(ray, in_cone)).numpy()
+        return rows[cone[seen]], which[seen]
+
+    def _table(self, pulses: Pulses, row: np.ndarray, which: np.ndarray) -> Paths:
+        pose, points = pulses.true, self._scatterers
+        away = points.position_m[which] - pose.position_m[row]
+        range_m = np.linalg.norm(away, axis=1)
+        direction = away / range_m[:, None]
+        cos = np.abs(np.einsum("ni,ni->n", direction, points.normal[which]))
+        solid_angle = points.area_m2 * cos / range_m**2
+        gain = self._gains(pulses, row, which, 4 * np.pi / np.maximum(solid_angle, 1e-30))
+        return Paths(
+            pulse=pulses.index[row],
+            delay_s=2 * range_m / speed_of_light,
+            gain=np.multiply(gain, points.reflectivity[which]),
+            range_rate_mps=-np.einsum("ni,ni->n", pose.velocity_mps[row], direction),
+            incidence_rad=np.arccos(np.minimum(cos, 1.0)),
+            hit_m=points.position_m[which],
+            surface=points.surface[which],
+        )
+
+    def _gains(self, pulses: Pulses, row: np.ndarray, which: np.ndarray, probability: np.ndarray) -> np.ndarray:
+        points = self._scatterers
+        device_row, device_which = mi.UInt32(row.astype(np.uint32)), mi.UInt32(which.astype(np.uint32))
+        if len(row) == 0:
+            return np.zeros(0)
+        shape = self._sionna.shape_of_surface[points.surface[which]].astype(np.uint32)
+        buffer = diffuse_buffer(
+            device_row,
+            dr.gather(mi.Point3f, self._position, device_which),
+            mi.UInt32(shape),
+            mi.UInt32(points.face[which].astype(np.uint32)),
+            mi.Float(probability.astype(np.float32)),
+            dr.full(mi.Bool, True, len(row)),
+        )
+        origin = mi.Point3f(pulses.true.position_m.T.astype(np.float32))
+        angles = mi.Point3f(sionna_angles(pulses.true.R_world_antenna).T.astype(np.float32))
+        gain = calculate_fields(self._sionna, buffer, origin, angles).a[0][0]
+        dr.eval(gain)
+        return gain.real.numpy() + 1j * gain.imag.numpy()
+
+
+def _cone_rad(antenna: Antenna) -> float:
+    """Return the half angle of the cone around the beam that holds all but a little of the two-way power."""
+
+    def reach(cut: Cut) -> float:
+        low, high = np.interp(
+            [OUTSIDE_SHARE / 2, 1 - OUTSIDE_SHARE / 2], cut.two_way_distribution, cut.cosine
+        )
+        return max(-low, high)
+
+    return float(np.arcsin(min(np.hypot(reach(antenna.azimuth), reach(antenna.elevation)), 1.0)))
