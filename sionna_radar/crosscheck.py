@@ -27,7 +27,7 @@ from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
-from sionna_radar.report.folder import strict_json, write_folder, write_text
+from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
 from sionna_radar.scenario.models import Scenario
 from sionna_radar.survey import BLOCK_SIZE, engine_inputs, fly, grid_dem, tracer_with
 from sionna_radar.tracing.engine import Engine, build_engine
@@ -201,7 +201,7 @@ class CrossCheck:
             "speckle": SPECKLE,
             "scenario": self.scenario.model_dump(mode="json"),
         }
-        return document
+        return without_nan(document)
 
     def _common(self) -> Bool[np.ndarray, "row column"]:
         filled = self.sionna.dem.filled & self.sionna_again.dem.filled

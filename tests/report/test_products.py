@@ -13,7 +13,7 @@ from pyproj import CRS
 from sionna_radar.errors import OutputError
 from sionna_radar.mapping.compare import DemError
 from sionna_radar.raster import Raster
-from sionna_radar.report import products
+from sionna_radar.report import folder, products
 from sionna_radar.report.folder import check_output
 from sionna_radar.report.products import MARKER, write_geotiff, write_laz, write_products
 from sionna_radar.report.summary import summary, summary_json
@@ -174,7 +174,7 @@ def test_unwritable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(products.tempfile, "TemporaryDirectory", refuse)
+    monkeypatch.setattr(folder.tempfile, "TemporaryDirectory", refuse)
     with pytest.raises(OutputError, match="not writable"):
         check_output(tmp_path / "a" / "b", MARKER)
 
