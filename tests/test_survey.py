@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar import parse_scenario, run
 from sionna_radar.errors import ScenarioError
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.mapping.points import locate
 from sionna_radar.preparation import prepare
@@ -125,6 +125,29 @@ def test_the_truth_is_not_the_estimate():
     paths = build_tracer(ready).trace(pulses)
     again = received(paths, replace(pulses, true=spoilt(pulses.true), measured=spoilt(pulses.measured)), ready)
     np.testing.assert_array_equal(again, beat)
+
+
+def test_run_locates_from_the_measured_pose(monkeypatch):
+    """Navigation that errs by a constant shifts every point of `run` by it, and by the Doppler of its velocity."""
+    scenario = scenario_of(platform__length_m=5.0)
+    right = run(scenario).points
+    error_m, error_mps = np.array([3.0, -2.0, 1.0]), np.array([0.4, 0.0, 0.2])
+    exact = PulseSchedule.pulses
+
+    def erring(self, index):
+        pulses = exact(self, index)
+        pose = pulses.measured
+        wrong = replace(pose, position_m=pose.position_m + error_m, velocity_mps=pose.velocity_mps + error_mps)
+        return replace(pulses, measured=wrong)
+
+    monkeypatch.setattr(PulseSchedule, "pulses", erring)
+    moved = run(scenario).points
+    np.testing.assert_array_equal(moved.pulse, right.pulse)
+    along = (right.position_m - right.origin_m) / right.range_m[:, None]
+    # A velocity wrong by v changes the range rate by -v along the beam, and 1 m/s of it reads 0.428 m of range.
+    metres = 2 * 77e9 / (2 * 500e6 * 360) * (along @ error_mps)
+    np.testing.assert_allclose(moved.range_m - right.range_m, metres, atol=1e-9)
+    np.testing.assert_allclose(moved.position_m - right.position_m, error_m + metres[:, None] * along, atol=1e-9)
 
 
 def test_a_wrong_pose_moves_the_points_by_its_error():
