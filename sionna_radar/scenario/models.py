@@ -320,7 +320,7 @@ class TracingTable(Table):
 
     engine: Literal["sionna", "gamma", "path_solver"] = "sionna"
     speckle: Literal["per_pulse", "persistent"] = "per_pulse"
-    scatterers_per_m2: Annotated[Real, Field(gt=0, le=10_000)] = 10.0
+    scatterers_per_m2: Annotated[Real, Field(gt=0, le=10_000)] = 20.0
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
 

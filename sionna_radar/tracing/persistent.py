@@ -63,6 +63,8 @@ class PersistentEngine:
         cone, which = self._scatterers.cells.in_cones(
             pose.position_m[rows], pose.boresight[rows], self._cone_rad
         )
+        if len(cone) == 0:  # Dr.Jit takes no empty arrays beside scalars
+            return rows[cone], which
         origin = mi.Point3f(pose.position_m[rows[cone]].T.astype(np.float32))
         axis = mi.Vector3f(pose.boresight[rows[cone]].T.astype(np.float32))
         away = dr.gather(mi.Point3f, self._position, mi.UInt32(which.astype(np.uint32))) - origin

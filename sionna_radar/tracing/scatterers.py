@@ -10,6 +10,8 @@ from sionna_radar.scene.model import Scene
 
 MAX_SCATTERERS = 30_000_000
 CELL_M = 4.0
+# Powers of the inverse of the plastic number, the root of x^3 = x + 1.
+ADDITIVE_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +103,7 @@ def scatter(
     for index, (corner, use) in enumerate(zip(corners, inside, strict=True)):
         generator = np.random.default_rng([seed, index])
         face = _by_area(_area(corner), per_m2, generator)
-        share = _barycentric(len(face), generator)
+        share = _barycentric(face, len(corner), generator)
         kept = use[face]
         field = generator.standard_normal((len(face), 2)) * np.sqrt(0.5)
         face, share, field = face[kept], share[kept], field[kept]
@@ -161,6 +163,16 @@ def _by_area(area: Float[np.ndarray, " face"], per_m2: float, generator: np.rand
     return np.minimum(np.searchsorted(edge, step, side="right"), len(area) - 1)
 
 
-def _barycentric(count: int, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-    a, b = np.sqrt(generator.random(count)), generator.random(count)
-    return np.column_stack([1 - a, a * (1 - b), a * b])
+def _barycentric(face: Int[np.ndarray, " n"], faces: int, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
+    """Return the place of each scatterer in its triangle.
+
+    The scatterers of a triangle follow an additive sequence with a random start (Roberts 2018, "The unreasonable
+    effectiveness of quasirandom sequences"), which spreads them more evenly than chance: a range cell then holds
+    nearly the number it should.
+    """
+    first = np.flatnonzero(np.diff(face, prepend=-1))
+    number = np.arange(len(face)) - np.repeat(first, np.diff(first, append=len(face)))
+    start = generator.random((faces, 2))[face]
+    u, v = np.mod(start + number[:, None] * ADDITIVE_STEP, 1.0).T
+    root = np.sqrt(u)
+    return np.column_stack([1 - root, root * (1 - v), root * v])
