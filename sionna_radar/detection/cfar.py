@@ -187,15 +187,22 @@ class Cfar:
     ) -> tuple[Float[np.ndarray, "sample cell"], Float[np.ndarray, " sample"]]:
         """Return powers of one side's cells under noise of unit power, and the logarithms of their weights.
 
-        The noise is drawn at the power that makes false alarms of a mean over so many sides; None draws it at
-        unit power.
+        The noise is drawn at the power that makes false alarms of a level over so many sides; None draws it at
+        unit power. An order statistic needs only as many low cells as its rank: that share is drawn low, each
+        cell from the mixture of both powers, which also bounds the weights.
         """
-        drawn = 1.0 if sides is None else self.false_alarm_probability ** (1 / (sides * self.training))
         generator = np.random.default_rng([20170704, side])
         field = generator.standard_normal((SAMPLE, self.training, 2)) * np.sqrt(0.5)
-        log_weight = self.training * np.log(drawn) + (1 - drawn) * (field**2).sum(axis=(1, 2))
+        log_weight = np.zeros(SAMPLE)
+        if sides is not None:
+            share = self.rank if self.kind == "OS" else 1.0
+            drawn = self.false_alarm_probability ** (1 / (sides * self.training * share))
+            low = generator.random((SAMPLE, self.training)) < share
+            field *= np.where(low, np.sqrt(drawn), 1.0)[:, :, None]
+            power = (field**2).sum(axis=2)
+            log_weight = -np.log1p(share * (np.exp(-power * (1 / drawn - 1)) / drawn - 1)).sum(axis=1)
         mix = cholesky(self._covariance() + 1e-12 * np.eye(self.training), lower=True)
-        return drawn * ((mix @ field) ** 2).sum(axis=2), log_weight
+        return ((mix @ field) ** 2).sum(axis=2), log_weight
 
 
 def _ranked(cells: Float[np.ndarray, "... cell"], rank: float) -> Float[np.ndarray, "..."]:

@@ -80,6 +80,9 @@ class Detector:
     def _runs(self, spectra: Spectra) -> EchoRuns:
         """Return the runs of detected cells, gaps of up to `merge_gap_m` bridged."""
         tested = self.analyser.range_m >= self.processing.min_range_m
+        if self.analyser.chirp.sampling == "real":
+            # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
+            tested &= self.analyser.range_m < self.analyser.chirp.max_range_m - self.analyser.chirp.range_resolution_m
         row, start, stop = _true_runs((spectra.power > spectra.threshold) & tested)
         gap = int(self.processing.merge_gap_m / self.analyser.bin_m)
         follows = np.zeros(len(row), dtype=bool)

@@ -1,8 +1,8 @@
 """Flights of straight legs with constant acceleration, known at any time.
 
-The track is a polyline on the ground plan and the speed along it is continuous; a turn at a waypoint is
-instantaneous. Phases: take-off and landing (vertical, near the ground), climb and descent (vertical, to and
-from the cruise height), cruise (along the track).
+The track is a polyline on the ground plan, cruised at one speed; a turn at a waypoint is instantaneous, and so are
+the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and descent (vertical,
+to and from the cruise height), cruise (along the track).
 """
 
 from collections.abc import Callable, Sequence

@@ -59,7 +59,8 @@ def test_factors_of_the_means_for_independent_cells(training, pfa):
         assert cell_averaging(cfar.one_side_factor, n) == pytest.approx(pfa, rel=1e-6)
 
 
-@pytest.mark.parametrize(("training", "pfa"), [(4, 1e-2), (16, 1e-3), (16, 1e-6), (32, 1e-6)])
+@pytest.mark.parametrize("pfa", [1e-2, 1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("training", [4, 8, 16, 32])
 def test_factors_of_os_for_independent_cells(training, pfa):
     cfar = make_cfar("OS", training, pfa)
     both, one = int(np.ceil(0.75 * 2 * training)), int(np.ceil(0.75 * training))
