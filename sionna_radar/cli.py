@@ -94,8 +94,10 @@ def crosscheck(
         result = check.crosscheck(checked, progress=progress)
     written = check.write(result, directory)
     if not quiet:
-        typer.echo(result.verdict())
-        typer.echo(f"{len(written)} files in {directory}")
+        for name, part in result.verdict().items():
+            word = "agrees" if part["agrees"] else "DIFFERS"
+            typer.echo(f"{name:32}{part['value']:+10.4f}   within {part['tolerance']:.4f}   {word}")
+        typer.echo(f"the engines {'agree' if result.agrees else 'DIFFER'}; {len(written)} files in {directory}")
 
 
 @app.command()
