@@ -9,7 +9,7 @@ engine, independent speckle gives
     rms(S - G)^2 = (rms(S - S')^2 + rms(G - G')^2) / 2
 
 so the difference of the engines is held against that yardstick: what exceeds it is not speckle. The noise of
-the receiver is the same in all four.
+the receiver, the rain and the fluctuation of targets are the same in all four.
 """
 
 import math

@@ -10,6 +10,8 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Float, Int
 
+STREAMS = 256  # more than there will ever be, so that no item's key is another stream's
+
 
 class Stream(IntEnum):
     """Independent uses of randomness within one pulse."""
@@ -18,6 +20,8 @@ class Stream(IntEnum):
     SPECKLE = 2
     NOISE = 3
     TARGETS = 4
+    TARGET_SCANS = 5
+    RAIN = 6
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:
@@ -26,16 +30,19 @@ def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generato
 
 
 def pulse_uniforms(
-    seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], count: int
+    seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], count: int, item: int = 0
 ) -> Float[np.ndarray, "pulse {count}"]:
-    """Return `count` numbers in [0, 1) for each pulse; a stream is drawn with one `count` throughout."""
+    """Return `count` numbers in [0, 1) for each pulse; a stream is drawn with one `count` throughout.
+
+    item: which of several things alike the numbers are for, each with numbers of its own.
+    """
     steps = -(-count // 4)  # a step of the counter yields four numbers
     out = np.empty((len(pulse), 4 * steps))
     breaks = np.flatnonzero(np.diff(pulse) != 1) + 1
     for rows in np.split(np.arange(len(pulse)), breaks):
         if len(rows) == 0:
             continue
-        generator = np.random.Philox(key=[seed, int(stream)], counter=0)
+        generator = np.random.Philox(key=[seed, int(stream) + STREAMS * item], counter=0)
         generator.advance(int(pulse[rows[0]]) * steps)
         np.random.Generator(generator).random(out=out[rows[0] : rows[-1] + 1])
     return out[:, :count]

@@ -22,6 +22,7 @@ from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.stopwatch import Stopwatch
+from sionna_radar.tracing.atmosphere import build_atmosphere
 from sionna_radar.tracing.engine import Engine, EngineInputs, Tracer, build_engine
 from sionna_radar.tracing.paths import Paths
 
@@ -186,7 +187,16 @@ def engine_inputs(ready: Preparation) -> EngineInputs:
 
 def tracer_with(engine: Engine, ready: Preparation) -> Tracer:
     """Return a tracer of a prepared survey with an engine of one's own."""
-    return Tracer(engine, ready.built.scene, ready.antenna, ready.chirp, ready.built.caster)
+    scenario = ready.scenario
+    return Tracer(
+        engine,
+        ready.built.scene,
+        ready.antenna,
+        ready.chirp,
+        ready.built.caster,
+        atmosphere=build_atmosphere(scenario.weather, ready.antenna, ready.chirp, scenario.seed),
+        seed=scenario.seed,
+    )
 
 
 def received(paths: Paths, pulses: Pulses, ready: Preparation) -> Inexact[np.ndarray, "pulse sample"]:

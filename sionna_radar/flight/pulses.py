@@ -38,6 +38,7 @@ class Pulses:
     time_s: middle of the chirp.
     true: the pose that the paths are traced from.
     measured: the pose that the navigation system reports; all that processing may know.
+    scan_number: which scan of the antenna the pulse belongs to, counted from 0; None where all are one.
     """
 
     index: Int[np.ndarray, " pulse"]
@@ -45,6 +46,7 @@ class Pulses:
     scan_rad: Float[np.ndarray, " pulse"]
     true: Pose
     measured: Pose
+    scan_number: Int[np.ndarray, " pulse"] | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -72,7 +74,14 @@ class PulseSchedule:
             velocity_mps=self.trajectory.velocity(time_s),
             R_world_antenna=R_world_mount @ pointing.R_mount_antenna,
         )
-        return Pulses(index=index, time_s=time_s, scan_rad=pointing.scan_rad, true=pose, measured=pose)
+        return Pulses(
+            index=index,
+            time_s=time_s,
+            scan_rad=pointing.scan_rad,
+            true=pose,
+            measured=pose,
+            scan_number=pointing.scan_number,
+        )
 
     def blocks(self, block_size: int) -> Iterator[Pulses]:
         """Yield the pulses in blocks of at most `block_size`."""

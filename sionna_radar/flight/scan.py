@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.frames import conical_from_antenna, whisk_broom_from_antenna
 from sionna_radar.scenario.models import ScanTable
@@ -20,11 +20,13 @@ class Pointing:
     R_mount_antenna: columns are boresight, left and up of the antenna.
     scan_rad: scan angle, zero in the middle of the sector.
     active: whether the radar sends at that angle.
+    scan_number: which scan of the antenna it is, counted from 0; None for one scan without end.
     """
 
     R_mount_antenna: Float[np.ndarray, "n 3 3"]
     scan_rad: Float[np.ndarray, " n"]
     active: Bool[np.ndarray, " n"]
+    scan_number: Int[np.ndarray, " n"] | None = None
 
 
 @runtime_checkable
@@ -66,7 +68,8 @@ class RotatingScan:
         build = conical_from_antenna if self.mode == "conical" else whisk_broom_from_antenna
         # A scan angle that should lie on the sector's edge must not fall out of it by rounding.
         active = np.abs(scan) <= self.half_swath_rad + 1e-9
-        return Pointing(build(self.incidence_rad, scan), scan, active)
+        turn = np.floor((angle + np.pi) / (2 * np.pi)) - np.floor((self.start_rad + np.pi) / (2 * np.pi))
+        return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
 
 
 def build_scan(table: ScanTable) -> RotatingScan:

@@ -44,6 +44,16 @@ def plane_echo(
     return float(wavelength_m**2 / (4 * np.pi) ** 3 * beam * integrand.sum() / u.size)
 
 
+def two_way_beam_sr(antenna: Antenna) -> float:
+    """Return Omega_2, the integral of (G/G0)^2 over the solid angle, side lobes included.
+
+    (G/G0)^2 dOmega = (A E)^4 cos du dv over the disc of directions, summed at the midpoints of equal shares.
+    """
+    u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
+    mean_cosine = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).mean()
+    return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
+
+
 def _equal_shares(cut: Cut) -> np.ndarray:
     shares = (np.arange(NODES) + 0.5) / NODES
     return np.interp(shares, cut.two_way_distribution, cut.cosine)

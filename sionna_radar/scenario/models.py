@@ -14,6 +14,11 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_val
 from pydantic_core import PydanticCustomError
 from scipy.constants import speed_of_light
 
+from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
+from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+from sionna_radar.weather.fog import FogClass
+from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE_K
+
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Real, Field(gt=0)]
 NonNegative = Annotated[Real, Field(ge=0)]
@@ -180,11 +185,12 @@ class Building(Table):
 
 
 class PointTarget(Table):
-    """A point of given radar cross-section, at a height above the ground."""
+    """A point of given mean radar cross-section, constant or by Swerling's cases, at a height above the ground."""
 
     position_m: Point2
     height_m: NonNegative = 0.0
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
+    swerling: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
 
 
 # ---------------------------------------------------------------------------------------- platform
@@ -306,6 +312,36 @@ class RadarTable(Table):
         return float(cells * speed_of_light / (2 * self.bandwidth_hz))
 
 
+# ----------------------------------------------------------------------------------------- weather
+
+
+class WeatherTable(Table):
+    """The weather, the same everywhere; the default is clear air that takes nothing."""
+
+    rain_rate_mm_per_h: Annotated[Real, Field(ge=0, le=300)] = 0.0
+    fog: Literal["none", "medium", "thick"] = "none"
+    liquid_water_g_per_m3: Annotated[Real, Field(ge=0, le=10)] = 0.0
+    gases: bool = Field(default=False, strict=True)
+    temperature_k: Annotated[Real, Field(ge=LOWEST_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
+    dry_pressure_hpa: Annotated[Real, Field(gt=0, le=1100)] = 1013.25
+    vapour_g_per_m3: Annotated[Real, Field(ge=0, le=60)] = 7.5
+
+    @model_validator(mode="after")
+    def _consistent(self) -> WeatherTable:
+        if self.fog != "none" and self.liquid_water_g_per_m3 > 0:
+            raise refuse("liquid_water_g_per_m3", f"contradicts fog = {self.fog!r}; give the one or the other")
+        fields = type(self).model_fields
+        given = [k for k in ("dry_pressure_hpa", "vapour_g_per_m3") if getattr(self, k) != fields[k].default]
+        if given and not self.gases:
+            raise refuse("gases", f"false, so {', '.join(given)} would go unused; set gases = true or remove them")
+        return self
+
+    @property
+    def water_in_air_g_per_m3(self) -> float:
+        """Liquid water of the fog, by its class or by value."""
+        return self.liquid_water_g_per_m3 if self.fog == "none" else FogClass[self.fog.upper()].liquid_water_g_per_m3
+
+
 # -------------------------------------------------------------------------- tracing and processing
 
 
@@ -394,6 +430,7 @@ class Scenario(Table):
     materials: dict[str, Material] = {}
     platform: Platform
     radar: RadarTable
+    weather: WeatherTable = WeatherTable()
     tracing: TracingTable = TracingTable()
     processing: ProcessingTable = ProcessingTable()
     dem: DemTable = DemTable()
@@ -415,6 +452,16 @@ class Scenario(Table):
                 "processing.cfar.guard",
                 f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
                 f"{cells} range cells; lower them or raise radar.samples_per_chirp",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _fog_is_known(self) -> Scenario:
+        if self.weather.water_in_air_g_per_m3 > 0 and self.radar.carrier_hz > FOG_HIGHEST_FREQUENCY_HZ:
+            raise refuse(
+                "weather.fog",
+                f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
+                f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
             )
         return self
 

@@ -107,5 +107,5 @@ def _targets(scenario: Scenario, ground_m: Ground) -> tuple[Target, ...]:
             message = f"{target.position_m} lies beyond the terrain; move it or enlarge the terrain"
             raise ScenarioError([Problem(f"targets.{index}.position_m", message)])
         position = (*target.position_m, ground + target.height_m)
-        targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm)))
+        targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm), swerling=target.swerling))
     return tuple(targets)

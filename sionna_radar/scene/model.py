@@ -21,10 +21,14 @@ class Surface:
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A point target: where it is and its radar cross-section."""
+    """A point target: where it is, its mean radar cross-section, and how that fluctuates.
+
+    swerling: 0 not at all, 1 to 4 by Swerling's cases (see `tracing.targets`).
+    """
 
     position_m: tuple[float, float, float]
     rcs_m2: float
+    swerling: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.models import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.atmosphere import Atmosphere
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.targets import trace_targets
 
@@ -26,21 +27,36 @@ class Engine(Protocol):
 
 
 class Tracer:
-    """An engine for the surfaces, and the point targets beside it."""
+    """An engine for the surfaces, the point targets beside it, and the weather before both.
+
+    atmosphere: None for clear air.
+    seed: of the targets' fluctuations.
+    """
 
     def __init__(
-        self, engine: Engine, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster
+        self,
+        engine: Engine,
+        scene: Scene,
+        antenna: Antenna,
+        chirp: Chirp,
+        caster: RayCaster,
+        *,
+        atmosphere: Atmosphere | None = None,
+        seed: int = 0,
     ) -> None:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
+        self._atmosphere, self._seed = atmosphere, seed
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
-        if not self._scene.targets:
-            return paths
-        targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster)
-        return Paths.concatenate([paths, targets])
+        if self._scene.targets:
+            targets = trace_targets(
+                self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed
+            )
+            paths = Paths.concatenate([paths, targets])
+        return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
 
 
 @dataclass(frozen=True, kw_only=True)

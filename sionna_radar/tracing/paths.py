@@ -6,6 +6,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
+# What stands in `Paths.surface` where no surface is hit.
+TARGET = -1
+RAIN = -2
+
 
 @dataclass(frozen=True, kw_only=True)
 class Paths:
@@ -15,9 +19,9 @@ class Paths:
     delay_s: two-way delay at the middle of the chirp.
     gain: received over sent wave; |gain|^2 is a ratio of powers, the phase leaves out the delay.
     range_rate_mps: positive when receding.
-    incidence_rad: angle between the ray and the surface normal; NaN for a point target.
-    hit_m: where the surface is hit, world frame.
-    surface: index of the surface in the scene; -1 for a point target.
+    incidence_rad: angle between the ray and the surface normal; NaN for a point target and for rain.
+    hit_m: where the surface is hit, world frame; of rain, its place on the boresight.
+    surface: index of the surface in the scene; TARGET (-1) for a point target, RAIN (-2) for a cell of rain.
     """
 
     pulse: Int[np.ndarray, " path"]

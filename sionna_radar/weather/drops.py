@@ -24,6 +24,19 @@ class ExponentialDrops:
         return self.intercept_per_m4 * np.exp(-self.slope_per_m * diameter_m)
 
 
+# Atlas, Srivastava and Sekhon 1973, Rev. Geophys. 11, 1-35: v = 9.65 - 10.3 exp(-600 D) m/s, D in metres, fitted
+# to drops of 0.6 to 5.8 mm at sea level. The paper itself was not at hand; five public restatements agree, one
+# naming its equation 24 and one the range of the fit.
+FALL_LIMIT_MPS = 9.65
+FALL_DEFICIT_MPS = 10.3
+FALL_SLOPE_PER_M = 600.0
+
+
+def fall_speed_mps(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the terminal speed of raindrops at sea level; drops too small for the fit float (0)."""
+    return np.maximum(FALL_LIMIT_MPS - FALL_DEFICIT_MPS * np.exp(-FALL_SLOPE_PER_M * diameter_m), 0.0)
+
+
 # Marshall and Palmer 1948, J. Meteorol. 5, 165-166: N0 = 0.08 cm^-4, L = 41 R^-0.21 cm^-1, R in mm/h. The
 # paper itself was not at hand: N0 was read in MetrTools dsd.py, both numbers in the code of the course notes
 # "week9:marshall" on Stull's chapter 8, and the exponent at www.sjsu.edu/faculty/watkins/raindrop.htm.

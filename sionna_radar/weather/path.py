@@ -8,16 +8,20 @@ from scipy.special import expn
 
 from sionna_radar.weather.validity import ValidityError, require_not_negative
 
+# Nepers of power, both ways, in a metre of 1 dB/km one way.
+NEPERS_PER_M = 2.0 * math.log(10.0) / 10.0 / 1000.0
+
 
 def two_way_attenuation(
-    range_m: Float[np.ndarray, " n"], specific_attenuation_db_per_km: float
+    range_m: Float[np.ndarray, " n"], specific_attenuation_db_per_km: float | Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return the ratio of powers (at most 1) that is left of an echo from each range.
 
     The weather is the same all along the path; specific attenuations of gases, fog and rain add up in dB.
     """
-    require_not_negative("specific_attenuation_db_per_km", specific_attenuation_db_per_km)
-    return np.exp(-_two_way_nepers_per_m(specific_attenuation_db_per_km) * range_m)
+    lowest = float(np.min(specific_attenuation_db_per_km, initial=np.inf))
+    require_not_negative("specific_attenuation_db_per_km", lowest)
+    return np.exp(-NEPERS_PER_M * specific_attenuation_db_per_km * range_m)
 
 
 def rain_clutter_power(
@@ -68,7 +72,7 @@ def gaussian_two_way_beam_sr(azimuth_hpbw_rad: float, elevation_hpbw_rad: float)
 
 
 def _two_way_nepers_per_m(specific_attenuation_db_per_km: float) -> float:
-    return 2.0 * math.log(10.0) / 10.0 * specific_attenuation_db_per_km / 1000.0
+    return NEPERS_PER_M * specific_attenuation_db_per_km
 
 
 def _require_cells(range_edges_m: Float[np.ndarray, " edge"]) -> None:

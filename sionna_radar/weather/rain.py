@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
+from sionna_radar.weather.drops import ExponentialDrops, fall_speed_mps, marshall_palmer
 from sionna_radar.weather.mie import Efficiencies, mie_efficiencies
 from sionna_radar.weather.validity import require_between, require_not_negative
 from sionna_radar.weather.water import water_permittivity
@@ -104,16 +104,36 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
     elevation_rad: of the path above (or below) the horizontal.
     tilt_rad: of the polarisation from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
     """
+    # Drops are flattened, so polarisation matters only for what the path sees of their horizontal axis.
+    mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
+    k, alpha = _power_law(frequency_hz, np.array([mix]))
+    return RainPowerLaw(k=float(k[0]), alpha=float(alpha[0]))
+
+
+def rain_attenuations_db_per_km(
+    frequency_hz: float, *, rain_rate_mm_per_h: float, mix: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Return the one-way specific attenuation of rain (ITU-R P.838-3) for many ways of looking.
+
+    mix: cos^2(elevation) cos(2 tilt), what P.838-3 takes of the path and its polarisation; from -1 (level
+        path, vertical field) over 0 (straight down) to 1 (level path, horizontal field).
+    """
+    require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
+    k, alpha = _power_law(frequency_hz, mix)
+    return k * rain_rate_mm_per_h**alpha
+
+
+def _power_law(
+    frequency_hz: float, mix: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
     frequency_ghz = frequency_hz / 1e9
     k_h, k_v = 10.0 ** _LOG_K_HORIZONTAL.at(frequency_ghz), 10.0 ** _LOG_K_VERTICAL.at(frequency_ghz)
     ka_h = k_h * _ALPHA_HORIZONTAL.at(frequency_ghz)
     ka_v = k_v * _ALPHA_VERTICAL.at(frequency_ghz)
-    # Drops are flattened, so polarisation matters only for what the path sees of their horizontal axis.
-    mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
     k = (k_h + k_v + (k_h - k_v) * mix) / 2.0
     alpha = (ka_h + ka_v + (ka_h - ka_v) * mix) / (2.0 * k)
-    return RainPowerLaw(k=k, alpha=alpha)
+    return k, alpha
 
 
 def rain_attenuation_db_per_km(
@@ -146,6 +166,31 @@ def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, tem
     return float(np.sum(area_per_m3 * efficiencies.backscatter))
 
 
+@dataclass(frozen=True, kw_only=True)
+class EchoSpeeds:
+    """How fast the drops fall that send the echo: the distribution of the reflectivity over fall speed.
+
+    share: of the reflectivity, cumulative from 0 to 1; speed_mps: the fall speed that this share stays below.
+    """
+
+    share: Float[np.ndarray, " node"]
+    speed_mps: Float[np.ndarray, " node"]
+
+    def at(self, quantile: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Return fall speeds by their quantiles: evenly spread quantiles give drops as the echo weighs them."""
+        return np.interp(quantile, self.share, self.speed_mps)
+
+
+def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> EchoSpeeds:
+    """Return the fall speeds of drops, weighted by what each size sends back."""
+    area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
+    cumulative = np.cumsum(area_per_m3 * efficiencies.backscatter)
+    return EchoSpeeds(
+        share=np.concatenate([[0.0], cumulative / cumulative[-1]]),
+        speed_mps=np.concatenate([[0.0], fall_speed_mps(_diameters(drops)[0])]),
+    )
+
+
 def scattered_attenuation_db_per_km(
     frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float
 ) -> float:
@@ -160,10 +205,15 @@ def _areas_and_efficiencies(
 ) -> tuple[Float[np.ndarray, " node"], Efficiencies]:
     # From nothing to 20 mean diameters: beyond are only e^-20 of all drops. The nodes resolve the
     # ripples of the efficiencies; a test takes more than twice as many.
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
-    half_span_m = MEAN_DIAMETERS / drops.slope_per_m / 2.0
-    diameter_m = half_span_m * (1.0 + nodes)
-    area_per_m3 = half_span_m * weights * drops.density_per_m4(diameter_m) * np.pi / 4.0 * diameter_m**2
+    diameter_m, weight_m = _diameters(drops)
+    area_per_m3 = weight_m * drops.density_per_m4(diameter_m) * np.pi / 4.0 * diameter_m**2
     refractive_index = water_permittivity(frequency_hz, temperature_k) ** 0.5
     size = np.pi * diameter_m * frequency_hz / speed_of_light
     return area_per_m3, mie_efficiencies(size, refractive_index)
+
+
+def _diameters(drops: ExponentialDrops) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+    """Return the nodes of integrals over the diameter, rising, and their weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    half_span_m = MEAN_DIAMETERS / drops.slope_per_m / 2.0
+    return half_span_m * (1.0 + nodes), half_span_m * weights
