@@ -55,7 +55,7 @@ def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float])
     scene = Scene(
         surfaces=surfaces + boxes,
         materials={name: build_backscatter(m) for name, m in scenario.all_materials.items()},
-        targets=_targets(scenario, ground_m),
+        targets=_targets(scenario, ground_m, surfaces),
         ground_material=getattr(scenario.terrain, "material", "ground"),
         georeference=georeference,
     )
@@ -99,10 +99,19 @@ def _covered(raster: Raster, material: str, fields: tuple[MaterialField, ...]) -
     )
 
 
-def _targets(scenario: Scenario, ground_m: Ground) -> tuple[Target, ...]:
+def _targets(scenario: Scenario, ground_m: Ground, surfaces: tuple[Surface, ...]) -> tuple[Target, ...]:
+    if not scenario.targets:
+        return ()
+    place = np.array([target.position_m for target in scenario.targets])
+    height = ground_m(place)
+    if not isinstance(scenario.terrain, CityTerrain):
+        # On the mesh itself: between the posts of a coarse raster the bilinear ground lies metres above or
+        # below the triangles, which would bury the target.
+        mesh = RayCaster(surfaces).from_above(place, max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0)
+        height = np.where(np.isnan(mesh), height, mesh)
     targets = []
     for index, target in enumerate(scenario.targets):
-        ground = float(ground_m(np.array([target.position_m]))[0])
+        ground = float(height[index])
         if not np.isfinite(ground):
             message = f"{target.position_m} lies beyond the terrain; move it or enlarge the terrain"
             raise ScenarioError([Problem(f"targets.{index}.position_m", message)])

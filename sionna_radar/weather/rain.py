@@ -184,10 +184,12 @@ class EchoSpeeds:
 def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> EchoSpeeds:
     """Return the fall speeds of drops, weighted by what each size sends back."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    cumulative = np.cumsum(area_per_m3 * efficiencies.backscatter)
+    weight = area_per_m3 * efficiencies.backscatter
+    below = np.cumsum(weight) - weight / 2  # a node stands in the middle of what it weighs
+    speed = fall_speed_mps(_diameters(drops)[0])
     return EchoSpeeds(
-        share=np.concatenate([[0.0], cumulative / cumulative[-1]]),
-        speed_mps=np.concatenate([[0.0], fall_speed_mps(_diameters(drops)[0])]),
+        share=np.concatenate([[0.0], below / weight.sum(), [1.0]]),
+        speed_mps=np.concatenate([speed[:1], speed, speed[-1:]]),
     )
 
 
