@@ -56,7 +56,9 @@ def test_losses_of_rain_fog_and_air_add_up():
     assert np.all(clear.attenuation_db_per_km(mix) == 0)
 
 
-SPEEDSdef test_drops_fall_as_measured(diameter_mm, speed):
+# Gunn and Kinzer 1949 (J. Meteorol. 6, 243), Table 2, as restated in two droplet models (PySDM, and a Julia one).
+@pytest.mark.parametrize(("diameter_mm", "speed"), [(1.0, 4.03), (1.2, 4.64), (1.6, 5.65), (2.0, 6.49), (2.6, 7.57)])
+def test_drops_fall_as_measured(diameter_mm, speed):
     assert fall_speed_mps(np.array([diameter_mm * 1e-3]))[0] == pytest.approx(speed, rel=0.02)
 
 
