@@ -56,6 +56,8 @@ class RayCaster:
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return what rays along unit vectors hit first."""
+        if len(origin_m) == 0:  # Dr.Jit ends the process on arrays of no size
+            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64))
         mi = load_mitsuba()
         import drjit as dr
 

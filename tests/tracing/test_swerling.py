@@ -10,6 +10,7 @@ from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.preparation import prepare
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.model import Target
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.targets import cross_section, trace_targets
 
 COUNT = 20_000
@@ -104,3 +105,9 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     )
     np.testing.assert_allclose(20 * np.log10(np.abs(paths.gain)), expected, atol=0.05)
     np.testing.assert_allclose(paths.delay_s * 299_792_458.0 / 2, distance, atol=1e-6)
+
+
+def test_targets_that_are_all_behind_the_antenna_leave_no_path(pencil, chirp_of, surface_of, looking):
+    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
+    behind = [Target(position_m=(0.0, 0.0, 90.0), rcs_m2=1.0)]
+    assert len(trace_targets(behind, looking(3), pencil, chirp_of(), caster)) == 0
