@@ -9,6 +9,7 @@ of processing are held against each other. With SIONNA_RADAR_SMALL=1 in the envi
 
 # %%
 import os
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +23,9 @@ from sionna_radar.weather.path import rain_clutter_power, two_way_attenuation
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RATES = [1.0, 50.0] if SMALL else [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 80.0, 150.0]
-SIZE = {"platform.length_m": 6.0 if SMALL else 60.0, "tracing.paths_per_pulse": 64 if SMALL else 512}
+SIZE = {"platform.length_m": 60.0, "tracing.paths_per_pulse": 512}
+if SMALL:
+    SIZE = {"platform.length_m": 6.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0}
 PROCESSING = {
     "smallest-of CFAR, centroid (default)": {"processing.ranging": "centroid"},
     "smallest-of CFAR, peak": {"processing.ranging": "peak"},
@@ -81,10 +84,10 @@ budget_axes.legend(fontsize="small")
 # %%
 # Spectra: mean over pulses that look ahead, with the closed form of the rain dashed (as a window sees noise).
 for rate, colour in zip([0.0, 1.0, 10.0, 100.0], ("0.3", "C0", "C1", "C3"), strict=True):
-    ready = prepare(in_rain(rate))
+    rainy = replace(ready, scenario=in_rain(rate))
     pulses = ready.schedule.sample(20 if SMALL else 200)
     ahead = ready.schedule.pulses(pulses.index[np.abs(pulses.scan_rad) < 0.3])
-    beat = received(build_tracer(ready).trace(ahead), ahead, ready)
+    beat = received(build_tracer(rainy).trace(ahead), ahead, rainy)
     power = ready.detector.spectra(beat).power.mean(axis=0) / ready.transmit_power_w
     range_m = ready.detector.analyser.range_m
     spectrum_axes.plot(range_m, 10 * np.log10(power), color=colour, linewidth=0.9, label=f"{rate:g} mm/h")
@@ -106,7 +109,6 @@ for name, changes in PROCESSING.items():
         scenario = in_rain(rate, **changes)
         survey = run(scenario)
         rms.append(survey.dem_error.rms_m)
-        ready = prepare(scenario)
         pose = ready.schedule.pulses(survey.points.pulse).true
         true_m = ready.built.caster.cast(pose.position_m, pose.boresight).distance_m
         hit = np.unique(survey.points.pulse[np.abs(survey.points.range_m - true_m) < GROUND_M])
