@@ -18,6 +18,9 @@ class Stream(IntEnum):
     SPECKLE = 2
     NOISE = 3
     TARGETS = 4
+    NAVIGATION = 50
+    WANDER = 51
+    LIDAR = 52
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:
