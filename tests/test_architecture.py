@@ -26,7 +26,9 @@ ORDER = (
     ("detection",),
     ("mapping",),
     ("preparation",),
+    ("sensors",),
     ("survey",),
+    ("budget", "planning"),
     ("report", "crosscheck"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}

@@ -312,7 +312,7 @@ class RadarTable(Table):
     bandwidth_hz: Positive = 500e6
     chirp_rate_hz: Positive = 360.0
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**20)] = 1024
-    sweep: Literal["up", "down"] = "up"
+    sweep: Literal["up", "down", "triangular"] = "up"
     sampling: Literal["real", "iq"] = "real"
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
@@ -406,6 +406,12 @@ class ProcessingTable(Table):
         return value
 
 
+class LidarTable(Table):
+    """An ideal range sensor on the radar's scan: the exact range along the beam axis, with white noise."""
+
+    range_noise_m: NonNegative = 0.0
+
+
 class DemTable(Table):
     """The grid of the elevation model."""
 
@@ -427,12 +433,14 @@ class Scenario(Table):
 
     description: str = ""
     seed: Seed = 1
+    sensor: Literal["radar", "lidar"] = "radar"
     terrain: Terrain
     buildings: tuple[Building, ...] = ()
     targets: tuple[PointTarget, ...] = ()
     materials: dict[str, Material] = {}
     platform: Platform
     radar: RadarTable
+    lidar: LidarTable = LidarTable()
     tracing: TracingTable = TracingTable()
     processing: ProcessingTable = ProcessingTable()
     dem: DemTable = DemTable()
@@ -454,6 +462,16 @@ class Scenario(Table):
                 "processing.cfar.guard",
                 f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
                 f"{cells} range cells; lower them or raise radar.samples_per_chirp",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sweeps_pair(self) -> Scenario:
+        if self.radar.sweep == "triangular" and self.processing.echoes == "all":
+            raise refuse(
+                "processing.echoes",
+                "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
+                "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
         return self
 
