@@ -101,6 +101,37 @@ def crosscheck(
 
 
 @app.command()
+def budget(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
+    grades: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Grades of GPS/IMU of your own: TOML tables of platform.navigation keys."),
+    ] = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Find the least GPS/IMU for a scenario: each error alone that makes the RMS of its DEM grow by 10 %."""
+    from sionna_radar import budget as study
+    from sionna_radar.flight.grades import GRADES, load_grades
+    from sionna_radar.report.budget_table import print_budget
+    from sionna_radar.report.folder import check_output
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, _overrides(set_, seed))
+    known = GRADES | load_grades(grades) if grades else GRADES
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_budget", study.MARKER)
+    with _progress(quiet) as progress:
+        result = study.navigation_budget(checked, repeat=repeat, grades=known, progress=progress)
+    written = study.write(result, directory)
+    if not quiet:
+        print_budget(result)
+        typer.echo(f"{len(written)} files in {directory}")
+
+
+@app.command()
 def validate(scenario: ScenarioArgument, set_: SetOption = None, seed: SeedOption = None) -> None:
     """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
     from sionna_radar.preparation import prepare

@@ -28,8 +28,9 @@ ORDER = (
     ("preparation",),
     ("sensors",),
     ("survey",),
-    ("budget", "planning"),
-    ("report", "crosscheck"),
+    ("remapping",),
+    ("planning",),
+    ("report", "crosscheck", "budget"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
