@@ -2,9 +2,11 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from sionna_radar.budget import Budget, Limit
 
@@ -38,7 +40,7 @@ def draw(budget: Budget) -> Figure:
         _draw_limits(place, panel, unit)
     _draw_grades(axes[-1], budget)
     figure.suptitle(f"Error of navigation, alone, at which the DEM's RMS grows by {budget.growth:.0%}")
-    named = {}
+    named: dict[str, Any] = {}
     for place in axes[:-1]:
         handles, labels = place.get_legend_handles_labels()
         named |= dict(zip(labels, handles, strict=True))
@@ -56,6 +58,10 @@ def _draw_limits(axes: Axes, limits: list[Limit], unit: str) -> None:
         style = {"marker": marker, "mfc": colour, "label": label} if reached else {"marker": ">", "mfc": "white"}
         axes.plot(size, row, ls="", ms=8, mec=colour, **style)
     axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(10 ** math.floor(math.log10(low)), 10 ** math.ceil(math.log10(high)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
     axes.set_xlabel(f"{QUANTITIES[unit]} ({unit})" if unit != "deg" else "Degrees")
     axes.grid(alpha=0.3, which="both")
