@@ -31,7 +31,8 @@ print(f"exact pose: radar {exact:.3f} m, lidar {lidar:.3f} m RMS")
 def rms(key: str, axes: tuple[float, float, float], size: float) -> float:
     """Return the RMS of the DEM with one error, the mean square over some draws of the random ones."""
     table = NavigationTable.model_validate({key: tuple(size * share for share in axes)})
-    return float(np.sqrt(np.mean([survey.dem_error(survey.navigation(table, seed)).rms_m ** 2 for seed in range(draws)])))
+    squares = [survey.dem_error(survey.navigation(table, seed)).rms_m ** 2 for seed in range(draws)]
+    return float(np.sqrt(np.mean(squares)))
 
 
 ACROSS, UP, EACH = (1.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 1.0)
