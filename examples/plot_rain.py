@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from sionna_radar import load_scenario, run
 from sionna_radar.preparation import prepare
 from sionna_radar.radar.equation import plane_echo, two_way_beam_sr
-from sionna_radar.survey import build_tracer, received
+from sionna_radar.sensors import build_tracer, received
 from sionna_radar.tracing.atmosphere import build_atmosphere, build_weather
 from sionna_radar.weather.path import rain_clutter_power, two_way_attenuation
 

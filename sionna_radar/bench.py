@@ -13,7 +13,8 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.survey import build_tracer, received, run
+from sionna_radar.sensors import build_tracer, received
+from sionna_radar.survey import run
 from sionna_radar.tracing.paths import Paths
 
 STOCK_SAMPLES = 1_000_000

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sionna_radar.errors import BackendError, RadarError
+from sionna_radar.errors import BackendError, OutputError, RadarError
 from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
@@ -98,6 +98,85 @@ def crosscheck(
             word = "agrees" if part["agrees"] else "DIFFERS"
             typer.echo(f"{name:32}{part['value']:+10.4f}   within {part['tolerance']:.4f}   {word}")
         typer.echo(f"the engines {'agree' if result.agrees else 'DIFFER'}; {len(written)} files in {directory}")
+
+
+@app.command()
+def budget(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
+    grades: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Grades of GPS/IMU of your own: TOML tables of platform.navigation keys."),
+    ] = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Find the least GPS/IMU for a scenario: each error alone that makes the RMS of its DEM grow by 10 %."""
+    from sionna_radar import budget as study
+    from sionna_radar.flight.grades import GRADES, load_grades
+    from sionna_radar.report.budget_table import print_budget
+    from sionna_radar.report.folder import check_output
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, _overrides(set_, seed))
+    known = GRADES | load_grades(grades) if grades else GRADES
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_budget", study.MARKER)
+    with _progress(quiet) as progress:
+        result = study.navigation_budget(checked, repeat=repeat, grades=known, progress=progress)
+    written = study.write(result, directory)
+    if not quiet:
+        print_budget(result)
+        typer.echo(f"{len(written)} files in {directory}")
+
+
+@app.command()
+def plan(
+    area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
+    sampling: Annotated[float, typer.Option(metavar="M", help="Farthest that neighbouring echoes may lie apart.")],
+    base: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
+    ] = Path("plan.toml"),
+    altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
+    speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
+    incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
+    half_swath: Annotated[float, typer.Option(help="Greatest scan angle, deg.")] = 50.0,
+    overlap: Annotated[float, typer.Option(help="Share of a swath that the next line covers again.")] = 0.2,
+    slope: Annotated[float, typer.Option(help="Steepest slope that no shadow may fall on, deg.")] = 20.0,
+    most_rpm: Annotated[float, typer.Option(help="Fastest turn of the antenna.")] = 600.0,
+    most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
+) -> None:
+    """Plan a flight that covers an area centred on the origin, and write it as a scenario."""
+    from sionna_radar.planning import Wanted, plan_flight, planned_scenario
+    from sionna_radar.report.plan_table import parse_area, print_plan
+    from sionna_radar.scenario import to_toml
+
+    wanted = Wanted(
+        size_m=parse_area(area),
+        sampling_m=sampling,
+        altitude_m=altitude,
+        speed_mps=speed,
+        incidence_deg=incidence,
+        half_swath_deg=half_swath,
+        overlap=overlap,
+        greatest_slope_deg=slope,
+        most_rotation_rpm=most_rpm,
+        most_chirp_rate_hz=most_chirps,
+    )
+    taken = _load(base, {}) if base else None
+    planned = plan_flight(wanted, taken)
+    text = to_toml(planned_scenario(planned, taken))
+    try:
+        output.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        message = f"output = {output} cannot be written ({error.strerror}); name another file"
+        raise OutputError(message) from error
+    print_plan(planned)
+    typer.echo(f"scenario in {output}")
 
 
 @app.command()

@@ -29,7 +29,8 @@ from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
 from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
 from sionna_radar.scenario.models import Scenario
-from sionna_radar.survey import BLOCK_SIZE, engine_inputs, fly, grid_dem, tracer_with
+from sionna_radar.sensors import SawtoothRadar, engine_inputs, tracer_with
+from sionna_radar.survey import BLOCK_SIZE, fly, grid_dem
 from sionna_radar.tracing.engine import Engine, build_engine
 from sionna_radar.tracing.paths import Paths
 
@@ -282,8 +283,10 @@ def _fly(ready: Preparation, engine: Engine, seed: int, block_size: int, progres
     count = len(ready.schedule)
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
-    for block in fly(ready, tracer_with(engine, ready), block_size):
-        here, echoes = block.pulses.index, block.echoes
+    radar = SawtoothRadar(ready, tracer=tracer_with(engine, ready))
+    for block in fly(ready, radar, block_size):
+        here = block.pulses.index
+        echoes = radar.correct(block.echoes, here, block.pulses.measured)
         power[here], range_m[here], incidence[here] = _means(block.paths, int(here[0]), len(here))
         order = np.argsort(echoes.power, kind="stable")
         echo_range_m[echoes.pulse[order]] = echoes.range_m[order]

@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
+from sionna_radar.flight.navigation import build_navigation
+from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, plan_track, plan_trajectory
 from sionna_radar.radar.antenna import Antenna, build_antenna
@@ -43,15 +44,21 @@ class Preparation:
     max_gap_m: float
 
 
-def prepare(scenario: Scenario, *, antenna: Antenna | None = None, scan: Scan | None = None) -> Preparation:
+def prepare(
+    scenario: Scenario,
+    *,
+    antenna: Antenna | None = None,
+    scan: Scan | None = None,
+    navigation: Navigation | None = None,
+) -> Preparation:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
     ----------
     scenario:
         The survey.
-    antenna, scan:
-        An antenna or a scan of one's own in place of the scenario's.
+    antenna, scan, navigation:
+        An antenna, a scan or a navigation system of one's own in place of the scenario's.
 
     Raises
     ------
@@ -72,7 +79,14 @@ def prepare(scenario: Scenario, *, antenna: Antenna | None = None, scan: Scan | 
     built = build_scene(scenario, _window(track, chirp.max_range_m))
     _check_track(scenario, track, built)
     trajectory = plan_trajectory(scenario.platform, track, built.ground_m)
-    schedule = schedule_pulses(trajectory, scan, chirp.rate_hz)
+    rate_hz, errors = scenario.radar.chirp_rate_hz, scenario.platform.navigation
+    schedule = schedule_pulses(
+        trajectory,
+        scan,
+        rate_hz,
+        lever_arm_m=errors.lever_arm_m,
+        navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
+    )
     _check_pulses(schedule, scenario)
     looks = _look(schedule, built)
     _check_geometry(looks, schedule, built, chirp)

@@ -22,6 +22,9 @@ class Stream(IntEnum):
     TARGETS = 4
     TARGET_SCANS = 5
     RAIN = 6
+    NAVIGATION = 50
+    WANDER = 51
+    LIDAR = 52
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

@@ -5,25 +5,23 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Inexact
+from jaxtyping import Bool, Float, Inexact
 
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
-from sionna_radar.preparation import SAMPLED_PULSES, Preparation, prepare
+from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
 from sionna_radar.scenario.models import Scenario
 from sionna_radar.scene.raycast import truth_dem
-from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import add_noise
+from sionna_radar.sensors import SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
 from sionna_radar.stopwatch import Stopwatch
-from sionna_radar.tracing.atmosphere import build_atmosphere
-from sionna_radar.tracing.engine import Engine, EngineInputs, Tracer, build_engine
+from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.paths import Paths
 
 BLOCK_SIZE = 256
@@ -55,7 +53,7 @@ class Survey:
 
     pulses, paths: how many were simulated.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
-    chirp: the record of the chirp in the middle of the survey.
+    chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
     """
 
@@ -69,7 +67,7 @@ class Survey:
     error: Raster
     dem_error: DemError
     georeference: Georeference | None
-    chirp: ChirpRecord
+    chirp: ChirpRecord | None
     timing_s: dict[str, float]
     peak_memory_mb: float
 
@@ -80,6 +78,8 @@ def run(
     block_size: int = BLOCK_SIZE,
     antenna: Antenna | None = None,
     scan: Scan | None = None,
+    navigation: Navigation | None = None,
+    sensor: Callable[[Preparation], Sensor] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Survey:
     """Fly a survey and return its points, its DEM and its error.
@@ -90,8 +90,10 @@ def run(
         The survey.
     block_size:
         Pulses simulated at once; it changes the speed and the memory, never the result.
-    antenna, scan:
-        An antenna or a scan of one's own in place of the scenario's.
+    antenna, scan, navigation:
+        An antenna, a scan or a navigation system of one's own in place of the scenario's.
+    sensor:
+        What builds a sensor of one's own from the prepared survey.
     progress:
         Called after each block with the pulses done and the pulses in all.
 
@@ -103,29 +105,22 @@ def run(
     """
     watch = Stopwatch()
     with watch("prepare"):
-        ready = prepare(scenario, antenna=antenna, scan=scan)
-        tracer = build_tracer(ready)
-        illumination = Illumination(ready.grid)
-    located, path_count = [], 0
-    for block in fly(ready, tracer, block_size, watch):
-        with watch("map"):
-            located.append(locate(block.echoes, block.pulses.index, block.pulses.measured))
-            illumination.add(block.paths)
-        path_count += len(block.paths)
-        progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
+        ready = prepare(scenario, antenna=antenna, scan=scan, navigation=navigation)
+        carried = sensor(ready) if sensor else build_sensor(ready, watch)
+    recording = record(ready, carried, block_size=block_size, progress=progress, watch=watch)
     with watch("map"):
-        points = Points.concatenate(located)
+        points = place(recording.echoes, carried, ready.schedule, block_size=block_size)
         dem = grid_dem(points, ready)
     with watch("compare"):
-        truth = truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
+        truth = true_surface(ready)
         error = difference(dem, truth)
-        dem_error = summarise(error, illumination.mask(ready.max_gap_m) & truth.filled)
-        chirp = record_chirp(tracer, ready)
+        dem_error = summarise(error, recording.lit & truth.filled)
+        chirp = record_chirp(ready, carried.tracer) if isinstance(carried, SawtoothRadar | TriangularRadar) else None
     return Survey(
         scenario=scenario,
         schedule=ready.schedule,
         pulses=len(ready.schedule),
-        paths=path_count,
+        paths=recording.paths,
         points=points,
         dem=dem,
         truth=truth,
@@ -139,81 +134,83 @@ def run(
 
 
 @dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What a sensor brings home from a survey; the measured pose has no part in it.
+
+    echoes: sorted by pulse, not corrected for Doppler.
+    lit: cells of the DEM that the beam reached.
+    paths: how many were traced.
+    """
+
+    echoes: Echoes
+    lit: Bool[np.ndarray, "row column"]
+    paths: int
+
+
+def record(
+    ready: Preparation,
+    sensor: Sensor,
+    *,
+    block_size: int = BLOCK_SIZE,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    watch: Stopwatch | None = None,
+) -> Recording:
+    """Fly a prepared survey and return what the sensor observed, block by block."""
+    watch = watch or Stopwatch()
+    illumination = Illumination(ready.grid)
+    echoes, path_count = [], 0
+    for block in fly(ready, sensor, block_size):
+        echoes.append(block.echoes)
+        with watch("map"):
+            illumination.add(block.paths)
+        path_count += len(block.paths)
+        progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
+    return Recording(echoes=Echoes.concatenate(echoes), lit=illumination.mask(ready.max_gap_m), paths=path_count)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Block:
-    """A block of pulses on its way through the chain."""
+    """A block of pulses on its way through the chain; its echoes are not corrected for Doppler."""
 
     pulses: Pulses
     paths: Paths
     echoes: Echoes
 
 
-def fly(ready: Preparation, tracer: Tracer, block_size: int, watch: Stopwatch | None = None) -> Iterator[Block]:
-    """Yield the survey block by block: traced, synthesised, detected."""
-    watch = watch or Stopwatch()
+def fly(ready: Preparation, sensor: Sensor, block_size: int) -> Iterator[Block]:
+    """Yield the survey block by block, as the sensor observes it."""
     for pulses in ready.schedule.blocks(block_size):
-        with watch("trace"):
-            paths = tracer.trace(pulses)
-        with watch("synthesise"):
-            beat = received(paths, pulses, ready)
-        with watch("detect"):
-            echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
-        yield Block(pulses=pulses, paths=paths, echoes=echoes)
+        seen = sensor.observe(pulses)
+        yield Block(pulses=pulses, paths=seen.paths, echoes=seen.echoes)
+
+
+def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = BLOCK_SIZE) -> Points:
+    """Correct and locate echoes by the poses that a schedule's navigation reports."""
+    located = []
+    for pulses in schedule.blocks(block_size):
+        own = echoes.of_pulses(pulses.index)
+        corrected = sensor.correct(own, pulses.index, pulses.measured)
+        located.append(locate(corrected, pulses.index, pulses.measured))
+    return Points.concatenate(located)
 
 
 def grid_dem(points: Points, ready: Preparation) -> Raster:
     """Return the DEM of located echoes on the survey's grid."""
-    shadow = np.deg2rad(ready.scenario.dem.shadow_incidence_deg)
-    return grid_points(points, ready.grid, ready.max_gap_m, shadow)
+    shadow_rad = float(np.deg2rad(ready.scenario.dem.shadow_incidence_deg))
+    return grid_points(points, ready.grid, ready.max_gap_m, shadow_rad)
 
 
-def build_tracer(ready: Preparation) -> Tracer:
-    """Return the tracer of a prepared survey."""
-    return tracer_with(build_engine(ready.scenario.tracing, engine_inputs(ready)), ready)
+def true_surface(ready: Preparation) -> Raster:
+    """Return the surface that a DEM is held against."""
+    return truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
 
 
-def engine_inputs(ready: Preparation) -> EngineInputs:
-    """Return what an engine is made from."""
-    reach = ready.chirp.max_range_m
-    position = ready.schedule.sample(SAMPLED_PULSES).true.position_m
-    return EngineInputs(
-        scene=ready.built.scene,
-        antenna=ready.antenna,
-        chirp=ready.chirp,
-        seed=ready.scenario.seed,
-        caster=ready.built.caster,
-        region_m=np.array([position.min(axis=0) - reach, position.max(axis=0) + reach]),
-    )
-
-
-def tracer_with(engine: Engine, ready: Preparation) -> Tracer:
-    """Return a tracer of a prepared survey with an engine of one's own."""
-    scenario = ready.scenario
-    return Tracer(
-        engine,
-        ready.built.scene,
-        ready.antenna,
-        ready.chirp,
-        ready.built.caster,
-        atmosphere=build_atmosphere(scenario.weather, ready.antenna, ready.chirp, scenario.seed),
-        seed=scenario.seed,
-    )
-
-
-def received(paths: Paths, pulses: Pulses, ready: Preparation) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return the beat signals of a block as the receiver samples them: scaled to the sent power, with noise."""
-    beat = np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, ready.chirp)
-    return add_noise(beat, ready.noise_power_w, ready.scenario.seed, pulses.index)
-
-
-def record_chirp(tracer: Tracer, ready: Preparation) -> ChirpRecord:
-    """Return the chirp in the middle of the survey with its spectrum, threshold and echoes."""
+def record_chirp(ready: Preparation, tracer: Tracer) -> ChirpRecord:
+    """Return the chirp in the middle of the survey, of a triangle its rising half, with what is found in it."""
     pulses = ready.schedule.pulses(np.array([len(ready.schedule) // 2]))
     beat = received(tracer.trace(pulses), pulses, ready)
     spectra = ready.detector.spectra(beat)
-    echoes = ready.detector.echoes(spectra, pulses.index, pulses.measured)
-    shift = 0.0
-    if ready.scenario.processing.doppler_correction:
-        shift = float(ready.chirp.doppler_range_m(pulses.measured.boresight_range_rate_mps)[0])
+    echoes = ready.detector.uncorrected(spectra, pulses.index)
     tested = np.isfinite(spectra.threshold[0])
     return ChirpRecord(
         pulse=int(pulses.index[0]),
@@ -222,7 +219,7 @@ def record_chirp(tracer: Tracer, ready: Preparation) -> ChirpRecord:
         range_m=ready.detector.analyser.range_m,
         power=spectra.power[0],
         threshold=np.where(tested, spectra.threshold[0], np.nan),
-        echo_range_m=echoes.range_m + shift,
+        echo_range_m=echoes.range_m,
         echo_power=echoes.power,
     )
 

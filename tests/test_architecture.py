@@ -26,8 +26,11 @@ ORDER = (
     ("detection",),
     ("mapping",),
     ("preparation",),
+    ("sensors",),
     ("survey",),
-    ("report", "crosscheck"),
+    ("remapping",),
+    ("planning",),
+    ("report", "crosscheck", "budget"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}

@@ -236,3 +236,55 @@ def test_help_loads_no_heavy_library():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
+    from sionna_radar import budget
+
+    few = tuple(error for error in budget.navigation_errors() if error.name == "position, up")
+    monkeypatch.setattr(budget, "navigation_errors", lambda: few)
+    done = cli("budget", small, "-o", tmp_path / "out", "--repeat", 1)
+    assert done.returncode == 0, done.stderr
+    assert "position, up" in done.stdout
+    assert "Gauss-Markov" in done.stdout
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert written == {"budget.json", "figures/budget.png"}
+    refused = cli("budget", small, "-o", tmp_path / "other", "--grades", tmp_path / "none.toml")
+    assert refused.returncode == 2
+    assert "none.toml" in refused.stderr
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
+    file = tmp_path / "plan.toml"
+    done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
+    assert done.returncode == 0, done.stderr
+    assert "altitude" in done.stdout
+    flown = cli("run", file, "-o", tmp_path / "out", "-q", "--set", "sensor=lidar")
+    assert flown.returncode == 0, flown.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["dem_error"]["coverage"] > 0.9
+    based = cli("plan", "--area", "40x30", "--sampling", 4, "--base", small, "-o", file)
+    assert based.returncode == 0, based.stderr
+    assert "paths_per_pulse = 64" in file.read_text()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--area", "40", "--sampling", "4"),
+        ("--area", "40x30", "--sampling", "0"),
+        ("--area", "40xa", "--sampling", "4"),
+    ],
+)
+def test_a_plan_of_nothing_is_refused(cli, tmp_path, options):
+    done = cli("plan", *options, "-o", tmp_path / "plan.toml")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error:")
+    assert not (tmp_path / "plan.toml").exists()
+
+
+def test_a_plan_needs_a_place_to_be_written(cli, tmp_path):
+    done = cli("plan", "--area", "40x30", "--sampling", "4", "-o", tmp_path / "no" / "plan.toml")
+    assert done.returncode == 2
+    assert "cannot be written" in done.stderr

@@ -11,7 +11,7 @@ from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.mapping.points import locate
 from sionna_radar.preparation import prepare
-from sionna_radar.survey import build_tracer, received
+from sionna_radar.sensors import build_tracer, received
 
 HILLS = {
     "seed": 4,

@@ -1,6 +1,6 @@
 """From a block of beat signals to echoes: spectrum, CFAR, grouping, ranging, Doppler correction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
@@ -62,20 +62,27 @@ class Detector:
 
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes in spectra that are computed already."""
+        return self.correct(self.uncorrected(spectra, pulse), pulse, measured)
+
+    def uncorrected(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
+        """Return the echoes where they lie on the axis of the spectrum, Doppler shift included."""
         runs = self._select(self._runs(spectra))
-        range_m = ESTIMATORS[self.processing.ranging](runs)
-        if self.processing.doppler_correction:
-            shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
-            range_m = range_m - shift[runs.row]
         peak_power = runs.power[runs.row, runs.peak]
         noise = runs.noise[runs.row, runs.peak]
         return Echoes(
             pulse=pulse[runs.row],
             number=_number_within(runs.row),
-            range_m=range_m,
+            range_m=ESTIMATORS[self.processing.ranging](runs),
             power=peak_power,
             snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
         )
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return echoes of some pulses, sorted, with the Doppler shift of still ground taken out of their ranges."""
+        if not self.processing.doppler_correction:
+            return echoes
+        shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
+        return replace(echoes, range_m=echoes.range_m - shift[np.searchsorted(pulse, echoes.pulse)])
 
     def _runs(self, spectra: Spectra) -> EchoRuns:
         """Return the runs of detected cells, gaps of up to `merge_gap_m` bridged."""

@@ -27,6 +27,11 @@ class Echoes:
     def __len__(self) -> int:
         return len(self.pulse)
 
+    def of_pulses(self, pulse: Int[np.ndarray, " pulse"]) -> "Echoes":
+        """Return the echoes of consecutive pulses."""
+        first, last = np.searchsorted(self.pulse, [pulse[0], pulse[-1] + 1])
+        return Echoes(**{f.name: getattr(self, f.name)[first:last] for f in fields(Echoes)})
+
     @staticmethod
     def concatenate(tables: Sequence["Echoes"]) -> "Echoes":
         """Return all rows of some tables, in order."""

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from sionna_radar.flight.body import Vector3, antenna_place, body_motion
 from sionna_radar.flight.frames import world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Trajectory
@@ -28,6 +30,32 @@ class Pose:
     def boresight_range_rate_mps(self) -> Float[np.ndarray, " pulse"]:
         """Rate at which still ground on the boresight recedes."""
         return -np.einsum("pi,pi->p", self.velocity_mps, self.boresight)
+
+
+@runtime_checkable
+class Navigation(Protocol):
+    """A navigation system: what it makes of the true motion is all that processing knows of it."""
+
+    def measure(
+        self,
+        index: Int[np.ndarray, " pulse"],
+        time_s: Float[np.ndarray, " pulse"],
+        trajectory: Trajectory,
+        R_body_antenna: Float[np.ndarray, "pulse 3 3"],
+    ) -> Pose:
+        """Return the reported pose of the antenna.
+
+        Parameters
+        ----------
+        index, time_s:
+            Running numbers and times of the pulses.
+        trajectory:
+            True motion of the navigation system.
+        R_body_antenna:
+            Antenna in the platform, as the encoders of its scan and its stabilisation read.
+
+        """
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +82,18 @@ class Pulses:
 
 @dataclass(frozen=True, kw_only=True)
 class PulseSchedule:
-    """All pulses of a survey by their times; poses are computed block by block."""
+    """All pulses of a survey by their times; poses are computed block by block.
+
+    trajectory: motion of the platform where its navigation system sits.
+    lever_arm_m: from there to the antenna, nose-right-down.
+    navigation: what reports the measured pose; None reports the true one.
+    """
 
     trajectory: Trajectory
     scan: Scan
     time_s: Float[np.ndarray, " pulse"]
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0)
+    navigation: Navigation | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -68,18 +103,22 @@ class PulseSchedule:
         time_s = self.time_s[index]
         pointing = self.scan.point(time_s)
         euler = self.trajectory.euler(time_s)
-        R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
-        pose = Pose(
-            position_m=self.trajectory.position(time_s),
-            velocity_mps=self.trajectory.velocity(time_s),
-            R_world_antenna=R_world_mount @ pointing.R_mount_antenna,
+        R_world_body = world_from_body(euler)
+        R_world_mount = world_from_level(euler) if self.scan.stabilised else R_world_body
+        position, velocity = antenna_place(body_motion(self.trajectory, time_s), self.lever_arm_m)
+        true = Pose(
+            position_m=position, velocity_mps=velocity, R_world_antenna=R_world_mount @ pointing.R_mount_antenna
         )
+        measured = true
+        if self.navigation is not None:
+            R_body_antenna = R_world_body.transpose(0, 2, 1) @ true.R_world_antenna
+            measured = self.navigation.measure(index, time_s, self.trajectory, R_body_antenna)
         return Pulses(
             index=index,
             time_s=time_s,
             scan_rad=pointing.scan_rad,
-            true=pose,
-            measured=pose,
+            true=true,
+            measured=measured,
             scan_number=pointing.scan_number,
         )
 
@@ -93,9 +132,22 @@ class PulseSchedule:
         return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
 
 
-def schedule_pulses(trajectory: Trajectory, scan: Scan, chirp_rate_hz: float) -> PulseSchedule:
+def schedule_pulses(
+    trajectory: Trajectory,
+    scan: Scan,
+    chirp_rate_hz: float,
+    *,
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
+    navigation: Navigation | None = None,
+) -> PulseSchedule:
     """Return the pulses of the cruise at the chirp rate, those outside the sector dropped."""
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
-    return PulseSchedule(trajectory=trajectory, scan=scan, time_s=time_s[scan.point(time_s).active])
+    return PulseSchedule(
+        trajectory=trajectory,
+        scan=scan,
+        time_s=time_s[scan.point(time_s).active],
+        lever_arm_m=lever_arm_m,
+        navigation=navigation,
+    )

@@ -14,7 +14,8 @@ from sionna_radar.scenario.models import RadarTable
 class Chirp:
     """One linear sweep, sampled over its whole length.
 
-    carrier_hz is the frequency in the middle of the sweep, where the pulse's pose is taken.
+    carrier_hz: the frequency in the middle of the sweep.
+    centre_s: the middle of the sweep after the time at which the pulse's pose is taken; zero for a sawtooth.
     """
 
     carrier_hz: float
@@ -23,6 +24,7 @@ class Chirp:
     samples: int
     sweep: Literal["up", "down"] = "up"
     sampling: Literal["real", "iq"] = "real"
+    centre_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -83,12 +85,24 @@ class Chirp:
 
 
 def build_chirp(radar: RadarTable) -> Chirp:
-    """Return the chirp of a scenario."""
-    return Chirp(
-        carrier_hz=radar.carrier_hz,
-        bandwidth_hz=radar.bandwidth_hz,
-        rate_hz=radar.chirp_rate_hz,
-        samples=radar.samples_per_chirp,
-        sweep=radar.sweep,
-        sampling=radar.sampling,
+    """Return the chirp of a scenario; of a triangular sweep its rising half."""
+    return build_sweeps(radar)[0]
+
+
+def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
+    """Return the sweeps of one period: one, or the two halves of a triangle, each with all samples."""
+    pair = radar.sweep == "triangular"
+    directions: tuple[Literal["up", "down"], ...]
+    directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
+    return tuple(
+        Chirp(
+            carrier_hz=radar.carrier_hz,
+            bandwidth_hz=radar.bandwidth_hz,
+            rate_hz=radar.chirp_rate_hz * len(directions),
+            samples=radar.samples_per_chirp,
+            sweep=direction,
+            sampling=radar.sampling,
+            centre_s=(number - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
+        )
+        for number, direction in enumerate(directions)
     )

@@ -25,7 +25,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
 from sionna_radar.scenario.models import RadarTable
-from sionna_radar.survey import Survey
+from sionna_radar.survey import ChirpRecord, Survey
 
 DPI = 150
 MAX_SCATTER = 20_000
@@ -48,6 +48,8 @@ def draw_all(survey: Survey, directory: Path) -> list[Path]:
         "dem": dem,
         "error_map": error_map,
     }
+    if survey.chirp is None:
+        del figures["chirp"]
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"{name}.png" for name in figures]
     for path, draw in zip(paths, figures.values(), strict=True):
@@ -202,6 +204,9 @@ def _shaded(raster: Raster, limits: tuple[float, float]) -> Float[np.ndarray, "r
 def chirp(survey: Survey) -> Figure:
     """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections."""
     record = survey.chirp
+    if record is None:
+        message = "the survey's sensor has no chirps to draw"
+        raise ValueError(message)
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = _exponent(np.abs(record.beat))
@@ -218,12 +223,11 @@ def chirp(survey: Survey) -> Figure:
     time_axes.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale}{unit})")
     time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
     time_axes.margins(x=0)
-    _draw_spectrum(range_axes, survey)
+    _draw_spectrum(range_axes, record, survey.scenario.radar)
     return figure
 
 
-def _draw_spectrum(axes: Axes, survey: Survey) -> None:
-    record = survey.chirp
+def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
     power_db, threshold_db, echo_db = map(_decibels, (record.power, record.threshold, record.echo_power))
     axes.plot(record.range_m, power_db, color=BLUE, lw=0.9, label="Spectrum")
     axes.plot(record.range_m, threshold_db, color=ORANGE, lw=1.5, ls="--", label="CFAR threshold")
@@ -238,7 +242,7 @@ def _draw_spectrum(axes: Axes, survey: Survey) -> None:
         top = shown.max()
         axes.set_ylim(max(np.percentile(shown, 1) - 5, top - 110), top + 10)
     axes.set_xlabel("Range, not corrected for Doppler (m)")
-    axes.set_ylabel(_power_label("Power", survey.scenario.radar))
+    axes.set_ylabel(_power_label("Power", radar))
     axes.set_title("Range spectrum", fontsize="medium")
     axes.margins(x=0)
     axes.grid(alpha=0.3)

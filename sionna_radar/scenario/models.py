@@ -196,6 +196,44 @@ class PointTarget(Table):
 # ---------------------------------------------------------------------------------------- platform
 
 
+Axes = Real | Point3
+SpreadAxes = NonNegative | tuple[NonNegative, NonNegative, NonNegative]
+
+
+class NavigationTable(Table):
+    """Errors of the measured pose; one number for all three axes, or one for each.
+
+    Position and velocity count east, north, up; attitude counts roll, pitch, heading. A part named markov is a
+    first-order Gauss-Markov process with a correlation time. The lever arm leads from the navigation system to
+    the antenna (nose, right, down) and is believed to be longer by its error; the mount of the antenna is
+    believed to be turned by boresight_error_deg about the same axes.
+    """
+
+    position_constant_m: Axes = 0.0
+    position_white_m: SpreadAxes = 0.0
+    position_markov_m: SpreadAxes = 0.0
+    position_correlation_s: Positive = 60.0
+    velocity_constant_mps: Axes = 0.0
+    velocity_white_mps: SpreadAxes = 0.0
+    velocity_markov_mps: SpreadAxes = 0.0
+    velocity_correlation_s: Positive = 10.0
+    attitude_constant_deg: Axes = 0.0
+    attitude_white_deg: SpreadAxes = 0.0
+    attitude_markov_deg: SpreadAxes = 0.0
+    attitude_correlation_s: Positive = 60.0
+    time_offset_s: Real = 0.0
+    lever_arm_m: Point3 = (0.0, 0.0, 0.0)
+    lever_arm_error_m: Axes = 0.0
+    boresight_error_deg: Axes = 0.0
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether the measured pose differs from the true one."""
+        harmless = {"lever_arm_m"} | {name for name in type(self).model_fields if name.endswith("_correlation_s")}
+        values = (getattr(self, name) for name in type(self).model_fields if name not in harmless)
+        return any(np.any(np.asarray(value) != 0) for value in values)
+
+
 class Platform(Table):
     """The flight: straight legs, level or following the terrain, with or without take-off and landing."""
 
@@ -212,6 +250,7 @@ class Platform(Table):
     descent_rate_mps: Positive = 2.0
     acceleration_mps2: Positive = 2.0
     takeoff_height_m: Positive = 5.0
+    navigation: NavigationTable = NavigationTable()
 
     @model_validator(mode="after")
     def _one_track(self) -> Platform:
@@ -279,7 +318,7 @@ class RadarTable(Table):
     bandwidth_hz: Positive = 500e6
     chirp_rate_hz: Positive = 360.0
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**20)] = 1024
-    sweep: Literal["up", "down"] = "up"
+    sweep: Literal["up", "down", "triangular"] = "up"
     sampling: Literal["real", "iq"] = "real"
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
@@ -403,6 +442,12 @@ class ProcessingTable(Table):
         return value
 
 
+class LidarTable(Table):
+    """An ideal range sensor on the radar's scan: the exact range along the beam axis, with white noise."""
+
+    range_noise_m: NonNegative = 0.0
+
+
 class DemTable(Table):
     """The grid of the elevation model."""
 
@@ -424,6 +469,7 @@ class Scenario(Table):
 
     description: str = ""
     seed: Seed = 1
+    sensor: Literal["radar", "lidar"] = "radar"
     terrain: Terrain
     buildings: tuple[Building, ...] = ()
     targets: tuple[PointTarget, ...] = ()
@@ -431,6 +477,7 @@ class Scenario(Table):
     platform: Platform
     radar: RadarTable
     weather: WeatherTable = WeatherTable()
+    lidar: LidarTable = LidarTable()
     tracing: TracingTable = TracingTable()
     processing: ProcessingTable = ProcessingTable()
     dem: DemTable = DemTable()
@@ -462,6 +509,16 @@ class Scenario(Table):
                 "weather.fog",
                 f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
                 f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sweeps_pair(self) -> Scenario:
+        if self.radar.sweep == "triangular" and self.processing.echoes == "all":
+            raise refuse(
+                "processing.echoes",
+                "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
+                "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
         return self
 

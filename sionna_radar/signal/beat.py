@@ -64,7 +64,10 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The sweep.
 
     """
-    phase = phase_polynomial(paths.delay_s, paths.range_rate_mps, chirp)
+    delay_s = paths.delay_s
+    if chirp.centre_s:
+        delay_s = delay_s + chirp.centre_s * 2 * paths.range_rate_mps.astype(np.float64) / speed_of_light
+    phase = phase_polynomial(delay_s, paths.range_rate_mps, chirp)
     gain = np.conj(paths.gain) if chirp.direction > 0 else paths.gain
     rotor = np.exp(2j * np.pi * np.mod(phase.constant, 1.0))
     # A plain call, not an expression: NumPy may swap the factors of a large temporary, and a fused complex

@@ -1,0 +1,245 @@
+"""The least GPS/IMU that keeps a DEM usable: how large each error of navigation may be, alone.
+
+An error is as large as it may be when it makes the RMS of the DEM grow by a tenth. Random errors count by the mean
+square of several draws, constant ones by the worse of both signs.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sionna_radar.flight.grades import GRADES, Grade
+from sionna_radar.remapping import RecordedSurvey, record_survey
+from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
+from sionna_radar.scenario.models import NavigationTable, Scenario
+
+MARKER = "budget.json"
+GROWTH = 0.1
+# The search ends this close to the growth asked for.
+TOLERANCE = 0.003
+MOST_STEPS = 20
+
+Kind = Literal["constant", "white", "markov"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationError:
+    """One error of navigation, by the key of `NavigationTable` and its share on each axis.
+
+    first, largest: sizes at which the search for its limit begins and gives up.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    key: str
+    axes: tuple[float, float, float] | None
+    first: float
+    largest: float
+
+    def table(self, size: float) -> NavigationTable:
+        """Return errors of navigation of this one alone."""
+        value: Any = size if self.axes is None else tuple(size * share for share in self.axes)
+        return NavigationTable.model_validate({self.key: value})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """How large an error may be; infinite where the largest tried does not matter."""
+
+    error: NavigationError
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradeResult:
+    """The DEM with a grade of GPS/IMU: RMS of its error and share of the lit ground that it covers."""
+
+    name: str
+    source: str
+    rms_m: float
+    growth: float
+    coverage: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly."""
+
+    scenario: Scenario
+    growth: float
+    repeat: int
+    rms_m: float
+    limits: tuple[Limit, ...]
+    grades: tuple[GradeResult, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers in a form that JSON can hold; a limit that was not reached is None."""
+        return {
+            "scenario": self.scenario.model_dump(mode="json"),
+            "growth": self.growth,
+            "repeat": self.repeat,
+            "rms_m": without_nan(self.rms_m),
+            "limits": [
+                {
+                    "error": limit.error.name,
+                    "kind": limit.error.kind,
+                    "unit": limit.error.unit,
+                    "key": f"platform.navigation.{limit.error.key}",
+                    "axes": limit.error.axes,
+                    "limit": without_nan(limit.size),
+                    "largest_tried": limit.error.largest,
+                }
+                for limit in self.limits
+            ],
+            "grades": [without_nan(asdict(grade)) for grade in self.grades],
+        }
+
+
+def navigation_errors() -> tuple[NavigationError, ...]:
+    """Return the errors that a budget looks at."""
+    kinds: tuple[Kind, ...] = ("constant", "white", "markov")
+    vectors = [
+        ("position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
+        ("position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
+        ("velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
+        ("roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
+        ("pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
+        ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+    ]
+    found = [
+        NavigationError(
+            name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest
+        )
+        for name, unit, key, axes, first, largest in vectors
+        for kind in kinds
+    ]
+    mounting = [
+        ("time offset", "s", "time_offset_s", None, 0.005, 2.0),
+        ("lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
+        ("boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
+    ]
+    found += [
+        NavigationError(name=name, kind="constant", unit=unit, key=key, axes=axes, first=first, largest=largest)
+        for name, unit, key, axes, first, largest in mounting
+    ]
+    return tuple(found)
+
+
+def navigation_budget(
+    scenario: Scenario,
+    *,
+    growth: float = GROWTH,
+    repeat: int = 5,
+    errors: tuple[NavigationError, ...] | None = None,
+    grades: Mapping[str, Grade] = GRADES,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Budget:
+    """Fly a survey once and find how large each error of its navigation may be.
+
+    Parameters
+    ----------
+    scenario:
+        The survey; its own errors of navigation play no part.
+    growth:
+        Share by which the RMS of the DEM may grow.
+    repeat:
+        Draws of the random errors.
+    errors, grades:
+        The errors to look at (all), and the grades of GPS/IMU to map with.
+    progress:
+        Called with the pulses flown and then the rows of the table done, and how many there are of both.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The scenario cannot be flown; see `prepare`.
+
+    """
+    errors = navigation_errors() if errors is None else errors
+    rows = len(errors) + len(grades)
+    survey = record_survey(scenario, progress=lambda done, total: progress(done, total + rows))
+    flown = len(survey.ready.schedule)
+    exact = survey.dem_error(None).rms_m
+    limits, results = [], []
+    for error in errors:
+        limits.append(Limit(error=error, size=find_limit(survey, error, exact, growth, repeat)))
+        progress(flown + len(limits), flown + rows)
+    for name, grade in grades.items():
+        results.append(fly_grade(survey, name, grade, exact, repeat))
+        progress(flown + len(limits) + len(results), flown + rows)
+    return Budget(
+        scenario=scenario, growth=growth, repeat=repeat, rms_m=exact, limits=tuple(limits), grades=tuple(results)
+    )
+
+
+def rms_with(survey: RecordedSurvey, error: NavigationError, size: float, repeat: int) -> float:
+    """Return the RMS of the DEM with one error of navigation."""
+    if error.kind == "constant":
+        return max(survey.dem_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
+    return _mean_rms(survey, error.table(size), repeat)
+
+
+def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
+    """Return the size of an error at which the RMS has grown by a share of the exact one; infinite if none."""
+
+    def grown(size: float) -> float:
+        return rms_with(survey, error, size, repeat) / exact - 1
+
+    size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
+    for _ in range(MOST_STEPS):
+        found = grown(size)
+        if abs(found - growth) < TOLERANCE * (1 + growth):
+            return size
+        if found < growth:
+            if size >= error.largest:
+                return math.inf
+            low = (size, found)
+        else:
+            high = (size, found)
+        size = min(2.5 * size, error.largest) if math.isinf(high[0]) else _between(low, high, growth)
+    return size
+
+
+def fly_grade(survey: RecordedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
+    """Return the DEM with a grade of GPS/IMU."""
+    rms = _mean_rms(survey, grade.errors, repeat)
+    coverage = survey.dem_error(survey.navigation(grade.errors)).coverage
+    return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
+
+
+def write(budget: Budget, directory: Path) -> list[Path]:
+    """Write `budget.json` and the figure into a directory, all or nothing, and return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written.
+
+    """
+    from sionna_radar.report.budget_figures import draw_all
+
+    def fill(folder: Path) -> None:
+        write_text(folder / MARKER, strict_json(budget.summary()))
+        draw_all(budget, folder / "figures")
+
+    return write_folder(directory, MARKER, fill)
+
+
+def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:
+    first = survey.ready.scenario.seed
+    squares = [
+        survey.dem_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
+    ]
+    return math.sqrt(sum(squares) / repeat)
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], growth: float) -> float:
+    """Return the next size to try: the mean square grows about as the square of the error does."""
+    square = [(1 + found) ** 2 for found in (low[1], high[1], growth)]
+    share = (square[2] - square[0]) / (square[1] - square[0])
+    # Kept off the ends: where the mean square grows otherwise, this still closes in.
+    share = min(max(share, 0.1), 0.9)
+    return math.sqrt(low[0] ** 2 + share * (high[0] ** 2 - low[0] ** 2))

@@ -1,0 +1,68 @@
+"""The motion of the platform's body, and of an antenna at the end of a lever arm."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.flight.frames import world_from_body
+from sionna_radar.flight.trajectory import Trajectory
+
+Vector3 = tuple[float, float, float]
+
+# Attitudes this far apart tell the turn rate.
+TURN_STEP_S = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyMotion:
+    """Motion of the platform where its navigation system sits.
+
+    position_m, velocity_mps: world frame.
+    euler_rad: roll, pitch, heading.
+    turn_rad_s: turn rate about nose, right and down.
+    """
+
+    position_m: Float[np.ndarray, "n 3"]
+    velocity_mps: Float[np.ndarray, "n 3"]
+    euler_rad: Float[np.ndarray, "n 3"]
+    turn_rad_s: Float[np.ndarray, "n 3"]
+
+
+def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> BodyMotion:
+    """Return the motion at some times; before and after the flight it goes on at a constant velocity."""
+    inside = np.clip(time_s, 0.0, trajectory.end_s)
+    velocity = trajectory.velocity(inside)
+    return BodyMotion(
+        position_m=trajectory.position(inside) + velocity * (time_s - inside)[:, None],
+        velocity_mps=velocity,
+        euler_rad=trajectory.euler(inside),
+        turn_rad_s=_turn_rate(trajectory, inside),
+    )
+
+
+def antenna_place(
+    motion: BodyMotion, lever_arm_m: Vector3
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Return position and velocity of a point `lever_arm_m` away (nose, right, down)."""
+    if not any(lever_arm_m):
+        return motion.position_m, motion.velocity_mps
+    R_world_body = world_from_body(motion.euler_rad)
+    swing = np.cross(motion.turn_rad_s, np.array(lever_arm_m))
+    return (
+        motion.position_m + R_world_body @ np.array(lever_arm_m),
+        motion.velocity_mps + np.einsum("nij,nj->ni", R_world_body, swing),
+    )
+
+
+def _turn_rate(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Return the slower of the rates before and after: an instantaneous turn at a waypoint has none."""
+    before, now, after = (
+        Rotation.from_matrix(world_from_body(trajectory.euler(time_s + step)))
+        for step in (-TURN_STEP_S, 0.0, TURN_STEP_S)
+    )
+    past, coming = (before.inv() * now).as_rotvec(), (now.inv() * after).as_rotvec()
+    slower = np.linalg.norm(past, axis=1) < np.linalg.norm(coming, axis=1)
+    rate: Float[np.ndarray, "n 3"] = np.where(slower[:, None], past, coming) / TURN_STEP_S
+    return rate

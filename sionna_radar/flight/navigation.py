@@ -1,0 +1,193 @@
+"""A GPS/IMU with errors: what it reports of the antenna's pose.
+
+The trajectory is the true motion of the inertial navigation system (INS). Its report has errors of position,
+velocity and attitude, each the sum of three parts: constant, white (new at every pulse) and first-order
+Gauss-Markov (an error that wanders and is pulled back to zero; its autocorrelation is sigma^2 exp(-|t| / T)). The
+report may be stamped late. From it follows the pose of the antenna, over a lever arm and a boresight alignment
+that are known with errors of their own.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
+
+from sionna_radar.flight.body import BodyMotion, Vector3, antenna_place, body_motion
+from sionna_radar.flight.frames import world_from_body
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.randomness import Stream, pulse_generator, pulse_uniforms
+from sionna_radar.scenario.models import NavigationTable
+
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+# Uniform numbers in [0, 1) hold a zero, whose normal number would be infinite.
+LEAST_UNIFORM = 2.0**-54
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorParts:
+    """Errors of a vector: a constant, and standard deviations of its white and its Gauss-Markov part."""
+
+    constant: Vector3 = ZERO
+    white: Vector3 = ZERO
+    markov: Vector3 = ZERO
+    correlation_s: float = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaussMarkov:
+    """Unit first-order Gauss-Markov processes over a survey, drawn once on a fixed grid of times.
+
+    On the grid the process is exact; between, it is interpolated.
+    """
+
+    start_s: float
+    step_s: float
+    count: int
+    correlation_s: float
+    seed: int
+    channel: int
+
+    @cached_property
+    def values(self) -> Float[np.ndarray, "time 3"]:
+        """The processes at the times of the grid."""
+        normal = pulse_generator(self.seed, Stream.WANDER, self.channel).standard_normal((self.count, 3))
+        decay = np.exp(-self.step_s / self.correlation_s)
+        normal[1:] *= np.sqrt(1 - decay**2)  # the first is drawn from the stationary distribution
+        values: Float[np.ndarray, "time 3"] = lfilter([1.0], [1.0, -decay], normal, axis=0)
+        return values
+
+    def at(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return the processes at some times."""
+        place = np.clip((time_s - self.start_s) / self.step_s, 0, self.count - 1)
+        low = np.minimum(place.astype(np.int64), max(self.count - 2, 0))
+        share = (place - low)[:, None]
+        high = np.minimum(low + 1, self.count - 1)
+        return (1 - share) * self.values[low] + share * self.values[high]
+
+
+@dataclass(frozen=True, kw_only=True)
+class InertialErrors:
+    """The errors of an INS, in SI units and radians; a `Navigation`.
+
+    position, velocity: world frame (east, north, up).
+    attitude: roll, pitch, heading.
+    time_offset_s: by how much the report lags behind the radar's clock.
+    lever_arm_m: from the INS to the antenna as believed, nose-right-down.
+    boresight_rad: turn of the antenna's mount about nose, right and down, as believed minus true.
+    seed: of all random parts.
+    span_s, step_s: times of the flight and the step at which the Gauss-Markov parts are drawn.
+    """
+
+    position: ErrorParts = field(default_factory=ErrorParts)
+    velocity: ErrorParts = field(default_factory=ErrorParts)
+    attitude: ErrorParts = field(default_factory=ErrorParts)
+    time_offset_s: float = 0.0
+    lever_arm_m: Vector3 = ZERO
+    boresight_rad: Vector3 = ZERO
+    seed: int
+    span_s: tuple[float, float]
+    step_s: float
+
+    def measure(
+        self,
+        index: Int[np.ndarray, " pulse"],
+        time_s: Float[np.ndarray, " pulse"],
+        trajectory: Trajectory,
+        R_body_antenna: Float[np.ndarray, "pulse 3 3"],
+    ) -> Pose:
+        """Return the pose of the antenna as the INS reports it; see `Navigation`."""
+        true = body_motion(trajectory, time_s - self.time_offset_s)
+        position, velocity, attitude = self.errors(index, time_s)
+        motion = BodyMotion(
+            position_m=true.position_m + position,
+            velocity_mps=true.velocity_mps + velocity,
+            euler_rad=true.euler_rad + attitude,
+            turn_rad_s=true.turn_rad_s,
+        )
+        place, speed = antenna_place(motion, self.lever_arm_m)
+        R_misaligned = Rotation.from_rotvec(self.boresight_rad).as_matrix()
+        R_world_antenna = world_from_body(motion.euler_rad) @ R_misaligned @ R_body_antenna
+        return Pose(position_m=place, velocity_mps=speed, R_world_antenna=R_world_antenna)
+
+    def errors(
+        self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]
+    ) -> tuple[Float[np.ndarray, "pulse 3"], Float[np.ndarray, "pulse 3"], Float[np.ndarray, "pulse 3"]]:
+        """Return the errors of position (m), velocity (m/s) and attitude (rad)."""
+        parts = (self.position, self.velocity, self.attitude)
+        normal = np.zeros((len(index), 3, len(parts)))
+        if any(any(p.white) for p in parts):
+            uniform = pulse_uniforms(self.seed, Stream.NAVIGATION, index, 9)
+            normal = ndtri(np.maximum(uniform, LEAST_UNIFORM)).reshape(-1, 3, 3)
+        sums = []
+        for number, p in enumerate(parts):
+            error = np.array(p.constant) + np.array(p.white) * normal[:, number]
+            if any(p.markov):
+                error = error + np.array(p.markov) * self._wander[number].at(time_s)
+            sums.append(error)
+        return sums[0], sums[1], sums[2]
+
+    @cached_property
+    def _wander(self) -> tuple[GaussMarkov, ...]:
+        start, end = self.span_s
+        return tuple(
+            GaussMarkov(
+                start_s=start,
+                step_s=self.step_s,
+                count=int(np.ceil((end - start) / self.step_s)) + 1,
+                correlation_s=part.correlation_s,
+                seed=self.seed,
+                channel=channel,
+            )
+            for channel, part in enumerate((self.position, self.velocity, self.attitude))
+        )
+
+
+def build_navigation(
+    table: NavigationTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int
+) -> InertialErrors | None:
+    """Return the navigation system of a scenario; None where it has no errors."""
+    if not table.has_errors:
+        return None
+    start, end = trajectory.cruise_s()
+    lever = np.array(table.lever_arm_m) + np.array(table.lever_arm_error_m)
+    return InertialErrors(
+        position=ErrorParts(
+            constant=_vector(table.position_constant_m),
+            white=_vector(table.position_white_m),
+            markov=_vector(table.position_markov_m),
+            correlation_s=table.position_correlation_s,
+        ),
+        velocity=ErrorParts(
+            constant=_vector(table.velocity_constant_mps),
+            white=_vector(table.velocity_white_mps),
+            markov=_vector(table.velocity_markov_mps),
+            correlation_s=table.velocity_correlation_s,
+        ),
+        attitude=ErrorParts(
+            constant=_radians(table.attitude_constant_deg),
+            white=_radians(table.attitude_white_deg),
+            markov=_radians(table.attitude_markov_deg),
+            correlation_s=table.attitude_correlation_s,
+        ),
+        time_offset_s=table.time_offset_s,
+        lever_arm_m=_vector(lever),
+        boresight_rad=_radians(table.boresight_error_deg),
+        seed=seed,
+        # The middles of the chirps, where the pulses lie.
+        span_s=(start + 0.5 / chirp_rate_hz, end),
+        step_s=1 / chirp_rate_hz,
+    )
+
+
+def _vector(value: float | Vector3 | Float[np.ndarray, " 3"]) -> Vector3:
+    x, y, z = (float(v) for v in np.broadcast_to(value, 3))
+    return x, y, z
+
+
+def _radians(value: float | Vector3) -> Vector3:
+    return _vector(np.deg2rad(np.broadcast_to(value, 3)))

@@ -1,0 +1,258 @@
+"""Planning a flight: the scan, the speed and the lines that cover an area with echoes close enough together.
+
+A whisk-broom scan at the tilt a meets level ground, h below, at (h tan a / cos b ahead, h tan b to the side) for
+the scan angle b. From there to the next chirp's place is
+
+    h / cos^2 b * sqrt(1 + tan^2 a sin^2 b) * (step of b),
+
+widest at the edge of the swath. Scan lines lie one turn of the antenna apart, flight lines a little less than a
+swath. On slopes turned away from the radar a ray more than 90 deg minus the slope from nadir would be a shadow's.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.constants import speed_of_light
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario.models import FlatTerrain, HillsTerrain
+
+# The beam must not be wider on the ground than this many ground samples.
+BEAM_SAMPLES = 2.0
+# Places of echoes shift with the slopes under them: the plan keeps this share of the sampling in hand.
+RESERVE = 0.9
+SHADOW_MARGIN_RAD = math.radians(5.0)
+# Ground may lie this share of the altitude lower than the plan's level ground.
+RELIEF = 0.15
+LEAST_INCIDENCE_RAD = math.radians(5.0)
+# Cruise beyond each end of a line, in ground samples.
+RUN_OUT_SAMPLES = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is to be mapped, and what the platform and the radar can do.
+
+    size_m: the area's extent east and north, centred on the origin.
+    sampling_m: farthest that neighbouring echoes may lie apart.
+    overlap: share of a swath that the next line flies again.
+    greatest_slope_deg: steepest slope that must not fall into a shadow.
+    """
+
+    size_m: tuple[float, float]
+    sampling_m: float
+    altitude_m: float | None = None
+    speed_mps: float = 10.0
+    incidence_deg: float = 45.0
+    half_swath_deg: float = 50.0
+    overlap: float = 0.2
+    greatest_slope_deg: float = 20.0
+    most_rotation_rpm: float = 600.0
+    most_chirp_rate_hz: float = 5000.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A flight over level ground that covers an area; angles in radians."""
+
+    wanted: Wanted
+    altitude_m: float
+    speed_mps: float
+    incidence_rad: float
+    half_swath_rad: float
+    rotation_rpm: float
+    chirp_rate_hz: float
+    samples_per_chirp: int
+    line_spacing_m: float
+    waypoints_m: tuple[tuple[float, float], ...]
+
+    @property
+    def lines(self) -> int:
+        """How many lines are flown."""
+        return len(self.waypoints_m) // 2
+
+    @property
+    def swath_m(self) -> float:
+        """Width of ground that a line covers."""
+        return 2 * self.altitude_m * math.tan(self.half_swath_rad)
+
+    @property
+    def flight_s(self) -> float:
+        """Duration of the cruise."""
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum()) / self.speed_mps
+
+    @property
+    def reach_m(self) -> float:
+        """How far from the platform the beam meets level ground, on the plan."""
+        ahead = math.tan(self.incidence_rad) / math.cos(self.half_swath_rad)
+        return self.altitude_m * math.hypot(ahead, math.tan(self.half_swath_rad))
+
+
+def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
+    """Return a flight that covers an area.
+
+    Parameters
+    ----------
+    wanted:
+        The area and its sampling.
+    base:
+        Scenario whose antenna, sweep and sampling the radar has; without one, the defaults.
+
+    Raises
+    ------
+    ScenarioError
+        The area, the sampling or the limits leave no flight.
+
+    """
+    base = base or _default_base()
+    _check(wanted)
+    incidence, half_swath = _angles(wanted)
+    altitude = wanted.altitude_m or _altitude(wanted, base, incidence, half_swath)
+    stretch = math.sqrt(1 + (math.tan(incidence) * math.sin(half_swath)) ** 2) / math.cos(half_swath) ** 2
+    step_rad = RESERVE * wanted.sampling_m / (altitude * stretch)
+    turns_per_m = 1 / (RESERVE * wanted.sampling_m)
+    most_turns_hz = min(wanted.most_rotation_rpm / 60, wanted.most_chirp_rate_hz * step_rad / (2 * math.pi))
+    speed = min(wanted.speed_mps, most_turns_hz / turns_per_m)
+    turns_hz = speed * turns_per_m
+    spacing, waypoints = _lines(wanted, altitude, incidence, half_swath)
+    return Plan(
+        wanted=wanted,
+        altitude_m=altitude,
+        speed_mps=speed,
+        incidence_rad=incidence,
+        half_swath_rad=half_swath,
+        rotation_rpm=60 * turns_hz,
+        chirp_rate_hz=2 * math.pi * turns_hz / step_rad,
+        samples_per_chirp=_samples(base, altitude, incidence, half_swath),
+        line_spacing_m=spacing,
+        waypoints_m=waypoints,
+    )
+
+
+def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
+    """Return a scenario that flies a plan.
+
+    Parameters
+    ----------
+    plan:
+        The flight.
+    base:
+        Scenario to take everything but the flight and the scan from; without one the ground is flat.
+
+    Raises
+    ------
+    ScenarioError
+        The flight contradicts the rest of the scenario.
+
+    """
+    base = base or _default_base()
+    data = base.model_dump(mode="json", exclude_none=True)
+    size = plan.wanted.size_m
+    data["description"] = f"{size[0]:g} m x {size[1]:g} m planned at {plan.wanted.sampling_m:g} m"
+    platform: dict[str, Any] = data["platform"]
+    for key in ("start_m", "heading_deg", "length_m"):
+        platform.pop(key, None)
+    platform |= {
+        "altitude_m": plan.altitude_m,
+        "speed_mps": plan.speed_mps,
+        "waypoints_m": [list(point) for point in plan.waypoints_m],
+    }
+    data["radar"] |= {"chirp_rate_hz": plan.chirp_rate_hz, "samples_per_chirp": plan.samples_per_chirp}
+    data["radar"]["scan"] |= {
+        "mode": "whisk_broom",
+        "incidence_deg": math.degrees(plan.incidence_rad),
+        "half_swath_deg": math.degrees(plan.half_swath_rad),
+        "rotation_rpm": plan.rotation_rpm,
+    }
+    if isinstance(base.terrain, FlatTerrain | HillsTerrain):
+        reach = 2 * (np.abs(np.array(plan.waypoints_m)).max(axis=0) + 1.2 * plan.reach_m + 10.0)
+        data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
+    data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
+    return parse_scenario(data, source="plan")
+
+
+def _check(wanted: Wanted) -> None:
+    problems = [
+        Problem(name, f"{value:g} must be greater than {least:g} and less than {most:g}; change it")
+        for name, value, least, most in (
+            ("area, east", wanted.size_m[0], 0.0, 1e5),
+            ("area, north", wanted.size_m[1], 0.0, 1e5),
+            ("sampling", wanted.sampling_m, 0.0, 1e3),
+            ("altitude", 1.0 if wanted.altitude_m is None else wanted.altitude_m, 0.0, 1e5),
+            ("speed", wanted.speed_mps, 0.0, 1e3),
+            ("incidence", wanted.incidence_deg, -1e-9, 85.0),
+            ("half-swath", wanted.half_swath_deg, 0.0, 85.0),
+            ("overlap", wanted.overlap, -1e-9, 0.9),
+            ("slope", wanted.greatest_slope_deg, -1e-9, 80.0),
+        )
+        if not least < value < most
+    ]
+    if problems:
+        raise ScenarioError(problems, "plan")
+
+
+def _angles(wanted: Wanted) -> tuple[float, float]:
+    """Return tilt and half swath: as wanted, or so much less that the slopes lie in no shadow."""
+    incidence, half_swath = math.radians(wanted.incidence_deg), math.radians(wanted.half_swath_deg)
+    steepest = math.pi / 2 - math.radians(wanted.greatest_slope_deg) - SHADOW_MARGIN_RAD
+    # The ray at the edge lies arccos(cos a cos b) from nadir.
+    if math.cos(incidence) * math.cos(half_swath) >= math.cos(steepest):
+        return incidence, half_swath
+    half_swath = min(half_swath, math.acos(math.cos(steepest) / math.cos(min(LEAST_INCIDENCE_RAD, steepest / 2))))
+    return min(incidence, math.acos(min(math.cos(steepest) / math.cos(half_swath), 1.0))), half_swath
+
+
+def _altitude(wanted: Wanted, base: Scenario, incidence: float, half_swath: float) -> float:
+    """Return the height at which the beam is as wide on the ground as it may be, or the sampled beat ends."""
+    azimuth, elevation = base.radar.antenna.beamwidths_rad
+    slant = 1 / math.cos(incidence)  # over the height, in the middle of the swath
+    along = elevation * slant / math.cos(incidence)
+    wide = BEAM_SAMPLES * wanted.sampling_m / max(azimuth * slant, along)
+    edge = 1 / (math.cos(incidence) * math.cos(half_swath))
+    far = base.radar.max_range_m / (edge * (1 + RELIEF))
+    return min(wide, far)
+
+
+def _samples(base: Scenario, altitude: float, incidence: float, half_swath: float) -> int:
+    """Return as many samples as the farthest ground needs, no fewer than the base has."""
+    farthest = altitude * (1 + RELIEF) / (math.cos(incidence) * math.cos(half_swath))
+    cells = farthest * 2 * base.radar.bandwidth_hz / speed_of_light
+    needed = cells * (2 if base.radar.sampling == "real" else 1)
+    return max(base.radar.samples_per_chirp, 2 ** math.ceil(math.log2(needed)))
+
+
+def _lines(
+    wanted: Wanted, altitude: float, incidence: float, half_swath: float
+) -> tuple[float, tuple[tuple[float, float], ...]]:
+    """Return the distance of the lines and their ends in the order flown, along the longer side of the area."""
+    east, north = wanted.size_m
+    along, across = max(east, north), min(east, north)
+    swath = 2 * altitude * math.tan(half_swath)
+    count = max(1, math.ceil((across - wanted.overlap * swath) / (swath * (1 - wanted.overlap)) - 1e-9))
+    spacing = (across - swath) / (count - 1) if count > 1 else swath * (1 - wanted.overlap)
+    if count > 1:
+        spacing = min(max(spacing, 0.0), swath * (1 - wanted.overlap))
+    offset = spacing * (np.arange(count) - (count - 1) / 2)
+    # The beam meets the ground ahead: farthest at the edges of the swath, nearest in its middle.
+    near, far = altitude * math.tan(incidence), altitude * math.tan(incidence) / math.cos(half_swath)
+    margin = RUN_OUT_SAMPLES * wanted.sampling_m
+    ends = (-along / 2 - far - margin, along / 2 - near + margin)
+    waypoints = []
+    for number, side in enumerate(offset):
+        way = 1 if number % 2 == 0 else -1
+        for end in ends:
+            waypoints.append((float(way * end), float(side)) if east >= north else (float(side), float(way * end)))
+    return float(spacing), tuple(waypoints)
+
+
+def _default_base() -> Scenario:
+    return parse_scenario(
+        {
+            "terrain": {"kind": "flat"},
+            "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
+            "radar": {"snr_db": 30.0},
+        }
+    )

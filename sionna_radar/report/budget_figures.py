@@ -1,0 +1,81 @@
+"""The figure of a navigation budget: how large each error may be, and what grades of GPS/IMU make of the DEM."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from sionna_radar.budget import Budget, Limit
+
+DPI = 150
+# Okabe and Ito
+STYLES = {
+    "constant": ("#0072b2", "o", "Constant"),
+    "white": ("#e69f00", "s", "White, standard deviation"),
+    "markov": ("#d55e00", "D", "Gauss-Markov, standard deviation"),
+}
+QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
+
+
+def draw_all(budget: Budget, directory: Path) -> list[Path]:
+    """Draw the figure into a directory as PNG, and return the files."""
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / "budget.png"
+    draw(budget).savefig(path, dpi=DPI)
+    return [path]
+
+
+def draw(budget: Budget) -> Figure:
+    """Draw the limits, one panel for each unit, above the RMS with each grade."""
+    units = [unit for unit in QUANTITIES if any(limit.error.unit == unit for limit in budget.limits)]
+    panels = [[limit for limit in budget.limits if limit.error.unit == unit] for unit in units]
+    heights = [0.9 + 0.3 * len({limit.error.name for limit in panel}) for panel in panels]
+    heights += [0.9 + 0.35 * (len(budget.grades) + 1)]
+    figure = Figure(figsize=(8.5, sum(heights) + 0.8), layout="constrained")
+    axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for panel, unit, place in zip(panels, units, axes[:-1], strict=True):
+        _draw_limits(place, panel, unit)
+    _draw_grades(axes[-1], budget)
+    figure.suptitle(f"Error of navigation, alone, at which the DEM's RMS grows by {budget.growth:.0%}")
+    named: dict[str, Any] = {}
+    for place in axes[:-1]:
+        handles, labels = place.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    figure.legend(named.values(), named, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _draw_limits(axes: Axes, limits: list[Limit], unit: str) -> None:
+    names = list(dict.fromkeys(limit.error.name for limit in limits))
+    for limit in limits:
+        colour, marker, label = STYLES[limit.error.kind]
+        row = names.index(limit.error.name)
+        reached = math.isfinite(limit.size)
+        size = limit.size if reached else limit.error.largest
+        style = {"marker": marker, "mfc": colour, "label": label} if reached else {"marker": ">", "mfc": "white"}
+        axes.plot(size, row, ls="", ms=8, mec=colour, **style)
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(10 ** math.floor(math.log10(low)), 10 ** math.ceil(math.log10(high)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
+    axes.set_xlabel(f"{QUANTITIES[unit]} ({unit})" if unit != "deg" else "Degrees")
+    axes.grid(alpha=0.3, which="both")
+
+
+def _draw_grades(axes: Axes, budget: Budget) -> None:
+    names = ["exact pose", *(grade.name for grade in budget.grades)]
+    sizes = [budget.rms_m, *(grade.rms_m for grade in budget.grades)]
+    axes.barh(range(len(names)), sizes, color=["0.6", *["#0072b2"] * len(budget.grades)], height=0.6)
+    for row, size in enumerate(sizes):
+        if math.isfinite(size):
+            axes.annotate(f"{size:.2f} m", (size, row), xytext=(4, 0), textcoords="offset points", va="center")
+    axes.axvline(budget.rms_m * (1 + budget.growth), color="black", lw=1, ls="--")
+    axes.set(yticks=range(len(names)), yticklabels=names, xlabel="RMS of the DEM (m); dashed: the limit")
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    axes.spines[["top", "right"]].set_visible(False)

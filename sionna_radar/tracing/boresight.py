@@ -1,0 +1,25 @@
+"""What the beam axes meet: one path a pulse, the whole of what an ideal range sensor sees."""
+
+import numpy as np
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.paths import Paths
+
+
+def trace_boresights(pulses: Pulses, caster: RayCaster) -> Paths:
+    """Return the paths along the beam axes, of unit gain; a pulse that meets nothing has none."""
+    pose = pulses.true
+    hits = caster.cast(pose.position_m, pose.boresight)
+    seen = hits.hit
+    range_m = hits.distance_m[seen]
+    return Paths(
+        pulse=pulses.index[seen],
+        delay_s=2 * range_m / speed_of_light,
+        gain=np.ones(len(range_m), dtype=np.complex128),
+        range_rate_mps=pose.boresight_range_rate_mps[seen],
+        incidence_rad=np.full(len(range_m), np.nan),
+        hit_m=pose.position_m[seen] + range_m[:, None] * pose.boresight[seen],
+        surface=hits.surface[seen],
+    )
