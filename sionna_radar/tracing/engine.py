@@ -12,6 +12,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.models import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.mirrors import MirrorTracer
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.targets import trace_targets
 
@@ -26,18 +27,24 @@ class Engine(Protocol):
 
 
 class Tracer:
-    """An engine for the surfaces, and the point targets beside it."""
+    """An engine for the surfaces, with their mirror reflections and the point targets beside it.
+
+    Point targets keep the polarisation, so a cross-polar receiver does not see them.
+    """
 
     def __init__(
         self, engine: Engine, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster
     ) -> None:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
+        self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
-        if not self._scene.targets:
+        if len(self._mirrors):
+            paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+        if not self._scene.targets or self._antenna.receives == "cross":
             return paths
         targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster)
         return Paths.concatenate([paths, targets])
