@@ -350,7 +350,7 @@ class ProcessingTable(Table):
     echoes: Literal["first", "strongest", "all"] = "strongest"
     merge_gap_m: NonNegative = 3.0
     dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
-    ranging: Literal["peak", "centroid"] = "centroid"
+    ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
     min_range_m: NonNegative = 3.0
     doppler_correction: bool = Field(default=True, strict=True)
 
