@@ -7,13 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Inexact
 
-from sionna_radar.detection.echoes import Echoes
-from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.detection.detector import RESPONSE_CELLS, Found
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.pulses import Pose, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
-from sionna_radar.mapping.coverage import Illumination
+from sionna_radar.mapping.coverage import Illumination, main_beam_hits
+from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
+from sionna_radar.mapping.surface_map import map_surface
 from sionna_radar.preparation import SAMPLED_PULSES, Preparation, prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
@@ -105,20 +109,23 @@ def run(
         ready = prepare(scenario, antenna=antenna, scan=scan)
         tracer = build_tracer(ready)
         illumination = Illumination(ready.grid)
-    located, path_count = [], 0
+    located, kept, path_count = [], Kept(), 0
     for block in fly(ready, tracer, block_size, watch):
         with watch("map"):
-            located.append(locate(block.echoes, block.pulses.index, block.pulses.measured))
-            illumination.add(block.paths)
+            located.append(locate(block.found.echoes, block.pulses.index, block.pulses.measured))
+            if scenario.dem.method != "linear":
+                kept.add(block)
+            illumination.add(*main_beam_hits(block.paths, block.pulses, ready.antenna))
         path_count += len(block.paths)
         progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
     with watch("map"):
         points = Points.concatenate(located)
-        dem = grid_dem(points, ready)
+        dem = map_points(points, kept, ready)
     with watch("compare"):
         truth = truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
         error = difference(dem, truth)
-        dem_error = summarise(error, illumination.mask(ready.max_gap_m) & truth.filled)
+        lit = illumination.mask(ready.max_gap_m, truth, ready.built.caster.visible)
+        dem_error = summarise(error, lit & truth.filled)
         chirp = record_chirp(tracer, ready)
     return Survey(
         scenario=scenario,
@@ -143,7 +150,35 @@ class Block:
 
     pulses: Pulses
     paths: Paths
-    echoes: Echoes
+    found: Found
+
+
+class Kept:
+    """The profiles and measured poses that a map of the whole echoes needs, gathered block by block."""
+
+    def __init__(self) -> None:
+        self._profiles: list[Profiles] = []
+        self._poses: list[Pose] = []
+
+    def add(self, block: Block) -> None:
+        """Keep what a block brought."""
+        profiles = block.found.profiles
+        self._profiles.append(profiles)
+        self._poses.append(block.pulses.measured.rows(np.searchsorted(block.pulses.index, profiles.pulse)))
+
+    def sightings(self, ready: Preparation) -> Sightings:
+        """Return all that was kept, with what the map knows of the radar."""
+        analyser = ready.detector.analyser
+        return Sightings(
+            profiles=Profiles.concatenate(self._profiles),
+            pose=Pose.concatenate(self._poses),
+            chirp=ready.chirp,
+            beam=beam_nodes(ready.antenna),
+            response=analyser.response(RESPONSE_CELLS, 1),
+            looks_per_cell=analyser.looks_per_cell,
+            doppler=1.0 if ready.scenario.processing.doppler_correction else 0.0,
+            reach_m=ready.chirp.max_range_m,
+        )
 
 
 def fly(ready: Preparation, tracer: Tracer, block_size: int, watch: Stopwatch | None = None) -> Iterator[Block]:
@@ -155,14 +190,22 @@ def fly(ready: Preparation, tracer: Tracer, block_size: int, watch: Stopwatch | 
         with watch("synthesise"):
             beat = received(paths, pulses, ready)
         with watch("detect"):
-            echoes = ready.detector.detect(beat, pulses.index, pulses.measured)
-        yield Block(pulses=pulses, paths=paths, echoes=echoes)
+            found = ready.detector.find(beat, pulses.index, pulses.measured)
+        yield Block(pulses=pulses, paths=paths, found=found)
 
 
 def grid_dem(points: Points, ready: Preparation) -> Raster:
-    """Return the DEM of located echoes on the survey's grid."""
+    """Return the DEM of located echoes on the survey's grid, linear between them."""
     shadow = np.deg2rad(ready.scenario.dem.shadow_incidence_deg)
     return grid_points(points, ready.grid, ready.max_gap_m, shadow)
+
+
+def map_points(points: Points, kept: Kept, ready: Preparation) -> Raster:
+    """Return the DEM by the method that the scenario asks for; only "linear" needs nothing kept."""
+    method = ready.scenario.dem.method
+    if method == "linear":
+        return grid_dem(points, ready)
+    return map_surface(method, points, kept.sightings(ready), ready.grid, ready.max_gap_m)
 
 
 def build_tracer(ready: Preparation) -> Tracer:

@@ -9,6 +9,7 @@ from sionna_radar.decibel import from_db
 from sionna_radar.detection.beam_profile import BeamProfile, beam_profile
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, run_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.errors import Problem, ScenarioError
@@ -30,6 +31,14 @@ class Spectra:
     power: Float[np.ndarray, "pulse bin"]
     noise: Float[np.ndarray, "pulse bin"]
     threshold: Float[np.ndarray, "pulse bin"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What a block of pulses brought: its echoes, and the profiles around them."""
+
+    echoes: Echoes
+    profiles: Profiles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +77,19 @@ class Detector:
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
+    def find(
+        self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
+    ) -> "Found":
+        """Return the echoes of a block together with the range profiles around them."""
+        runs = self._select(self._runs(self.spectra(beat)))
+        profiles = cut_profiles(runs, pulse, self.processing.zero_padding)
+        return Found(echoes=self._estimated(runs, pulse, measured), profiles=profiles)
+
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes in spectra that are computed already."""
-        runs = self._select(self._runs(spectra))
+        return self._estimated(self._select(self._runs(spectra)), pulse, measured)
+
+    def _estimated(self, runs: EchoRuns, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         ranges = ESTIMATORS[self.processing.ranging](runs)
         range_m = ranges.range_m
         if self.processing.doppler_correction:

@@ -30,6 +30,7 @@ PEDESTAL = 1e-4
 HIGHEST_RATIO = 8.0
 STEEPEST = 0.05
 LEVEL_ITERATIONS = 12
+FEWEST_CELLS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +167,8 @@ class EchoModel:
         power, mean, weight = power[used], mean[used], weight[used]
         jacobian = self._jacobian(pulse, spread, len(shape))[used] * (level / mean)[:, None]
         of_level = level * shape[used] / mean
+        if len(used) < FEWEST_CELLS:
+            return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
         jacobian -= np.outer(of_level, (weight * of_level) @ jacobian / (weight @ of_level**2))
         residual = np.minimum(power / mean, HIGHEST_RATIO) - 1
         root = np.sqrt(looks * weight)[:, None] * jacobian

@@ -93,16 +93,8 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
 
 def only(sightings: Sightings, keep: Bool[np.ndarray, " pulse"]) -> Sightings:
     """Return some of the sightings."""
-    pose = sightings.pose
-    return replace(
-        sightings,
-        profiles=sightings.profiles.only(np.flatnonzero(keep)),
-        pose=Pose(
-            position_m=pose.position_m[keep],
-            velocity_mps=pose.velocity_mps[keep],
-            R_world_antenna=pose.R_world_antenna[keep],
-        ),
-    )
+    profiles = sightings.profiles.only(np.flatnonzero(keep))
+    return replace(sightings, profiles=profiles, pose=sightings.pose.rows(keep))
 
 
 def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Heightfield:
