@@ -283,7 +283,7 @@ def _fly(ready: Preparation, engine: Engine, seed: int, block_size: int, progres
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
     for block in fly(ready, tracer_with(engine, ready), block_size):
-        here, echoes = block.pulses.index, block.echoes
+        here, echoes = block.pulses.index, block.found.echoes
         power[here], range_m[here], incidence[here] = _means(block.paths, int(here[0]), len(here))
         order = np.argsort(echoes.power, kind="stable")
         echo_range_m[echoes.pulse[order]] = echoes.range_m[order]
