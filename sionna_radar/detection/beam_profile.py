@@ -1,11 +1,11 @@
 """The echo that a beam makes on a sloping plane, and its fit to measured powers.
 
-On a plane whose normal makes the angle t with the boresight, a ray turned by the small angle whose sine is s in the
-plane of incidence and by u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), of u the mean square is
-taken, and sends back a power that falls with the square of the range (constant gamma). Over the beam's two-way power along s this gives the
-mean echo: its place is the boresight's range r0, its width follows from the slope. Powers are exponential about the
-mean, so the fit maximises their likelihood, -sum(P / mu + log mu), by Fisher scoring over r0, log tan t and
-the level, from the best of a ladder of slopes.
+On a plane whose normal makes the angle t with the boresight, a ray turned by the small angles of sines s in the plane
+of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t). Of u the mean square is taken. The
+power sent back falls with the square of the range (constant gamma). Over the beam's two-way power along s this gives
+the mean echo: its place is the boresight's range r0, its width follows from the slope. Powers are exponential about
+the mean, so the fit maximises their likelihood, -sum(P / mu + log mu), by Fisher scoring over r0, log tan t and the
+level, from the best of a ladder of slopes.
 """
 
 from dataclasses import dataclass
@@ -121,7 +121,9 @@ def _ranges(beam: BeamProfile, boresight: float, log_slope: float) -> Float[np.n
     return boresight / np.maximum(closing, 0.2)
 
 
-def _shape(beam: BeamProfile, bins: Int[np.ndarray, " bin"], state: Float[np.ndarray, "2"]) -> Float[np.ndarray, " bin"]:
+def _shape(
+    beam: BeamProfile, bins: Int[np.ndarray, " bin"], state: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, " bin"]:
     """Return the echo of unit power."""
     place = _ranges(beam, state[0], state[1]) - bins[0]
     # The samples stand for intervals: the power between two of them is spread evenly over the bins they span.

@@ -48,9 +48,7 @@ class EchoRuns:
 
     def only(self, keep: Bool[np.ndarray, " echo"]) -> "EchoRuns":
         """Return some of the runs."""
-        return replace(
-            self, row=self.row[keep], start=self.start[keep], stop=self.stop[keep], peak=self.peak[keep]
-        )
+        return replace(self, row=self.row[keep], start=self.start[keep], stop=self.stop[keep], peak=self.peak[keep])
 
 
 @dataclass(frozen=True, kw_only=True)

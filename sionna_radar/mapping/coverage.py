@@ -55,7 +55,8 @@ class Illumination:
         closed = binary_closing(padded, disk)[reach : reach + lit.shape[0], reach : reach + lit.shape[1]]
         gap = np.flatnonzero(closed & ~lit & surface.filled)
         if len(gap):
-            row, column = distance_transform_edt(~lit, return_distances=False, return_indices=True).reshape(2, -1)[:, gap]
+            nearest = distance_transform_edt(~lit, return_distances=False, return_indices=True)
+            row, column = nearest.reshape(2, -1)[:, gap]
             point = np.column_stack([self._grid.centres_m[gap], surface.height_m.ravel()[gap]])
             lit.ravel()[gap] = visible(self._origin_m[row, column], point)
         return lit

@@ -12,6 +12,7 @@ tiles that overlap; each learns its own terrain model, and their surfaces are bl
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -194,7 +195,7 @@ def _tiles(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
     count = max(1, int(np.ceil(length / TILE_M)))
     bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
     bounds[[0, -1]] += -2 * OVERLAP_M, 2 * OVERLAP_M
-    return [(float(a), float(b)) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [(float(a), float(b)) for a, b in pairwise(bounds)]
 
 
 def _taper(place: Float[np.ndarray, "row column"], low: float, high: float) -> Float[np.ndarray, "row column"]:

@@ -49,9 +49,7 @@ def map_surface(
     return Raster(grid=grid, height_m=np.where(seen, height, np.nan))
 
 
-def seen_cells(
-    sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: float
-) -> Bool[np.ndarray, "row column"]:
+def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
     """Return the cells that the main beam saw, from the measured poses over an estimated surface."""
     illumination = Illumination(grid)
     share = sightings.beam.share
@@ -71,9 +69,7 @@ def seen_cells(
             hit = hit[np.abs(hit[:, 2] - surface.at(hit[:, 0], hit[:, 1])) < OFF_SURFACE_M]
             illumination.add(hit, np.broadcast_to(part.pose.position_m[pulse], hit.shape))
 
-    def visible(
-        origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"]
-    ) -> Bool[np.ndarray, " ray"]:
+    def visible(origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"]) -> Bool[np.ndarray, " ray"]:
         away = point_m - origin_m
         distance = np.linalg.norm(away, axis=1)
         reached = surface.first_hit(origin_m, away / distance[:, None], float(distance.max()) + 1.0)
