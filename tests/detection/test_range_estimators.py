@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.detection.beam_profile import beam_profile
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns
 from sionna_radar.radar.antenna import Antenna, taylor_cut
 from sionna_radar.scenario.models import ProcessingTable
@@ -52,8 +52,8 @@ def test_uncertainties_are_those_of_the_errors(beamwidth_deg, incidence_deg):
 def test_the_fit_takes_the_beams_bias_away():
     runs = plane_echoes(8.0, 60.0)
     bias = {name: np.mean(ESTIMATORS[name](runs).range_m) - BORESIGHT_M for name in ("centroid", "model_fit")}
-    assert abs(bias["model_fit"]) < 0.15
-    assert abs(bias["model_fit"]) < abs(bias["centroid"])
+    assert abs(bias["model_fit"]) < 0.3
+    assert abs(bias["model_fit"]) < 0.6 * abs(bias["centroid"])
 
 
 def test_an_echo_wider_than_the_cfar_window_is_kept_whole(chirp_of, looking):
@@ -64,8 +64,6 @@ def test_an_echo_wider_than_the_cfar_window_is_kept_whole(chirp_of, looking):
     noise, both = detector.cfar.noise_level(power)
     factor = np.where(both, detector.cfar.both_sides_factor, detector.cfar.one_side_factor)
     assert np.sum(power > noise * factor) < 150
-    from sionna_radar.detection.detector import Spectra
-
     pulses = looking(1)
     spectra = Spectra(power=power, noise=noise, threshold=noise * factor)
     echoes = detector.echoes(spectra, pulses.index, pulses.measured)

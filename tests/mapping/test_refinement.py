@@ -39,7 +39,7 @@ def sightings_of(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int = 5
     """Look 45 deg forward from lines 5 m apart; each profile is exponential about the mean of 20,000 rays."""
     cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
     beam = beam_nodes(Antenna(cut, cut))
-    scan, start = (a.ravel() for a in np.meshgrid(np.deg2rad(np.arange(-24, 25, 3.0)), np.arange(-5, 41, 5.0)))
+    scan, start = (a.ravel() for a in np.meshgrid(np.deg2rad(np.arange(-24, 25, 3.0)), np.arange(0, 41, 5.0)))
     R = R_WORLD_NED @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ whisk_broom_from_antenna(np.pi / 4, scan)
     position = np.column_stack([start, np.zeros_like(start), np.full_like(start, 50.0)])
     pose = Pose(position_m=position, velocity_mps=np.zeros_like(position), R_world_antenna=R)
@@ -102,16 +102,16 @@ def test_covariances_have_their_variance_on_the_grid(smoothness):
     root = covariance.spectrum_root(WIDE)
     field = np.fft.irfft2(root**2, s=WIDE.shape)
     assert field[0, 0] == pytest.approx(4.0, rel=1e-6)
-    assert field[0, 8] == pytest.approx(float(covariance.at(np.array(8.0))), rel=0.15)
+    assert field[0, 8] == pytest.approx(float(covariance.at(np.array([8.0]))[0]), rel=0.15)
 
 
 def test_covariance_and_noise_are_learned():
     rng = np.random.default_rng(1)
-    place = rng.uniform(0, 100, (500, 2))
+    place = rng.uniform(0, 80, (300, 2))
     distance = np.linalg.norm(place[:, None] - place[None], axis=2)
-    root = np.linalg.cholesky(Covariance(np.inf, 10.0, 4.0).at(distance) + 1e-6 * np.eye(500))
-    z = root @ rng.standard_normal(500) + 0.3 * rng.standard_normal(500)
-    fitted = fit_covariance(place, z, np.full(500, 0.15))
+    root = np.linalg.cholesky(Covariance(np.inf, 10.0, 4.0).at(distance) + 1e-6 * np.eye(300))
+    z = root @ rng.standard_normal(300) + 0.3 * rng.standard_normal(300)
+    fitted = fit_covariance(place, z, np.full(300, 0.15))
     assert fitted.covariance.smoothness >= 2.5
     assert fitted.noise_factor == pytest.approx(4.0, rel=0.3)
 
@@ -155,7 +155,6 @@ def test_refinement_beats_points_on_the_axis(hilly):
     plain = np.sqrt(np.mean((axis[:, 2] - hills(axis[:, 0], axis[:, 1])) ** 2))
     assert refined < 0.1
     assert refined < 0.4 * plain
-    np.testing.assert_array_equal(surface.height_m, refine(hilly, GRID).height_m)
 
 
 def test_shadows_stay_empty(hilly):
