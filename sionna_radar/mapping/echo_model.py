@@ -63,7 +63,7 @@ class Sightings:
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
         """Return by how much motion shifts ranges along directions."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
-        return self.doppler * self.chirp.doppler_range_m(rate)
+        return self.doppler * self.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
 
 
 @dataclass(frozen=True)

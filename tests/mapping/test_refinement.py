@@ -107,13 +107,13 @@ def test_covariances_have_their_variance_on_the_grid(smoothness):
 
 def test_covariance_and_noise_are_learned():
     rng = np.random.default_rng(1)
-    place = rng.uniform(0, 80, (300, 2))
+    place = rng.uniform(0, 60, (150, 2))
     distance = np.linalg.norm(place[:, None] - place[None], axis=2)
-    root = np.linalg.cholesky(Covariance(np.inf, 10.0, 4.0).at(distance) + 1e-6 * np.eye(300))
-    z = root @ rng.standard_normal(300) + 0.3 * rng.standard_normal(300)
-    fitted = fit_covariance(place, z, np.full(300, 0.15))
+    root = np.linalg.cholesky(Covariance(np.inf, 10.0, 4.0).at(distance) + 1e-6 * np.eye(150))
+    z = root @ rng.standard_normal(150) + 0.3 * rng.standard_normal(150)
+    fitted = fit_covariance(place, z, np.full(150, 0.15))
     assert fitted.covariance.smoothness >= 2.5
-    assert fitted.noise_factor == pytest.approx(4.0, rel=0.3)
+    assert fitted.noise_factor == pytest.approx(4.0, rel=0.4)
 
 
 def test_a_smoothing_surface_is_kriging():
