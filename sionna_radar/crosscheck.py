@@ -286,8 +286,8 @@ def _fly(ready: Preparation, engine: Engine, seed: int, block_size: int, progres
     radar = SawtoothRadar(ready, tracer=tracer_with(engine, ready))
     for block in fly(ready, radar, block_size):
         here = block.pulses.index
-        echoes = radar.correct(block.echoes, here, block.pulses.measured)
-        power[here], range_m[here], incidence[here] = _means(block.paths, int(here[0]), len(here))
+        echoes = radar.correct(block.seen.echoes, here, block.pulses.measured)
+        power[here], range_m[here], incidence[here] = _means(block.seen.paths, int(here[0]), len(here))
         order = np.argsort(echoes.power, kind="stable")
         echo_range_m[echoes.pulse[order]] = echoes.range_m[order]
         located.append(locate(echoes, here, block.pulses.measured))

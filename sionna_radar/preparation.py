@@ -73,7 +73,7 @@ def prepare(
     own_scan = scan is not None
     scan = scan or build_scan(scenario.radar.scan)
     antenna = antenna or build_antenna(scenario.radar.antenna)
-    detector = build_detector(scenario.processing, chirp)
+    detector = build_detector(scenario.processing, chirp, antenna)
     if not own_scan:
         _check_nominal_range(scenario, chirp)
     track = plan_track(scenario.platform)

@@ -37,6 +37,7 @@ class RecordedSurvey:
 
     def dem_error(self, navigation: Navigation | None) -> DemError:
         """Return the error of the DEM made with a navigation system."""
+        # Plain gridding: a map that models whole echoes would have to be made anew for each navigation.
         dem = grid_dem(self.points(navigation), self.ready)
         return summarise(difference(dem, self.truth), self.recording.lit & self.truth.filled)
 

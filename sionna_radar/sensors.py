@@ -13,6 +13,7 @@ from scipy.constants import speed_of_light
 from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.preparation import SAMPLED_PULSES, Preparation
@@ -34,10 +35,12 @@ class Observation:
 
     paths: what was lit.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
+    profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     """
 
     paths: Paths
     echoes: Echoes
+    profiles: Profiles | None = None
 
 
 @runtime_checkable
@@ -69,9 +72,8 @@ class SawtoothRadar:
         with self._watch("synthesise"):
             beat = received(paths, pulses, self._ready)
         with self._watch("detect"):
-            detector = self._ready.detector
-            echoes = detector.uncorrected(detector.spectra(beat), pulses.index)
-        return Observation(paths=paths, echoes=echoes)
+            found = self._ready.detector.find(beat, pulses.index)
+        return Observation(paths=paths, echoes=found.echoes, profiles=found.profiles)
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes without the Doppler shift of still ground."""
@@ -130,6 +132,7 @@ class Lidar:
             pulse=paths.pulse,
             number=np.zeros(len(paths), dtype=np.int64),
             range_m=range_m,
+            range_sigma_m=np.full(len(paths), self._range_noise_m),
             power=np.ones(len(paths)),
             snr_db=np.full(len(paths), np.nan),
         )

@@ -7,22 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
 
+from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
-from sionna_radar.mapping.coverage import Illumination
+from sionna_radar.mapping.coverage import Illumination, main_beam_hits
+from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
+from sionna_radar.mapping.surface_map import map_surface
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
 from sionna_radar.scenario.models import Scenario
 from sionna_radar.scene.raycast import truth_dem
-from sionna_radar.sensors import SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
+from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
 from sionna_radar.stopwatch import Stopwatch
 from sionna_radar.tracing.engine import Tracer
-from sionna_radar.tracing.paths import Paths
 
 BLOCK_SIZE = 256
 
@@ -110,7 +115,7 @@ def run(
     recording = record(ready, carried, block_size=block_size, progress=progress, watch=watch)
     with watch("map"):
         points = place(recording.echoes, carried, ready.schedule, block_size=block_size)
-        dem = grid_dem(points, ready)
+        dem = map_points(points, recording.profiles, ready)
     with watch("compare"):
         truth = true_surface(ready)
         error = difference(dem, truth)
@@ -138,11 +143,13 @@ class Recording:
     """What a sensor brings home from a survey; the measured pose has no part in it.
 
     echoes: sorted by pulse, not corrected for Doppler.
+    profiles: range profiles around them, where the scenario's map models whole echoes; else None.
     lit: cells of the DEM that the beam reached.
     paths: how many were traced.
     """
 
     echoes: Echoes
+    profiles: Profiles | None
     lit: Bool[np.ndarray, "row column"]
     paths: int
 
@@ -158,30 +165,35 @@ def record(
     """Fly a prepared survey and return what the sensor observed, block by block."""
     watch = watch or Stopwatch()
     illumination = Illumination(ready.grid)
-    echoes, path_count = [], 0
+    echoes, profiles, path_count = [], [], 0
     for block in fly(ready, sensor, block_size):
-        echoes.append(block.echoes)
+        echoes.append(block.seen.echoes)
+        if ready.scenario.dem.method != "linear" and block.seen.profiles is not None:
+            profiles.append(block.seen.profiles)
         with watch("map"):
-            illumination.add(block.paths)
-        path_count += len(block.paths)
+            illumination.add(*main_beam_hits(block.seen.paths, block.pulses, ready.antenna))
+        path_count += len(block.seen.paths)
         progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
-    return Recording(echoes=Echoes.concatenate(echoes), lit=illumination.mask(ready.max_gap_m), paths=path_count)
+    return Recording(
+        echoes=Echoes.concatenate(echoes),
+        profiles=Profiles.concatenate(profiles) if profiles else None,
+        lit=illumination.mask(ready.max_gap_m, true_surface(ready), ready.built.caster.visible),
+        paths=path_count,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A block of pulses on its way through the chain; its echoes are not corrected for Doppler."""
+    """A block of pulses and what the sensor saw; its echoes are not corrected for Doppler."""
 
     pulses: Pulses
-    paths: Paths
-    echoes: Echoes
+    seen: Observation
 
 
 def fly(ready: Preparation, sensor: Sensor, block_size: int) -> Iterator[Block]:
     """Yield the survey block by block, as the sensor observes it."""
     for pulses in ready.schedule.blocks(block_size):
-        seen = sensor.observe(pulses)
-        yield Block(pulses=pulses, paths=seen.paths, echoes=seen.echoes)
+        yield Block(pulses=pulses, seen=sensor.observe(pulses))
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = BLOCK_SIZE) -> Points:
@@ -195,9 +207,35 @@ def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size
 
 
 def grid_dem(points: Points, ready: Preparation) -> Raster:
-    """Return the DEM of located echoes on the survey's grid."""
+    """Return the DEM of located echoes on the survey's grid, linear between them."""
     shadow_rad = float(np.deg2rad(ready.scenario.dem.shadow_incidence_deg))
     return grid_points(points, ready.grid, ready.max_gap_m, shadow_rad)
+
+
+def map_points(points: Points, profiles: Profiles | None, ready: Preparation) -> Raster:
+    """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles."""
+    method = ready.scenario.dem.method
+    if method == "linear":
+        return grid_dem(points, ready)
+    if profiles is None:
+        message = f"{method!r} models whole echoes, and this sensor brings none; set dem.method = 'linear'"
+        raise ScenarioError([Problem("dem.method", message)])
+    return map_surface(method, points, sightings(profiles, ready), ready.grid, ready.max_gap_m)
+
+
+def sightings(profiles: Profiles, ready: Preparation) -> Sightings:
+    """Return range profiles with what a map may know of the radar: its measured pose, its sweep and its beam."""
+    analyser = ready.detector.analyser
+    return Sightings(
+        profiles=profiles,
+        pose=ready.schedule.pulses(profiles.pulse).measured,
+        chirp=ready.chirp,
+        beam=beam_nodes(ready.antenna),
+        response=analyser.response(RESPONSE_CELLS, 1),
+        looks_per_cell=analyser.looks_per_cell,
+        doppler=1.0 if ready.scenario.processing.doppler_correction else 0.0,
+        reach_m=ready.chirp.max_range_m,
+    )
 
 
 def true_surface(ready: Preparation) -> Raster:

@@ -163,9 +163,7 @@ class Cfar:
 
         return float(brentq(log_miss, 0.0, 1e9, xtol=1e-10, rtol=1e-12))
 
-    def _sampled_factor(
-        self, level: Float[np.ndarray, " sample"], log_weight: Float[np.ndarray, " sample"]
-    ) -> float:
+    def _sampled_factor(self, level: Float[np.ndarray, " sample"], log_weight: Float[np.ndarray, " sample"]) -> float:
         def log_miss(factor: float) -> float:
             log_probability = logsumexp(log_weight - factor * level) - np.log(len(level))
             return float(log_probability - np.log(self.false_alarm_probability))

@@ -6,17 +6,22 @@ import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 
 from sionna_radar.decibel import from_db
+from sionna_radar.detection.beam_profile import BeamProfile, beam_profile
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, run_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.models import ProcessingTable
 
 # Noise of the cell under test and of the nearest training cell may share this much of their power.
 SHARED_NOISE = 0.01
+# Half of the window's response that is kept, in range cells; of a tapered window little lies beyond.
+RESPONSE_CELLS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,12 +34,24 @@ class Spectra:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Found:
+    """What a block of pulses brought: its echoes, not corrected for Doppler, and the profiles around them."""
+
+    echoes: Echoes
+    profiles: Profiles
+
+
+@dataclass(frozen=True, kw_only=True)
 class Detector:
-    """The processing of a scenario for one chirp."""
+    """The processing of a scenario for one chirp.
+
+    beam: what the antenna makes of a plane, for estimators that fit it; None where it is unknown.
+    """
 
     analyser: SpectrumAnalyser
     cfar: Cfar
     processing: ProcessingTable
+    beam: BeamProfile | None = None
 
     def spectra(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""
@@ -60,19 +77,29 @@ class Detector:
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
+    def find(self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"]) -> Found:
+        """Return the uncorrected echoes of a block together with the range profiles around them."""
+        runs = self._select(self._runs(self.spectra(beat)))
+        profiles = cut_profiles(runs, pulse, self.processing.zero_padding)
+        return Found(echoes=self._estimated(runs, pulse), profiles=profiles)
+
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes in spectra that are computed already."""
         return self.correct(self.uncorrected(spectra, pulse), pulse, measured)
 
     def uncorrected(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
         """Return the echoes where they lie on the axis of the spectrum, Doppler shift included."""
-        runs = self._select(self._runs(spectra))
+        return self._estimated(self._select(self._runs(spectra)), pulse)
+
+    def _estimated(self, runs: EchoRuns, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
+        ranges = ESTIMATORS[self.processing.ranging](runs)
         peak_power = runs.power[runs.row, runs.peak]
         noise = runs.noise[runs.row, runs.peak]
         return Echoes(
             pulse=pulse[runs.row],
             number=_number_within(runs.row),
-            range_m=ESTIMATORS[self.processing.ranging](runs),
+            range_m=ranges.range_m,
+            range_sigma_m=ranges.sigma_m,
             power=peak_power,
             snr_db=10 * np.log10(peak_power / np.maximum(noise, np.finfo(float).tiny)),
         )
@@ -85,18 +112,22 @@ class Detector:
         return replace(echoes, range_m=echoes.range_m - shift[np.searchsorted(pulse, echoes.pulse)])
 
     def _runs(self, spectra: Spectra) -> EchoRuns:
-        """Return the runs of detected cells, gaps of up to `merge_gap_m` bridged."""
+        """Return the runs of cells around detected ones, gaps of up to `merge_gap_m` bridged."""
         tested = self.analyser.range_m >= self.processing.min_range_m
         if self.analyser.chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
             tested &= self.analyser.range_m < self.analyser.chirp.max_range_m - self.analyser.chirp.range_resolution_m
-        row, start, stop = _true_runs((spectra.power > spectra.threshold) & tested)
+        detected = (spectra.power > spectra.threshold) & tested
+        row, start, stop = _true_runs((detected | self._raised(spectra)) & tested)
         gap = int(self.processing.merge_gap_m / self.analyser.bin_m)
         follows = np.zeros(len(row), dtype=bool)
         follows[1:] = (row[1:] == row[:-1]) & (start[1:] - stop[:-1] <= gap)
         first = np.flatnonzero(~follows)
         last = np.append(first[1:], len(row)) - 1
         row, start, stop = row[first], start[first], stop[last] if len(row) else stop
+        before = np.concatenate([np.zeros((len(detected), 1), dtype=np.int64), np.cumsum(detected, axis=1)], axis=1)
+        found = before[row, stop] > before[row, start]
+        row, start, stop = row[found], start[found], stop[found]
         return EchoRuns(
             power=spectra.power,
             noise=spectra.noise,
@@ -105,7 +136,20 @@ class Detector:
             stop=stop,
             peak=_peaks(spectra.power, row, start, stop),
             bin_m=self.analyser.bin_m,
+            looks_per_bin=self.analyser.looks_per_cell / self.analyser.zero_padding,
+            beam=self.beam,
         )
+
+    def _raised(self, spectra: Spectra) -> Bool[np.ndarray, "pulse bin"]:
+        """Mark the cells that belong to an echo once one of its cells is detected.
+
+        An echo wider than the training window masks itself: its own power raises the threshold, and the CFAR
+        leaves a few cells of it. So cells count that stand out of the quietest training window of the pulse
+        and are not far weaker than its strongest cell.
+        """
+        quiet = np.min(spectra.noise, axis=1, keepdims=True) * self.cfar.both_sides_factor
+        strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.processing.dynamic_range_db)
+        return spectra.power > np.maximum(quiet, strongest)
 
     def _select(self, runs: EchoRuns) -> EchoRuns:
         """Keep the echoes that the scenario asks for, none far weaker than the strongest of its pulse."""
@@ -117,19 +161,18 @@ class Detector:
             keep &= _first_of_row(runs.row, peak_power == strongest[runs.row])
         elif self.processing.echoes == "first":
             keep = _first_of_row(runs.row, keep)
-        return EchoRuns(
-            power=runs.power,
-            noise=runs.noise,
-            row=runs.row[keep],
-            start=runs.start[keep],
-            stop=runs.stop[keep],
-            peak=runs.peak[keep],
-            bin_m=runs.bin_m,
-        )
+        return runs.only(keep)
 
 
-def build_detector(processing: ProcessingTable, chirp: Chirp) -> Detector:
+def build_detector(processing: ProcessingTable, chirp: Chirp, antenna: Antenna | None = None) -> Detector:
     """Return the processing of a scenario.
+
+    Parameters
+    ----------
+    processing, chirp:
+        The processing and the sweep it is for.
+    antenna:
+        The antenna, for estimators that know the beam.
 
     Raises
     ------
@@ -153,7 +196,9 @@ def build_detector(processing: ProcessingTable, chirp: Chirp) -> Detector:
         stride=processing.zero_padding,
         correlation=correlation,
     )
-    return Detector(analyser=analyser, cfar=cfar, processing=processing)
+    response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
+    beam = None if antenna is None else beam_profile(antenna, response)
+    return Detector(analyser=analyser, cfar=cfar, processing=processing, beam=beam)
 
 
 def _true_runs(

@@ -14,6 +14,7 @@ class Echoes:
     pulse: running number of the pulse in the survey.
     number: 0 for the nearest echo of its pulse, 1 for the next, ...
     range_m: slant range, Doppler corrected where the processing asks for it.
+    range_sigma_m: standard deviation of that range, as the estimator tells it from the echo itself.
     power: calibrated power of the echo's strongest cell; W, or the ratio to the sent power under snr_db.
     snr_db: that power against the local noise estimate of the CFAR.
     """
@@ -21,6 +22,7 @@ class Echoes:
     pulse: Int[np.ndarray, " echo"]
     number: Int[np.ndarray, " echo"]
     range_m: Float[np.ndarray, " echo"]
+    range_sigma_m: Float[np.ndarray, " echo"]
     power: Float[np.ndarray, " echo"]
     snr_db: Float[np.ndarray, " echo"]
 

@@ -54,3 +54,17 @@ class SpectrumAnalyser:
         energy = self.window**2 / np.sum(self.window**2)
         middle = np.arange(self.chirp.samples) - (self.chirp.samples - 1) / 2
         return np.array([energy @ np.cos(2 * np.pi * lag * middle / self.chirp.samples) for lag in range(cells)])
+
+    @cached_property
+    def looks_per_cell(self) -> float:
+        """Independent looks that a range cell is worth: the window correlates neighbouring cells."""
+        lags = self.noise_correlation(min(32, self.chirp.samples))
+        return float(1 / (1 + 2 * np.sum(lags[1:] ** 2)))
+
+    def response(self, half: int, bins_per_cell: int) -> Float[np.ndarray, " bin"]:
+        """Return the power spectrum of one range on bins -half to half of its own, with a sum of one."""
+        samples = self.chirp.samples
+        turn = np.arange(-half, half + 1) / (samples * bins_per_cell)
+        spectrum = np.exp(-2j * np.pi * np.outer(turn, np.arange(samples))) @ self.window
+        power = spectrum.real**2 + spectrum.imag**2
+        return power / power.sum()

@@ -41,6 +41,7 @@ def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
         pulse=pulse,
         number=np.zeros(len(pulse), dtype=np.int64),
         range_m=(early + late) / 2,
+        range_sigma_m=np.hypot(up.range_sigma_m[first], down.range_sigma_m[second]) / 2,
         power=(up.power[first] + down.power[second]) / 2,
         snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
     )

@@ -1,11 +1,11 @@
 """The pulses of a survey: when each chirp is sent, from where, and which way the antenna looks."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.body import Vector3, antenna_place, body_motion
 from sionna_radar.flight.frames import world_from_body, world_from_level
@@ -20,6 +20,15 @@ class Pose:
     position_m: Float[np.ndarray, "pulse 3"]
     velocity_mps: Float[np.ndarray, "pulse 3"]
     R_world_antenna: Float[np.ndarray, "pulse 3 3"]
+
+    def rows(self, index: Int[np.ndarray, " row"] | Bool[np.ndarray, " pulse"]) -> "Pose":
+        """Return some of the poses."""
+        return Pose(**{f.name: getattr(self, f.name)[index] for f in fields(Pose)})
+
+    @staticmethod
+    def concatenate(poses: Sequence["Pose"]) -> "Pose":
+        """Return all poses of some tables, in order."""
+        return Pose(**{f.name: np.concatenate([getattr(p, f.name) for p in poses]) for f in fields(Pose)})
 
     @property
     def boresight(self) -> Float[np.ndarray, "pulse 3"]:

@@ -24,6 +24,7 @@ class Points:
     position_m: Float[np.ndarray, "point 3"]
     origin_m: Float[np.ndarray, "point 3"]
     range_m: Float[np.ndarray, " point"]
+    range_sigma_m: Float[np.ndarray, " point"]
     power: Float[np.ndarray, " point"]
     snr_db: Float[np.ndarray, " point"]
 
@@ -65,6 +66,7 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         position_m=origin + echoes.range_m[:, None] * measured.boresight[row],
         origin_m=origin,
         range_m=echoes.range_m,
+        range_sigma_m=echoes.range_sigma_m,
         power=echoes.power,
         snr_db=echoes.snr_db,
     )

@@ -366,7 +366,11 @@ class CfarTable(Table):
 
 
 class ProcessingTable(Table):
-    """From beat signals to ranges."""
+    """From beat signals to ranges.
+
+    ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
+    moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best.
+    """
 
     window: str = "hann"
     zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
@@ -374,7 +378,7 @@ class ProcessingTable(Table):
     echoes: Literal["first", "strongest", "all"] = "strongest"
     merge_gap_m: NonNegative = 3.0
     dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
-    ranging: Literal["peak", "centroid"] = "centroid"
+    ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
     min_range_m: NonNegative = 3.0
     doppler_correction: bool = Field(default=True, strict=True)
 
@@ -398,8 +402,15 @@ class LidarTable(Table):
 
 
 class DemTable(Table):
-    """The grid of the elevation model."""
+    """The elevation model: its grid, and how the echoes become heights.
 
+    method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through
+    them, each weighted by its uncertainty, under a covariance that is learned from them. "refined" goes on from
+    there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
+    echoes are most likely.
+    """
+
+    method: Literal["linear", "smooth", "refined"] = "linear"
     spacing_m: Positive = 1.0
     max_gap_m: Positive | None = None
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

@@ -106,8 +106,8 @@ def test_estimators_on_a_known_shape():
         power=power, noise=np.ones_like(power), bin_m=0.3,
         row=np.array([0]), start=np.array([8]), stop=np.array([34]), peak=np.array([20]),
     )  # fmt: skip
-    for estimate in ESTIMATORS.values():
-        assert estimate(runs)[0] == pytest.approx(0.3 * 20.3, abs=2e-3)
+    for name in ("peak", "centroid", "model_fit"):  # the leading edge counts on speckle; without a beam a fit is a mean
+        assert ESTIMATORS[name](runs).range_m[0] == pytest.approx(0.3 * 20.3, abs=2e-3)
 
 
 def beats(chirp, looking, ranges_m, powers, noise=1e-4):

@@ -2,62 +2,57 @@
 
 import numpy as np
 
-from sionna_radar.mapping.coverage import Illumination
-from sionna_radar.raster import Grid
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.mapping.coverage import Illumination, main_beam_hits
+from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.tracing.paths import Paths
 
 GRID = Grid(west_m=-10.0, south_m=-10.0, spacing_m=1.0, columns=21, rows=21)
+FLAT = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
 
 
-def paths_at(hit_m, power, pulse=None, surface=0) -> Paths:
-    hit = np.array([(x, y, 0.0) for x, y in hit_m])
-    count = len(hit)
-    return Paths(
-        pulse=np.zeros(count, dtype=int) if pulse is None else np.array(pulse),
-        delay_s=np.zeros(count),
-        gain=np.sqrt(power).astype(complex),
-        range_rate_mps=np.zeros(count),
-        incidence_rad=np.zeros(count),
-        hit_m=hit,
-        surface=np.full(count, surface),
-    )
-
-
-def lit(illumination: Illumination, gap_m: float = 0.0) -> set[tuple[float, float]]:
-    row, column = np.nonzero(illumination.mask(gap_m))
+def lit(illumination: Illumination, gap_m: float = 0.0, visible: bool = True) -> set[tuple[float, float]]:
+    mask = illumination.mask(gap_m, FLAT, lambda origin_m, point_m: np.full(len(point_m), visible))
+    row, column = np.nonzero(mask)
     return set(zip(GRID.x_m[column].tolist(), GRID.y_m[row].tolist(), strict=True))
 
 
-def test_a_path_lights_the_cell_it_hits():
+def add(illumination: Illumination, places) -> None:
+    hit = np.array([(x, y, 0.0) for x, y in places]).reshape(-1, 3)
+    illumination.add(hit, np.broadcast_to([0.0, 0.0, 50.0], hit.shape))
+
+
+def test_a_hit_lights_its_cell_and_hits_outside_are_dropped():
     seen = Illumination(GRID)
-    seen.add(paths_at([(2.4, -3.4), (-10.4, 10.4)], [1.0, 0.9]))
+    for places in [(2.4, -3.4), (-10.4, 10.4)], [(11.0, 0), (0, -10.6)], []:
+        add(seen, places)
     assert lit(seen) == {(2.0, -3.0), (-10.0, 10.0)}
 
 
-def test_side_lobes_light_nothing():
+def test_lines_closer_than_the_gap_are_joined_unless_hidden():
     seen = Illumination(GRID)
-    # A quarter of its own pulse's strongest path is the limit, pulse by pulse.
-    seen.add(paths_at([(0, 0), (1, 0), (2, 0), (5, 5), (6, 5)], [1.0, 0.3, 0.2, 1e-6, 1e-7], pulse=[0, 0, 0, 1, 1]))
-    assert lit(seen) == {(0.0, 0.0), (1.0, 0.0), (5.0, 5.0)}
+    add(seen, [(x, y) for x in range(-10, 11) for y in (-8, -4, 4)])
+    assert {y for _, y in lit(seen, gap_m=4.0)} == {-8.0, -7.0, -6.0, -5.0, -4.0, 4.0}
+    assert {y for _, y in lit(seen, gap_m=4.0, visible=False)} == {-8.0, -4.0, 4.0}
 
 
-def test_blocks_add_up_and_hits_outside_are_dropped():
-    seen = Illumination(GRID)
-    for place in [(0, 0), (4, 0), (11.0, 0), (0, -10.6)]:
-        seen.add(paths_at([place], [1.0]))
-    seen.add(Paths(**{name: column[:0] for name, column in vars(paths_at([(0, 0)], [1.0])).items()}))
-    assert lit(seen) == {(0.0, 0.0), (4.0, 0.0)}
-
-
-def test_a_point_target_lights_no_ground():
-    seen = Illumination(GRID)
-    seen.add(paths_at([(0, 0)], [1.0], surface=-1))
-    assert lit(seen) == set()
-
-
-def test_lines_closer_than_the_gap_are_joined():
-    seen = Illumination(GRID)
-    line = [(x, y) for x in range(-10, 11) for y in (-8, -4, 4)]
-    seen.add(paths_at(line, np.ones(len(line))))
-    rows = {y for _, y in lit(seen, gap_m=4.0)}
-    assert rows == {-8.0, -7.0, -6.0, -5.0, -4.0, 4.0}
+def test_the_main_beam_ends_at_half_power_and_leaves_targets_out():
+    cut = taylor_cut(np.deg2rad(4.0), -20.0)
+    down = np.array([[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]])  # boresight straight down
+    pose = Pose(position_m=np.array([[0.0, 0.0, 100.0]]), velocity_mps=np.zeros((1, 3)), R_world_antenna=down)
+    pulses = Pulses(index=np.array([7]), time_s=np.zeros(1), scan_rad=np.zeros(1), true=pose, measured=pose)
+    edge = 100.0 * np.tan(np.deg2rad(2.0))
+    hit = np.array([(0, 0.98 * edge, 0), (0, 1.02 * edge, 0), (0.98 * edge, 0, 0), (0, 0, 0)], dtype=float)
+    paths = Paths(
+        pulse=np.full(4, 7),
+        delay_s=np.zeros(4),
+        gain=np.ones(4, dtype=complex),
+        range_rate_mps=np.zeros(4),
+        incidence_rad=np.zeros(4),
+        hit_m=hit,
+        surface=np.array([0, 0, 0, -1]),
+    )
+    found, origin = main_beam_hits(paths, pulses, Antenna(cut, cut))
+    np.testing.assert_array_equal(found, hit[[0, 2]])
+    np.testing.assert_array_equal(origin, np.broadcast_to(pose.position_m, (2, 3)))

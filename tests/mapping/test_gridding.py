@@ -21,6 +21,7 @@ def points_at(position_m: np.ndarray, origin_m=(0.0, 0.0, 100.0)) -> Points:
         position_m=np.asarray(position_m, dtype=float),
         origin_m=np.broadcast_to(origin_m, (count, 3)).astype(float),
         range_m=np.ones(count),
+        range_sigma_m=np.full(count, 0.1),
         power=np.ones(count),
         snr_db=np.ones(count),
     )

@@ -15,6 +15,7 @@ def echoes_of(pulse, range_m) -> Echoes:
         pulse=pulse,
         number=np.arange(count) - np.searchsorted(pulse, pulse),
         range_m=np.array(range_m, dtype=float),
+        range_sigma_m=np.full(len(range_m), 0.1),
         power=np.linspace(1, 2, count),
         snr_db=np.linspace(10, 20, count),
     )

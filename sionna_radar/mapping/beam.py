@@ -1,0 +1,60 @@
+"""The beam as a map knows it: directions in the main lobe, and the share of the echo's power between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_matrix
+
+from sionna_radar.radar.antenna import Antenna, Cut
+
+# Two-way power, relative to the peak's, to which the main lobe is followed.
+LOBE_EDGE = 1e-3
+NODES = 12, 16
+SAMPLES_PER_STEP = 2, 8
+
+
+@dataclass(frozen=True)
+class BeamNodes:
+    """Directions of the main lobe on a coarse grid that rays are cast along, and a fine one that carries power.
+
+    direction: unit vectors of the nodes in the antenna's frame.
+    share: two-way power of the fine samples, summing to one.
+    between: takes values at the nodes to the samples, bilinear in the direction cosines.
+    """
+
+    direction: Float[np.ndarray, "node 3"]
+    share: Float[np.ndarray, " sample"]
+    between: csr_matrix
+
+
+def beam_nodes(antenna: Antenna) -> BeamNodes:
+    """Return the main lobe of an antenna: finer in elevation, along which the range changes."""
+    u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
+    v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
+    U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
+    share = np.outer(power_u, power_v).ravel()
+    return BeamNodes(
+        direction=np.column_stack([np.sqrt(1 - U**2 - V**2), U, V]),
+        share=share / share.sum(),
+        between=csr_matrix(np.kron(between_u, between_v)),
+    )
+
+
+def _axis(
+    cut: Cut, nodes: int, samples: int
+) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " sample"], Float[np.ndarray, "sample node"]]:
+    """Return the nodes of one cut, the two-way power of its samples, and the interpolation between them."""
+    power = cut.voltage**4
+    peak = int(np.argmax(power))
+    weak = np.flatnonzero(power < LOBE_EDGE * power[peak])
+    low = cut.cosine[weak[weak < peak][-1]] if np.any(weak < peak) else cut.cosine[0]
+    high = cut.cosine[weak[weak > peak][0]] if np.any(weak > peak) else cut.cosine[-1]
+    count = (nodes - 1) * samples
+    place = (np.arange(count) + 0.5) / samples
+    below = np.floor(place).astype(np.int64)
+    between = np.zeros((count, nodes))
+    between[np.arange(count), below] = 1 - (place - below)
+    between[np.arange(count), below + 1] = place - below
+    cosine = low + place / (nodes - 1) * (high - low)
+    return np.linspace(low, high, nodes), cut.at(cosine) ** 4, between

@@ -1,0 +1,244 @@
+"""The echoes that a surface would send back, and how they change with its heights.
+
+A forward model of the map's own, from measured poses and the known antenna alone. Rays along the nodes of the beam
+meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
+the beam adds power to the two range cells about its range, Doppler included, and the window's response spreads it.
+Power per solid angle falls with the square of the range (constant gamma: sigma0 dA = gamma r^2 dOmega, over r^4).
+
+Powers are exponential about their means mu. A change of the surface changes log mu, and what a change of the echo's
+level explains is taken out, so that reflectivity need not be known. Cells far below the echo's level hold side
+lobes and a handful of scatterers: each cell counts with a weight w(mu) that fades there, which leaves the
+score w (P / mu - 1) unbiased, as it does not depend on P.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from scipy.sparse import csr_matrix
+
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.beam import BeamNodes
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.radar.chirp import Chirp
+
+# Level, relative to the echo's, at which a cell counts a quarter.
+FADING_LEVEL = 0.02
+PEDESTAL = 1e-4
+# Of exponential powers one in 3000 exceeds 8 means: what does is no terrain, and counts no more than that.
+HIGHEST_RATIO = 8.0
+STEEPEST = 0.05
+LEVEL_ITERATIONS = 12
+FEWEST_CELLS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sightings:
+    """What a map is made from: the profiles of some pulses and the measured pose of each.
+
+    chirp, beam: the sweep and the antenna.
+    response: power response of the spectrum to one range, on cells about its own; an odd number of them.
+    looks_per_cell: independent looks that a range cell is worth.
+    doppler: whether ranges shift with the range rate, 1, or not, 0.
+    reach_m: farthest range that the sampling can tell.
+    """
+
+    profiles: Profiles
+    pose: Pose
+    chirp: Chirp
+    beam: BeamNodes
+    response: Float[np.ndarray, " cell"]
+    looks_per_cell: float
+    doppler: float
+    reach_m: float
+
+    def __len__(self) -> int:
+        return len(self.profiles)
+
+    def direction(self) -> Float[np.ndarray, "pulse node 3"]:
+        """Return the beam's nodes in the world frame."""
+        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
+
+    def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
+        """Return by how much motion shifts ranges along directions."""
+        rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
+        return self.doppler * self.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
+
+
+@dataclass(frozen=True)
+class Footprints:
+    """Where the beam's nodes meet a surface.
+
+    range_m: NaN where a ray meets nothing; range_per_height: its change with the height of the surface there.
+    """
+
+    range_m: Float[np.ndarray, "pulse node"]
+    place_m: Float[np.ndarray, "pulse node 2"]
+    range_per_height: Float[np.ndarray, "pulse node"]
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The log-likelihood about a surface, in the heights under the nodes.
+
+    score: its gradient; factor: per pulse F with F^T F its expected curvature.
+    """
+
+    place_m: Float[np.ndarray, "pulse node 2"]
+    score: Float[np.ndarray, "pulse node"]
+    factor: list[Float32[np.ndarray, "cell node"]]
+
+
+def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
+    """Cast the beam's nodes of every pulse on a surface."""
+    direction = sightings.direction()
+    pulses, nodes, _ = direction.shape
+    rays = direction.reshape(-1, 3)
+    origin = np.repeat(sightings.pose.position_m, nodes, axis=0)
+    range_m = surface.first_hit(origin, rays, sightings.reach_m)
+    place = origin[:, :2] + np.nan_to_num(range_m)[:, None] * rays[:, :2]
+    east, north = surface.slope(*place.T)
+    # On the ray z + r d_z = h(x + r d_x, y + r d_y): raising h shortens r by 1 / (d_z - slope . d_xy) < 0.
+    closing = np.minimum(rays[:, 2] - east * rays[:, 0] - north * rays[:, 1], -STEEPEST)
+    per_height = np.where(np.isfinite(range_m), 1 / closing, 0.0)
+    shape = (pulses, nodes)
+    return Footprints(range_m.reshape(shape), place.reshape(*shape, 2), per_height.reshape(shape))
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """The samples of one pulse on its range cells: those that lie inside, with cell, share of it, and power."""
+
+    sample: Int[np.ndarray, " inside"]
+    below: Int[np.ndarray, " inside"]
+    above_share: Float[np.ndarray, " inside"]
+    power: Float[np.ndarray, " inside"]
+    stretch: Float[np.ndarray, " inside"]
+
+
+class EchoModel:
+    """Predicted echoes of all pulses over one surface."""
+
+    def __init__(self, sightings: Sightings, surface: Heightfield) -> None:
+        self._sightings = sightings
+        self._feet = footprints(sightings, surface)
+        self._shift = sightings.shift_m(sightings.direction())
+        self._half = len(sightings.response) // 2
+
+    def centroid_m(self) -> Float[np.ndarray, " pulse"]:
+        """Return the power-weighted mean range of every predicted echo; NaN without one."""
+        mean = np.full(len(self._sightings), np.nan)
+        for pulse in range(len(mean)):
+            spread = self._spread(pulse, -np.inf, np.inf)
+            total = spread.power.sum()
+            if total > 0:
+                cell = spread.below + spread.above_share
+                mean[pulse] = spread.power @ cell / total * self._sightings.profiles.cell_m
+        return mean
+
+    def linearise(self, noise_factor: float) -> Linearised:
+        """Return score and curvature of the likelihood of the profiles.
+
+        noise_factor: by which errors outside the model raise the variance of the data.
+        """
+        nodes = self._sightings.beam.direction.shape[0]
+        score = np.zeros((len(self._sightings), nodes))
+        factor = []
+        for pulse in range(len(score)):
+            one, root = self._pulse(pulse, self._sightings.looks_per_cell / noise_factor)
+            score[pulse] = one
+            factor.append(root)
+        return Linearised(self._feet.place_m, score, factor)
+
+    def _pulse(self, pulse: int, looks: float) -> tuple[Float[np.ndarray, " node"], Float32[np.ndarray, "cell node"]]:
+        profiles = self._sightings.profiles
+        power, first = profiles.values(pulse), int(profiles.first[pulse])
+        spread = self._spread(pulse, first, first + len(power) - 1)
+        shape = self._mean(spread, len(power))
+        nodes = self._sightings.beam.direction.shape[0]
+        above = np.maximum(power - 30 * profiles.noise[pulse], 0.0)
+        if not shape.any() or not above.any():
+            return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
+        # E[P^2] = 2 mu^2: the level of the box of the echo's power.
+        top = float(above @ above / above.sum() / 2)
+        level, mean, weight = _fit_level(power, shape, profiles.noise[pulse] + PEDESTAL * top, top)
+        used = np.flatnonzero(weight > 1e-4)
+        power, mean, weight = power[used], mean[used], weight[used]
+        jacobian = self._jacobian(pulse, spread, len(shape))[used] * (level / mean)[:, None]
+        of_level = level * shape[used] / mean
+        if len(used) < FEWEST_CELLS:
+            return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
+        jacobian -= np.outer(of_level, (weight * of_level) @ jacobian / (weight @ of_level**2))
+        residual = np.minimum(power / mean, HIGHEST_RATIO) - 1
+        root = np.sqrt(looks * weight)[:, None] * jacobian
+        return looks * (weight * residual) @ jacobian, root.astype(np.float32)
+
+    def _spread(self, pulse: int, first: float, last: float) -> _Spread:
+        """Return the samples of a pulse between two range cells, which count from the first."""
+        beam = self._sightings.beam
+        range_m = self._feet.range_m[pulse]
+        met = np.isfinite(range_m)
+        inverse = np.where(met, 1 / np.maximum(range_m, 1.0), 0.0)
+        whole = beam.between @ (~met).astype(float) == 0
+        sample_range = 1 / np.maximum(beam.between @ inverse, 1e-6)
+        cell = (sample_range + beam.between @ self._shift[pulse]) / self._sightings.profiles.cell_m
+        origin = first if np.isfinite(first) else 0.0
+        inside: Bool[np.ndarray, " sample"] = whole & (cell > first - self._half) & (cell < last + self._half)
+        cell = cell[inside] - origin
+        below = np.floor(cell).astype(np.int64)
+        power = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
+        return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2)
+
+    def _mean(self, spread: _Spread, cells: int) -> Float[np.ndarray, " cell"]:
+        """Return the profile that the samples make, of unit level."""
+        pad = 2 * self._half + 1
+        size = cells + 2 * pad
+        hit = np.bincount(spread.below + pad, spread.power * (1 - spread.above_share), size)
+        hit += np.bincount(spread.below + pad + 1, spread.power * spread.above_share, size)
+        profile: Float[np.ndarray, " cell"] = np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
+        return profile
+
+    def _jacobian(self, pulse: int, spread: _Spread, cells: int) -> Float[np.ndarray, "cell node"]:
+        """Return the change of the profile of unit level with the heights under the nodes."""
+        sightings = self._sightings
+        pad = 2 * self._half + 1
+        moved = spread.power * spread.stretch / sightings.profiles.cell_m
+        number = np.arange(len(moved))
+        onto = csr_matrix(
+            (
+                np.concatenate([-moved, moved]),
+                (np.concatenate([spread.below, spread.below + 1]) + pad, np.concatenate([number, number])),
+            ),
+            shape=(cells + 2 * pad, len(moved)),
+        )
+        inverse = 1 / np.maximum(np.nan_to_num(self._feet.range_m[pulse], nan=np.inf), 1.0)
+        raw = (onto @ sightings.beam.between[spread.sample]).toarray()
+        spreaded = np.zeros((cells, raw.shape[1]))
+        for offset, response in enumerate(sightings.response):
+            start = pad + self._half - offset
+            spreaded += response * raw[start : start + cells]
+        return spreaded * (inverse**2 * self._feet.range_per_height[pulse])
+
+
+def _fit_level(
+    power: Float[np.ndarray, " cell"], shape: Float[np.ndarray, " cell"], background: float, top: float
+) -> tuple[float, Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
+    """Return the most likely level of an echo, with the mean powers and the weights of the cells there."""
+    level = float(power.sum() / shape.sum())
+    for _ in range(LEVEL_ITERATIONS):
+        mean, weight = _at_level(level, shape, background, top)
+        share = weight * level * shape / mean
+        excess = np.minimum(power / mean, HIGHEST_RATIO) - 1
+        step = float(share @ excess / max(share.sum(), np.finfo(float).tiny))
+        level *= float(np.exp(np.clip(step, -1.0, 1.0)))
+        if abs(step) < 1e-4:
+            break
+    return level, *_at_level(level, shape, background, top)
+
+
+def _at_level(
+    level: float, shape: Float[np.ndarray, " cell"], background: float, top: float
+) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
+    echo = level * shape
+    return echo + background, (echo / (echo + FADING_LEVEL * top)) ** 2

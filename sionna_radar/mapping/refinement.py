@@ -1,0 +1,224 @@
+"""A DEM that knows its beam: the most probable terrain given the whole echoes, found by iteration.
+
+1. The power-weighted mean range of each echo, placed on the beam axis, gives a first smoothing surface, and the
+   covariance of the terrain and the noise are learned from it (`smoothing`).
+2. The forward model (`echo_model`) predicts every echo from the surface of the moment. Fisher scoring moves the
+   surface to where the likelihood of the measured profiles and the terrain model meet.
+3. Once the echoes' bias is known from the prediction, covariance and noise are learned again from bias-free
+   heights, and the scoring goes on.
+
+Nothing enters but the measured poses, the antenna and the measured profiles. A large survey is mapped in square
+tiles that overlap; each learns its own terrain model, and their surfaces are blended.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.mapping.smoothing import Heights, Smoothed, conjugate_gradients, smooth
+from sionna_radar.raster import Grid
+
+TILE_M = 160.0
+OVERLAP_M = 30.0
+FEWEST_PULSES = 20
+FIRST_STEPS, LAST_STEPS = 2, 5
+# A step below this root mean square ends the scoring.
+SMALL_STEP_M = 0.01
+CELLS_BELOW_PEAK = 1e-2
+OUTLIER_SIGMAS = 4.0
+
+
+def refine(sightings: Sightings, grid: Grid) -> Heightfield:
+    """Return the most probable surface over a grid; it is defined everywhere, seen or not.
+
+    Parameters
+    ----------
+    sightings:
+        Profiles and measured poses.
+    grid:
+        Cells of the DEM.
+
+    """
+    total, weight = np.zeros(grid.shape), np.zeros(grid.shape)
+    echoes = mean_ranges(sightings)
+    place = _on_axis(sightings.pose, echoes.range_m)[:, :2]
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    for west, east in _tiles(grid.x_m):
+        for south, north in _tiles(grid.y_m):
+            core = _taper(x, west, east) * _taper(y, south, north)
+            here = _inside(place, west, east, south, north, OVERLAP_M)
+            if here.sum() < FEWEST_PULSES:
+                continue
+            surface = _refine_tile(only(sightings, here), echoes.only(here), _part(grid, core > 0))
+            rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
+            window = np.ix_(rows, columns)
+            total[window] += core[window] * surface.at(x[window].ravel(), y[window].ravel()).reshape(len(rows), -1)
+            weight[window] += core[window]
+    covered = weight > 0
+    fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
+    return Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
+
+
+@dataclass(frozen=True)
+class MeanRanges:
+    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle."""
+
+    range_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+
+    def only(self, keep: Bool[np.ndarray, " pulse"]) -> "MeanRanges":
+        """Return some of them."""
+        return MeanRanges(self.range_m[keep], self.sigma_m[keep])
+
+
+def mean_ranges(sightings: Sightings) -> MeanRanges:
+    """Return the mean range of every profile, from the cells within 20 dB of its strongest."""
+    profiles = sightings.profiles
+    range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
+    for i in range(len(profiles)):
+        power = profiles.values(i)
+        power[power < max(CELLS_BELOW_PEAK * power.max(), 30 * profiles.noise[i])] = 0.0
+        cell, total = np.arange(len(power)), max(power.sum(), np.finfo(float).tiny)
+        mean = power @ cell / total
+        spread = power**2 @ (cell - mean) ** 2 / 2 / sightings.looks_per_cell
+        range_m[i] = (profiles.first[i] + mean) * profiles.cell_m
+        sigma[i] = max(np.sqrt(spread) / total, 0.05) * profiles.cell_m
+    axis = sightings.pose.boresight[:, None]
+    return MeanRanges(range_m - sightings.shift_m(axis)[:, 0], sigma)
+
+
+def only(sightings: Sightings, keep: Bool[np.ndarray, " pulse"]) -> Sightings:
+    """Return some of the sightings."""
+    profiles = sightings.profiles.only(np.flatnonzero(keep))
+    return replace(sightings, profiles=profiles, pose=sightings.pose.rows(keep))
+
+
+def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Heightfield:
+    grid = _reaching(grid, sightings, echoes)
+    fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
+    for _ in range(FIRST_STEPS):
+        fitted, _ = _score_step(sightings, fitted, 1.0)
+    bias, outlier = _bias(sightings, fitted.surface, echoes)
+    heights = _heights(sightings, echoes, bias)
+    keep = ~outlier
+    heights = Heights(heights.place_m[keep], heights.height_m[keep], heights.sigma_m[keep])
+    fitted = smooth(heights, grid)
+    for _ in range(LAST_STEPS):
+        fitted, step_m = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))
+        if step_m < SMALL_STEP_M:
+            break
+    return fitted.surface
+
+
+def evenly(echoes: MeanRanges) -> MeanRanges:
+    """Give all ranges the median uncertainty: before the beam's bias is known, speckle is not what tells."""
+    return MeanRanges(echoes.range_m, np.full(len(echoes.sigma_m), np.median(echoes.sigma_m)))
+
+
+def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> tuple[Smoothed, float]:
+    """Return the surface after one step of Fisher scoring, and the step's root mean square."""
+    model, white = fitted.model, fitted.white
+    linear = EchoModel(sightings, fitted.surface).linearise(noise_factor)
+    weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
+    transposed = weights.T.tocsr()
+
+    def curved(step: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        under = (weights @ model.coloured(step)).reshape(linear.score.shape)
+        return step + model.coloured(transposed @ _curvature(linear, under).ravel())
+
+    right = model.coloured(transposed @ linear.score.ravel()) - white
+    step = conjugate_gradients(curved, right, 60, 0.03)
+    moved = model.coloured(step)
+    return Smoothed(model, white + step, fitted.noise_factor), float(np.sqrt(np.mean(moved**2)))
+
+
+def _curvature(linear: Linearised, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
+    result = np.zeros_like(heights)
+    single = heights.astype(np.float32)
+    for pulse, factor in enumerate(linear.factor):
+        result[pulse] = factor.T @ (factor @ single[pulse])
+    return result
+
+
+def _bias(
+    sightings: Sightings, surface: Heightfield, echoes: MeanRanges
+) -> tuple[Float[np.ndarray, " pulse"], Bool[np.ndarray, " pulse"]]:
+    """Return by how much each predicted mean range exceeds the axis', and which echoes the surface leaves odd."""
+    pose = sightings.pose
+    axis = pose.boresight
+    predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
+    bias = predicted - surface.first_hit(pose.position_m, axis, sightings.reach_m)
+    residual = (echoes.range_m - predicted) / echoes.sigma_m
+    known = np.isfinite(bias)
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
+    odd = ~known | (np.abs(np.nan_to_num(residual)) > OUTLIER_SIGMAS * scale)
+    if odd.mean() > 0.5:
+        odd = ~known
+    return np.where(known, bias, 0.0), odd
+
+
+def _heights(sightings: Sightings, echoes: MeanRanges, bias_m: Float[np.ndarray, " pulse"]) -> Heights:
+    point = _on_axis(sightings.pose, echoes.range_m - bias_m)
+    sigma = echoes.sigma_m * np.abs(sightings.pose.boresight[:, 2])
+    return Heights(point[:, :2], point[:, 2], np.maximum(sigma, 0.02))
+
+
+def _on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse 3"]:
+    return pose.position_m + range_m[:, None] * pose.boresight
+
+
+def _reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
+    """Return the grid that covers another and all of the footprints."""
+    direction = sightings.direction()[:, [0, 15, -16, -1]]
+    down = np.minimum(direction[..., 2], -0.1)
+    drop = echoes.range_m * -sightings.pose.boresight[:, 2]
+    reach = np.minimum(drop[:, None] / -down, sightings.reach_m)
+    place = (sightings.pose.position_m[:, None, :2] + reach[..., None] * direction[..., :2]).reshape(-1, 2)
+    (west, south), (east, north) = place.min(axis=0), place.max(axis=0)
+    return Grid.covering(
+        min(west, float(grid.x_m[0])),
+        min(south, float(grid.y_m[0])),
+        max(east, float(grid.x_m[-1])),
+        max(north, float(grid.y_m[-1])),
+        grid.spacing_m,
+    )
+
+
+def _tiles(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
+    """Return the bounds of tiles over a row of cells; one tile where it is short."""
+    length = float(cells_m[-1] - cells_m[0])
+    count = max(1, int(np.ceil(length / TILE_M)))
+    bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
+    bounds[[0, -1]] += -2 * OVERLAP_M, 2 * OVERLAP_M
+    return [(float(a), float(b)) for a, b in pairwise(bounds)]
+
+
+def _taper(place: Float[np.ndarray, "row column"], low: float, high: float) -> Float[np.ndarray, "row column"]:
+    """Return the weight of a tile: 1 inside, falling to 0 over the overlap about its bounds."""
+    half = OVERLAP_M / 2
+    return np.clip((place - low + half) / OVERLAP_M, 0, 1) * np.clip((high + half - place) / OVERLAP_M, 0, 1)
+
+
+def _inside(
+    place: Float[np.ndarray, "n 2"], west: float, east: float, south: float, north: float, margin: float
+) -> Bool[np.ndarray, " n"]:
+    x, y = place.T
+    in_x = (x > west - margin) & (x < east + margin)
+    inside: Bool[np.ndarray, " n"] = in_x & (y > south - margin) & (y < north + margin)
+    return inside
+
+
+def _part(grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Grid:
+    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
+    return Grid(
+        west_m=float(grid.x_m[columns[0]]),
+        south_m=float(grid.y_m[rows[0]]),
+        spacing_m=grid.spacing_m,
+        columns=len(columns),
+        rows=len(rows),
+    )

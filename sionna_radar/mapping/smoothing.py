@@ -1,0 +1,148 @@
+"""Smoothing surfaces: the most probable terrain given scattered heights, their noise and a covariance.
+
+A terrain is a plane plus a stationary Gaussian field, z = trend + root * white, on a padded periodic grid where
+`root` acts by the fast Fourier transform. In terms of the white field the posterior is
+
+    |white|^2 / 2 + sum over data of (data - prediction)^2 / (2 sigma^2),
+
+whose normal equations, identity plus data, are well conditioned: conjugate gradients solve them without a matrix,
+whatever the covariance. This is kriging with noise, at a cost that grows like the number of cells.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Float
+
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.raster import Grid
+
+# Reach of the padding in covariance lengths: the periodic field must not tie opposite borders together.
+PADDING_LENGTHS = 1.0
+PADDING_M = 20.0
+
+
+@dataclass(frozen=True)
+class TerrainModel:
+    """What is taken for known of a terrain before its heights: trend, covariance, and the grid they live on.
+
+    trend: height at the origin of the plan, slope toward east, slope toward north.
+    """
+
+    grid: Grid
+    trend: Float[np.ndarray, "3"]
+    covariance: Covariance
+
+    @cached_property
+    def trend_m(self) -> Float[np.ndarray, "row column"]:
+        """Heights of the trend."""
+        return self.trend[0] + self.trend[1] * self.grid.x_m[None] + self.trend[2] * self.grid.y_m[:, None]
+
+    @cached_property
+    def _root(self) -> Float[np.ndarray, "row frequency"]:
+        return self.covariance.spectrum_root(self.grid)
+
+    def coloured(self, white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        """Return the field that a white one makes; the operation is its own transpose."""
+        spectrum = self._root * scipy.fft.rfft2(white.reshape(self.grid.shape))
+        field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
+        return field.ravel()
+
+    def surface(self, white: Float[np.ndarray, " cell"]) -> Heightfield:
+        """Return the terrain that a white field stands for."""
+        return Heightfield(grid=self.grid, height_m=self.trend_m + self.coloured(white).reshape(self.grid.shape))
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Scattered heights and their standard deviations."""
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A smoothing surface: the model, the white field, and the factor on the noise variance that fits."""
+
+    model: TerrainModel
+    white: Float[np.ndarray, " cell"]
+    noise_factor: float
+
+    @property
+    def surface(self) -> Heightfield:
+        """Return the surface."""
+        return self.model.surface(self.white)
+
+
+def smooth(heights: Heights, grid: Grid) -> Smoothed:
+    """Fit trend, covariance and noise to heights, and return the most probable surface.
+
+    Parameters
+    ----------
+    heights:
+        What was measured.
+    grid:
+        Cells that the surface must cover; it reaches beyond them.
+
+    """
+    x, y = heights.place_m.T
+    design = np.column_stack([np.ones(len(x)), x, y])
+    trend = np.linalg.lstsq(design, heights.height_m, rcond=None)[0]
+    fitted = fit_covariance(heights.place_m, heights.height_m - design @ trend, heights.sigma_m)
+    return smooth_with(heights, grid, trend, fitted)
+
+
+def smooth_with(heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fitted: FittedCovariance) -> Smoothed:
+    """Return the most probable surface under a known trend and covariance."""
+    model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance)
+    flat = Heightfield(grid=model.grid, height_m=model.trend_m)
+    weights = flat.weights(*heights.place_m.T)
+    transposed = weights.T.tocsr()
+    precision = 1 / (fitted.noise_factor * np.maximum(heights.sigma_m, 1e-3) ** 2)
+
+    def normal(white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        return white + model.coloured(transposed @ (precision * (weights @ model.coloured(white))))
+
+    excess = heights.height_m - weights @ model.trend_m.ravel()
+    right = model.coloured(transposed @ (precision * excess))
+    return Smoothed(model, conjugate_gradients(normal, right, 400, 1e-4), fitted.noise_factor)
+
+
+def conjugate_gradients(
+    operator: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
+    right: Float[np.ndarray, " n"],
+    iterations: int,
+    tolerance: float,
+) -> Float[np.ndarray, " n"]:
+    """Solve a symmetric positive definite system to a residual relative to its right side."""
+    solution, residual = np.zeros_like(right), right.copy()
+    direction, square = residual.copy(), float(residual @ residual)
+    goal = tolerance**2 * square
+    for _ in range(iterations):
+        if square <= goal:
+            break
+        image = operator(direction)
+        step = square / float(direction @ image)
+        solution += step * direction
+        residual -= step * image
+        new = float(residual @ residual)
+        direction = residual + new / square * direction
+        square = new
+    return solution
+
+
+def _padded(grid: Grid, length_m: float) -> Grid:
+    cells = int(np.ceil((PADDING_M + PADDING_LENGTHS * min(length_m, 100.0)) / grid.spacing_m))
+    return Grid(
+        west_m=grid.west_m - cells * grid.spacing_m,
+        south_m=grid.south_m - cells * grid.spacing_m,
+        spacing_m=grid.spacing_m,
+        columns=scipy.fft.next_fast_len(grid.columns + 2 * cells, real=True),
+        rows=scipy.fft.next_fast_len(grid.rows + 2 * cells, real=True),
+    )

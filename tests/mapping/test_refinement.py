@@ -1,0 +1,167 @@
+"""Maps that know their beam: their parts against analytic truth, and the whole on echoes made by brute force."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.beam import beam_nodes
+from sionna_radar.mapping.covariance import Covariance, fit_covariance
+from sionna_radar.mapping.echo_model import EchoModel, Sightings
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.mapping.refinement import mean_ranges, refine
+from sionna_radar.mapping.smoothing import Heights, smooth
+from sionna_radar.mapping.surface_map import seen_cells
+from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raster import Grid
+
+CELL_M = 0.3
+CELLS = 500
+CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=1024)
+GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
+WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
+
+
+def hills(x_m, y_m):
+    return 1.5 * np.sin(x_m / 9) * np.cos(y_m / 11)
+
+
+def over(grid: Grid, height) -> Heightfield:
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    return Heightfield(grid=grid, height_m=height(x, y) + 0.0 * x)
+
+
+def sightings_of(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int = 5) -> Sightings:
+    """Look 45 deg forward from lines 5 m apart; each profile is exponential about the mean of 20,000 rays."""
+    cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
+    beam = beam_nodes(Antenna(cut, cut))
+    scan, start = (a.ravel() for a in np.meshgrid(np.deg2rad(np.arange(-24, 25, 3.0)), np.arange(0, 41, 5.0)))
+    R = R_WORLD_NED @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ whisk_broom_from_antenna(np.pi / 4, scan)
+    position = np.column_stack([start, np.zeros_like(start), np.full_like(start, 50.0)])
+    pose = Pose(position_m=position, velocity_mps=np.zeros_like(position), R_world_antenna=R)
+    rng = np.random.default_rng(seed)
+    power = np.zeros((len(scan), CELLS))
+    u, v = rng.uniform(-1.2, 1.2, (2, 20_000)) * np.deg2rad(beamwidth_deg)
+    share = (cut.at(u) * cut.at(v)) ** 4
+    local = np.column_stack([np.sqrt(1 - u**2 - v**2), u, v])
+    for row in range(len(scan)):
+        hit = surface.first_hit(np.broadcast_to(position[row], local.shape), local @ R[row].T, 300.0)
+        met = np.isfinite(hit)
+        cell = np.round(hit[met] / CELL_M).astype(int)
+        mean = np.bincount(cell, share[met] / hit[met] ** 2, CELLS)[:CELLS]
+        power[row] = rng.exponential(size=CELLS) * (1e6 * mean / share.sum() + 1e-6)
+    profiles = Profiles(
+        pulse=np.arange(len(scan)),
+        first=np.zeros(len(scan), dtype=int),
+        start=np.arange(len(scan) + 1) * CELLS,
+        power=power.ravel().astype(np.float32),
+        noise=np.full(len(scan), 1e-6),
+        cell_m=CELL_M,
+    )
+    response = np.array([0.0, 1.0, 0.0])
+    return Sightings(
+        profiles=profiles,
+        pose=pose,
+        chirp=CHIRP,
+        beam=beam,
+        response=response,
+        looks_per_cell=1.0,
+        doppler=0.0,
+        reach_m=150.0,
+    )
+
+
+@pytest.fixture(scope="module")
+def hilly() -> Sightings:
+    return sightings_of(over(WIDE, hills))
+
+
+def test_rays_meet_a_plane_where_they_must():
+    plane = over(WIDE, lambda x, y: 0.3 * x - 0.1 * y)
+    direction = np.array([[0.6, 0.0, -0.8], [0.0, 0.6, -0.8], [0.0, 0.0, 1.0]])
+    origin = np.broadcast_to([20.0, -10.0, 60.0], (3, 3))
+    expected = 60 - 7.0
+    hit = plane.first_hit(origin, direction, 200.0)
+    assert hit[:2] == pytest.approx([expected / (0.8 + 0.18), expected / (0.8 - 0.06)], abs=2e-3)
+    assert np.isnan(hit[2])
+
+
+def test_rays_stop_at_the_first_of_two_walls():
+    walls = over(WIDE, lambda x, y: np.where((np.abs(x - 30) < 1.5) | (np.abs(x - 60) < 1.5), 10.0, 0.0))
+    hit = walls.first_hit(np.array([[0.0, 0.0, 5.0]]), np.array([[1.0, 0.0, 0.0]]), 150.0)
+    assert hit[0] == pytest.approx(28.5, abs=0.6)
+
+
+@pytest.mark.parametrize("smoothness", [0.5, 1.5, np.inf])
+def test_covariances_have_their_variance_on_the_grid(smoothness):
+    covariance = Covariance(smoothness, 8.0, 4.0)
+    root = covariance.spectrum_root(WIDE)
+    field = np.fft.irfft2(root**2, s=WIDE.shape)
+    assert field[0, 0] == pytest.approx(4.0, rel=1e-6)
+    assert field[0, 8] == pytest.approx(float(covariance.at(np.array([8.0]))[0]), rel=0.15)
+
+
+def test_covariance_and_noise_are_learned():
+    rng = np.random.default_rng(1)
+    place = rng.uniform(0, 60, (150, 2))
+    distance = np.linalg.norm(place[:, None] - place[None], axis=2)
+    root = np.linalg.cholesky(Covariance(np.inf, 10.0, 4.0).at(distance) + 1e-6 * np.eye(150))
+    z = root @ rng.standard_normal(150) + 0.3 * rng.standard_normal(150)
+    fitted = fit_covariance(place, z, np.full(150, 0.15))
+    assert fitted.covariance.smoothness >= 2.5
+    assert fitted.noise_factor == pytest.approx(4.0, rel=0.4)
+
+
+def test_a_smoothing_surface_is_kriging():
+    rng = np.random.default_rng(3)
+    place = rng.uniform([40, -25], [90, 25], (200, 2))
+    z = hills(*place.T) + 0.1 * rng.standard_normal(200)
+    smoothed = smooth(Heights(place, z, np.full(200, 0.1)), GRID)
+    covariance, trend = smoothed.model.covariance, smoothed.model.trend
+    K = covariance.at(np.linalg.norm(place[:, None] - place[None], axis=2))
+    weight = np.linalg.solve(K + smoothed.noise_factor * 0.01 * np.eye(200), z - trend[0] - place @ trend[1:])
+    spot = np.array([[60.0, 0.0], [75.0, 10.0]])
+    kriged = covariance.at(np.linalg.norm(spot[:, None] - place[None], axis=2)) @ weight + trend[0] + spot @ trend[1:]
+    # Bilinear between cells and periodic beyond the padding: nearly the same.
+    assert smoothed.surface.at(*spot.T) == pytest.approx(kriged, abs=0.03)
+
+
+def test_predicted_echoes_are_those_of_the_beam(hilly):
+    predicted = EchoModel(hilly, over(WIDE, hills)).centroid_m()
+    error = mean_ranges(hilly).range_m - predicted
+    assert abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(len(error))
+    assert 0.7 < np.std(error) / np.sqrt(np.mean(mean_ranges(hilly).sigma_m ** 2)) < 1.4
+
+
+def test_the_score_vanishes_on_average_on_the_truth_and_points_back_from_elsewhere(hilly):
+    truth = EchoModel(hilly, over(WIDE, hills)).linearise(1.0)
+    information = sum(float(np.sum((f @ np.ones(f.shape[1])) ** 2)) for f in truth.factor)
+    assert abs(truth.score.sum()) < 4 * np.sqrt(information)
+    raised = EchoModel(hilly, over(WIDE, lambda x, y: hills(x, y) + 0.2)).linearise(1.0)
+    assert -raised.score.sum() / information == pytest.approx(0.2, rel=0.3)
+
+
+def test_refinement_beats_points_on_the_axis(hilly):
+    x, y = np.meshgrid(GRID.x_m, GRID.y_m)
+    surface = refine(hilly, GRID)
+    inside = (x > 50) & (x < 80) & (np.abs(y) < 20)
+    refined = np.sqrt(np.mean((surface.height_m - hills(x, y))[inside] ** 2))
+    ranges = mean_ranges(hilly)
+    axis = hilly.pose.position_m + ranges.range_m[:, None] * hilly.pose.boresight
+    plain = np.sqrt(np.mean((axis[:, 2] - hills(axis[:, 0], axis[:, 1])) ** 2))
+    assert refined < 0.1
+    assert refined < 0.4 * plain
+
+
+def test_shadows_stay_empty(hilly):
+    # Behind the wall, seen from the west at 45 deg, 10 m of ground are hidden.
+    wall = over(WIDE, lambda x, y: np.where(np.abs(x - 60) < 1.5, 10.0, 0.0))
+    seen = seen_cells(replace(hilly, pose=hilly.pose), wall, GRID, 5.0)
+    x, y = np.meshgrid(GRID.x_m, GRID.y_m)
+    middle = np.abs(y) < 10
+    assert not seen[middle & (x > 63) & (x < 67)].any()
+    assert seen[middle & (x > 50) & (x < 57)].mean() > 0.9
