@@ -10,7 +10,7 @@ from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.navigation import build_navigation
 from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
-from sionna_radar.flight.trajectory import Track, plan_track, plan_trajectory
+from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_chirp
 from sionna_radar.radar.equation import plane_echo
@@ -80,14 +80,7 @@ def prepare(
     built = build_scene(scenario, _window(track, chirp.max_range_m))
     _check_track(scenario, track, built)
     trajectory = plan_trajectory(scenario.platform, track, built.ground_m)
-    rate_hz, errors = scenario.radar.chirp_rate_hz, scenario.platform.navigation
-    schedule = schedule_pulses(
-        trajectory,
-        scan,
-        rate_hz,
-        lever_arm_m=errors.lever_arm_m,
-        navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
-    )
+    schedule = _schedule(scenario, trajectory, scan, navigation)
     _check_pulses(schedule, scenario)
     looks = _look(schedule, built)
     _check_geometry(looks, schedule, built, chirp)
@@ -110,6 +103,19 @@ def prepare(
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, reference),
         max_gap_m=scenario.dem.max_gap_m or _sampling_gap(scenario),
+    )
+
+
+def _schedule(
+    scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None
+) -> PulseSchedule:
+    rate_hz, errors = scenario.radar.chirp_rate_hz, scenario.platform.navigation
+    return schedule_pulses(
+        trajectory,
+        scan,
+        rate_hz,
+        lever_arm_m=errors.lever_arm_m,
+        navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
     )
 
 
