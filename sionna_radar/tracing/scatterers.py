@@ -26,23 +26,43 @@ class Cells:
     centre_m: Float[np.ndarray, "cell 3"]
     radius_m: Float[np.ndarray, " cell"]
 
-    def in_cones(
+    def in_beams(
         self,
-        apex_m: Float[np.ndarray, "cone 3"],
-        axis: Float[np.ndarray, "cone 3"],
-        half_angle_rad: float,
+        apex_m: Float[np.ndarray, "beam 3"],
+        R_world_antenna: Float[np.ndarray, "beam 3 3"],
+        reach: tuple[float, float],
     ) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]]:
-        """Return cone and scatterer of all pairs whose cell reaches into the cone."""
-        along = axis @ self.centre_m.T - np.sum(axis * apex_m, axis=1)[:, None]
+        """Return beam and scatterer of all pairs whose cell reaches into the beam.
+
+        Parameters
+        ----------
+        apex_m, R_world_antenna:
+            Where the beams start, and the axes of their antennas.
+        reach:
+            Largest direction cosines along left and up inside a beam.
+
+        """
+        half_angle_rad = np.arcsin(min(np.hypot(*reach), 1.0))
+        along = self._along(apex_m, R_world_antenna[:, :, 0])
         squares = np.sum(self.centre_m**2, axis=1) - 2 * apex_m @ self.centre_m.T + np.sum(apex_m**2, axis=1)[:, None]
         distance = np.sqrt(np.maximum(squares, 1e-12))
         # The small angle covers the rounding of these products.
         widened = half_angle_rad + np.arcsin(np.minimum(self.radius_m / distance, 1.0)) + 1e-4
-        cone, cell = np.nonzero(along >= distance * np.cos(np.minimum(widened, np.pi)))
+        near = along >= distance * np.cos(np.minimum(widened, np.pi))
+        for axis, cosine in zip((1, 2), reach, strict=True):
+            aside = np.abs(self._along(apex_m, R_world_antenna[:, :, axis]))
+            near &= aside <= (cosine + 1e-4) * (distance + self.radius_m) + self.radius_m
+        beam, cell = np.nonzero(near)
         length = self.first[cell + 1] - self.first[cell]
         begin = np.cumsum(length) - length
         which = np.arange(length.sum()) + np.repeat(self.first[cell] - begin, length)
-        return np.repeat(cone, length), which
+        return np.repeat(beam, length), which
+
+    def _along(
+        self, apex_m: Float[np.ndarray, "beam 3"], axis: Float[np.ndarray, "beam 3"]
+    ) -> Float[np.ndarray, "beam cell"]:
+        """Return how far cell centres lie from the apexes along some axes."""
+        return axis @ self.centre_m.T - np.sum(axis * apex_m, axis=1)[:, None]
 
 
 @dataclass(frozen=True, kw_only=True)
