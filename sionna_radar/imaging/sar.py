@@ -94,7 +94,7 @@ class BackProjection:
                 R_world_antenna=measured.R_world_antenna[rows],
             )
             for chunk in self._chunks():
-                for row in self._lighting(pose, chunk):
+                for row in self._lighting(pose, chunk).tolist():
                     self._project(spectra[row], pose, row, chunk)
 
     def image(self) -> SarImage:
