@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 from scipy.signal import get_window
 
 from sionna_radar.imaging.aperture import Aperture
+from sionna_radar.radar.antenna import Cut
 from sionna_radar.radar.chirp import Chirp
 
 NODES = 4001
@@ -44,6 +45,11 @@ def slant_range_resolution_m(chirp: Chirp, window_name: str) -> float:
 def ground_range_resolution_m(chirp: Chirp, window_name: str, incidence_rad: float) -> float:
     """Return the half-power width on level ground: c / (2 B sin(incidence)) times the window's factor."""
     return slant_range_resolution_m(chirp, window_name) / float(np.sin(incidence_rad))
+
+
+def real_aperture_resolution_m(azimuth: Cut, range_m: float) -> float:
+    """Return the half-power width along the track of a point that is not focused: the two-way beam's at its range."""
+    return range_m * half_power_width(azimuth.cosine, azimuth.voltage**4)
 
 
 def azimuth_resolution_m(aperture: Aperture, wavelength_m: float) -> float:

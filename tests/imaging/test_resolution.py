@@ -35,9 +35,7 @@ def test_range_resolution():
 
 def test_flat_weight_over_the_beam_is_half_the_antenna():
     length = 0.05
-    aperture = Aperture(
-        width_rad=2 * np.arcsin(WAVELENGTH / length / 2), azimuth=uniform(length), weighting="flat"
-    )
+    aperture = Aperture(width_rad=2 * np.arcsin(WAVELENGTH / length / 2), azimuth=uniform(length), weighting="flat")
     assert azimuth_resolution_m(aperture, WAVELENGTH) == pytest.approx(0.8859 * length / 2, rel=1e-3)
 
 

@@ -190,7 +190,9 @@ def test_too_few_chirps_a_second_are_refused_with_the_remedy(flight_of, caster):
     flight = flight_of(rate_hz=200.0)
     pulses = flight.pulses(4.0)
     aperture = whole_beam(flight.antenna)
-    with pytest.raises(ScenarioError, match=r"radar.chirp_rate_hz: 200 puts the pulses 25 mm apart .* raise it to") as e:
+    with pytest.raises(
+        ScenarioError, match=r"radar.chirp_rate_hz: 200 puts the pulses 25 mm apart .* raise it to"
+    ) as e:
         focus(received(flight, pulses, caster), pulses.measured, flight.chirp, around(pulses), aperture)
     needed = float(str(e.value).split("raise it to ")[1].split(",")[0])
     enough = flight_of(rate_hz=needed)
