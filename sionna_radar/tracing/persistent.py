@@ -1,8 +1,8 @@
 """The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
 
-Each pulse sees the scatterers within its beam, cut off in azimuth and in elevation, that a ray reaches. Their fields come from the same
-material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and incidence t stands
-for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
+Each pulse sees the scatterers within its beam, cut off in azimuth and in elevation, that a ray reaches. Their fields
+come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and
+incidence t stands for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
 """
 
 import numpy as np
