@@ -8,7 +8,8 @@ residual video phase). The pulse's range spectrum is read at that frequency, tur
     image = sum of w(u) X(f) exp(-2 pi i c0) / sum of w(u) A(u)
 
 with A the two-way beam over its peak, so that the power of a point's image is what a chirp receives from it on the
-middle of the beam. Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture Radar", 1995.
+middle of the beam. Ground focuses only with tracing.speckle = "persistent": its scatterers must stay where they are.
+Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture Radar", 1995.
 """
 
 from collections.abc import Iterator
