@@ -244,7 +244,7 @@ def _sampling_gap(scenario: Scenario) -> float:
     """Return the widest distance between neighbouring beam centres on level ground."""
     scan, platform = scenario.radar.scan, scenario.platform
     cell = 2 * scenario.dem.spacing_m
-    if scan.mode == "fixed":
+    if scan.mode in ("fixed", "side_looking"):
         return max(cell, platform.speed_mps / scenario.radar.chirp_rate_hz)
     line = platform.speed_mps * 60 / scan.rotation_rpm
     step = 2 * np.pi * scan.rotation_rpm / 60 / scenario.radar.chirp_rate_hz

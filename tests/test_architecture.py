@@ -24,6 +24,7 @@ ORDER = (
     ("tracing",),
     ("signal",),
     ("detection",),
+    ("imaging",),
     ("mapping",),
     ("preparation",),
     ("sensors",),

@@ -114,6 +114,8 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"radar__scan__incidence_deg": 90.0}, "radar.scan.incidence_deg", "90.0 is refused"),
         ({"radar__scan__half_swath_deg": 95.0}, "radar.scan.half_swath_deg", "stays below 90"),
         ({"radar__scan__stabilised": 1}, "radar.scan.stabilised", "1 is refused"),
+        ({"radar__scan__side": "left"}, "radar.scan.side", "set mode = 'side_looking'"),
+        ({"radar__scan__side": "up"}, "radar.scan.side", "'up' is refused"),
         ({"tracing__engine": "magic"}, "tracing.engine", "'magic' is refused"),
         ({"tracing__paths_per_pulse": 1}, "tracing.paths_per_pulse", "1 is refused"),
         ({"processing__window": "haan"}, "processing.window", "no window of scipy"),

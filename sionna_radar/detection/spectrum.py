@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Float, Inexact
+from jaxtyping import Complex, Float, Inexact
 from scipy.signal import get_window
 
 from sionna_radar.radar.chirp import Chirp
@@ -41,13 +41,21 @@ class SpectrumAnalyser:
 
     def power(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Float[np.ndarray, "pulse bin"]:
         """Return the power spectra of beat signals."""
+        spectrum = self._transform(beat)
+        return spectrum.real**2 + spectrum.imag**2
+
+    def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
+        """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""
+        middle = self.chirp.samples // 2
+        turns = np.arange(len(self.range_m)) * (middle / (self.chirp.samples * self.zero_padding))
+        return self._transform(beat) * np.exp(2j * np.pi * np.mod(turns, 1.0))
+
+    def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive half carries half of it.
-            spectrum = np.sqrt(2) * scipy.fft.rfft(beat * self.window, size)[:, :bins]
-        else:
-            spectrum = scipy.fft.fft(beat * self.window, size)[:, :bins]
-        return spectrum.real**2 + spectrum.imag**2
+            return np.sqrt(2) * scipy.fft.rfft(beat * self.window, size)[:, :bins]
+        return scipy.fft.fft(beat * self.window, size)[:, :bins]
 
     def noise_correlation(self, cells: int) -> Float[np.ndarray, " lag"]:
         """Return the correlation that the window gives to white noise 0, 1, ... range cells apart."""

@@ -72,8 +72,29 @@ class RotatingScan:
         return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
 
 
-def build_scan(table: ScanTable) -> RotatingScan:
+@dataclass(frozen=True, kw_only=True)
+class SideLookingScan:
+    """An antenna held to one side of the track, its azimuth cut along the track."""
+
+    side: Literal["left", "right"]
+    incidence_rad: float
+    stabilised: bool
+
+    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
+        """Return the pointing at some times."""
+        turn = np.pi / 2 if self.side == "right" else -np.pi / 2
+        axes = conical_from_antenna(self.incidence_rad, np.full(len(time_s), turn))
+        return Pointing(axes, np.zeros(len(time_s)), np.ones(len(time_s), dtype=bool))
+
+
+def build_scan(table: ScanTable) -> Scan:
     """Return the scan of a scenario."""
+    if table.mode == "side_looking":
+        return SideLookingScan(
+            side=table.side,
+            incidence_rad=float(np.deg2rad(table.incidence_deg)),
+            stabilised=table.stabilised,
+        )
     turns = 0.0 if table.mode == "fixed" else table.rotation_rpm / 60
     return RotatingScan(
         mode=table.mode,

@@ -241,9 +241,14 @@ class AntennaTable(Table):
 
 
 class ScanTable(Table):
-    """How the antenna moves: across track, around the vertical, or not at all."""
+    """How the antenna moves: across track, around the vertical, or not at all.
 
-    mode: Literal["whisk_broom", "conical", "fixed"] = "whisk_broom"
+    side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
+    the track.
+    """
+
+    mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
+    side: Literal["left", "right"] = "right"
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
     rotation_rpm: Positive = 120.0
@@ -251,12 +256,14 @@ class ScanTable(Table):
     stabilised: bool = Field(default=True, strict=True)
 
     @model_validator(mode="after")
-    def _below_the_horizon(self) -> ScanTable:
+    def _consistent(self) -> ScanTable:
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
             raise refuse(
                 "half_swath_deg",
                 f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90",
             )
+        if self.side == "left" and self.mode != "side_looking":
+            raise refuse("side", f"'left' means nothing to a {self.mode} scan; set mode = 'side_looking'")
         return self
 
 

@@ -1,8 +1,8 @@
 """The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
 
-Each pulse sees the scatterers within a cone around its beam that a ray reaches. Their fields come from the same
-material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and incidence t stands
-for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
+Each pulse sees the scatterers within its beam, cut off in azimuth and in elevation, that a ray reaches. Their fields
+come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and
+incidence t stands for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 # It loads libLLVM, which the import above has chosen.
 import drjit as dr
 
-# Share of the two-way power of each cut that may lie outside the cone.
+# Share of the two-way power of each cut that may lie outside the beam.
 OUTSIDE_SHARE = 1e-3
 PULSES_AT_ONCE = 64
 # A ray to a scatterer stops this far short of it, so that the scatterer's own triangle does not hide it.
@@ -47,7 +47,7 @@ class PersistentEngine:
     ) -> None:
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._scatterers = scatter(scene, per_m2, seed, region_m)
-        self._cone_rad = _cone_rad(antenna)
+        self._reach = _reach(antenna.azimuth), _reach(antenna.elevation)
         self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -58,22 +58,23 @@ class PersistentEngine:
         return self._table(pulses, row, which)
 
     def _seen(self, pulses: Pulses, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return pulse row and scatterer of the pairs that lie in the cone and see each other."""
+        """Return pulse row and scatterer of the pairs that lie in the beam and see each other."""
         pose = pulses.true
-        cone, which = self._scatterers.cells.in_cones(
-            pose.position_m[rows], pose.boresight[rows], self._cone_rad
-        )
-        if len(cone) == 0:  # Dr.Jit takes no empty arrays beside scalars
-            return rows[cone], which
-        origin = mi.Point3f(pose.position_m[rows[cone]].T.astype(np.float32))
-        axis = mi.Vector3f(pose.boresight[rows[cone]].T.astype(np.float32))
+        beam, which = self._scatterers.cells.in_beams(pose.position_m[rows], pose.R_world_antenna[rows], self._reach)
+        if len(beam) == 0:  # Dr.Jit takes no empty arrays beside scalars
+            return rows[beam], which
+        origin = mi.Point3f(pose.position_m[rows[beam]].T.astype(np.float32))
+        ahead, left, up = (mi.Vector3f(pose.R_world_antenna[rows[beam], :, i].T.astype(np.float32)) for i in range(3))
         away = dr.gather(mi.Point3f, self._position, mi.UInt32(which.astype(np.uint32))) - origin
         distance = dr.norm(away)
-        in_cone = dr.dot(away, axis) > np.cos(self._cone_rad) * distance
+        azimuth, elevation = self._reach
+        in_beam = dr.dot(away, ahead) > 0
+        in_beam &= dr.abs(dr.dot(away, left)) <= azimuth * distance
+        in_beam &= dr.abs(dr.dot(away, up)) <= elevation * distance
         ray = mi.Ray3f(origin, away / distance)
         ray.maxt = distance * (1 - SHORT_OF_SURFACE)
-        seen = (in_cone & ~self._sionna.rt_scene.mi_scene.ray_test(ray, in_cone)).numpy()
-        return rows[cone[seen]], which[seen]
+        seen = (in_beam & ~self._sionna.rt_scene.mi_scene.ray_test(ray, in_beam)).numpy()
+        return rows[beam[seen]], which[seen]
 
     def _table(self, pulses: Pulses, row: np.ndarray, which: np.ndarray) -> Paths:
         pose, points = pulses.true, self._scatterers
@@ -114,13 +115,8 @@ class PersistentEngine:
         return gain.real.numpy() + 1j * gain.imag.numpy()
 
 
-def _cone_rad(antenna: Antenna) -> float:
-    """Return the half angle of the cone around the beam that holds all but a little of the two-way power."""
-
-    def reach(cut: Cut) -> float:
-        low, high = np.interp(
-            [OUTSIDE_SHARE / 2, 1 - OUTSIDE_SHARE / 2], cut.two_way_distribution, cut.cosine
-        )
-        return max(-low, high)
-
-    return float(np.arcsin(min(np.hypot(reach(antenna.azimuth), reach(antenna.elevation)), 1.0)))
+def _reach(cut: Cut) -> float:
+    """Return the direction cosine within which all but a little of a cut's two-way power lies."""
+    shares = [OUTSIDE_SHARE / 2, 1 - OUTSIDE_SHARE / 2]
+    low, high = np.interp(shares, cut.two_way_distribution, cut.cosine)
+    return float(max(-low, high))

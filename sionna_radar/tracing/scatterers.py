@@ -26,23 +26,40 @@ class Cells:
     centre_m: Float[np.ndarray, "cell 3"]
     radius_m: Float[np.ndarray, " cell"]
 
-    def in_cones(
+    def in_beams(
         self,
-        apex_m: Float[np.ndarray, "cone 3"],
-        axis: Float[np.ndarray, "cone 3"],
-        half_angle_rad: float,
+        apex_m: Float[np.ndarray, "beam 3"],
+        R_world_antenna: Float[np.ndarray, "beam 3 3"],
+        reach: tuple[float, float],
     ) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]]:
-        """Return cone and scatterer of all pairs whose cell reaches into the cone."""
-        along = axis @ self.centre_m.T - np.sum(axis * apex_m, axis=1)[:, None]
+        """Return beam and scatterer of all pairs whose cell reaches into the beam.
+
+        Parameters
+        ----------
+        apex_m, R_world_antenna:
+            Where the beams start, and the axes of their antennas.
+        reach:
+            Largest direction cosines along left and up inside a beam.
+
+        """
+        half_angle_rad = np.arcsin(min(np.hypot(*reach), 1.0))
+        ahead = R_world_antenna[:, :, 0]
+        along = ahead @ self.centre_m.T - np.sum(ahead * apex_m, axis=1)[:, None]
         squares = np.sum(self.centre_m**2, axis=1) - 2 * apex_m @ self.centre_m.T + np.sum(apex_m**2, axis=1)[:, None]
         distance = np.sqrt(np.maximum(squares, 1e-12))
         # The small angle covers the rounding of these products.
         widened = half_angle_rad + np.arcsin(np.minimum(self.radius_m / distance, 1.0)) + 1e-4
-        cone, cell = np.nonzero(along >= distance * np.cos(np.minimum(widened, np.pi)))
+        # A cone around the beam first, for all cells; then the beam's sides, for those that are left.
+        beam, cell = np.nonzero(along >= distance * np.cos(np.minimum(widened, np.pi)))
+        away, radius = self.centre_m[cell] - apex_m[beam], self.radius_m[cell]
+        aside = np.abs(np.einsum("ni,nij->nj", away, R_world_antenna[beam, :, 1:]))
+        bound = (np.array(reach) + 1e-4) * (distance[beam, cell] + radius)[:, None] + radius[:, None]
+        near = np.all(aside <= bound, axis=1)
+        beam, cell = beam[near], cell[near]
         length = self.first[cell + 1] - self.first[cell]
         begin = np.cumsum(length) - length
         which = np.arange(length.sum()) + np.repeat(self.first[cell] - begin, length)
-        return np.repeat(cone, length), which
+        return np.repeat(beam, length), which
 
 
 @dataclass(frozen=True, kw_only=True)

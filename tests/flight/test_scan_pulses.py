@@ -131,3 +131,18 @@ def test_a_scan_of_ones_own_is_flown():
     assert 0 < len(survey) < 400
     assert np.all(pulses.scan_rad > 0.1)
     np.testing.assert_allclose(pulses.true.boresight[:, 1], np.sin(0.3 * np.sin(survey.time_s)), atol=1e-12)
+
+
+@pytest.mark.parametrize(("side", "east"), [("right", 1.0), ("left", -1.0)])
+def test_a_side_looking_antenna_looks_across_with_its_azimuth_along_the_track(side, east):
+    pose = schedule(mode="side_looking", side=side, incidence_deg=60.0).pulses(np.arange(3)).true  # ahead is north
+    axes = [[east * np.sin(np.pi / 3), 0.0, -0.5], [0.0, east, 0.0]]
+    np.testing.assert_allclose(pose.R_world_antenna[:, :, :2], np.tile(np.transpose(axes), (3, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(pose.boresight_range_rate_mps, 0.0, atol=1e-12)
+
+
+def test_a_side_looking_antenna_rolls_with_the_body_unless_stabilised():
+    moving = flight(roll_deg=10.0)  # right wing down: the right side looks nearer nadir
+    for stabilised, incidence in ((True, 45.0), (False, 35.0)):
+        pulses = schedule(moving, mode="side_looking", incidence_deg=45.0, stabilised=stabilised).pulses(np.arange(2))
+        np.testing.assert_allclose(np.rad2deg(np.arccos(-pulses.true.boresight[:, 2])), incidence, atol=1e-9)

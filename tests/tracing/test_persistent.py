@@ -188,3 +188,19 @@ def test_another_surface_leaves_the_scatterers_where_they_were():
 def test_too_many_scatterers_are_refused():
     with pytest.raises(ScenarioError, match="scatterers_per_m2"):
         scatter(scene(square(5000.0)), 100.0, seed=1)
+
+
+def test_cells_leave_out_no_scatterer_of_a_fan_beam():
+    points = scatter(scene(square(60.0)), 1.0, seed=4)
+    pulses = looking(grid_of_positions(30, 9.0), np.zeros(3), 40.0)
+    pose, reach = pulses.true, (0.02, 0.3)
+    beam, which = points.cells.in_beams(pose.position_m, pose.R_world_antenna, reach)
+    found = set(zip(beam.tolist(), which.tolist(), strict=True))
+    away = points.position_m[None] - pose.position_m[:, None]
+    ahead, left, up = np.moveaxis(np.einsum("bni,bij->bnj", away, pose.R_world_antenna), 2, 0)
+    distance = np.linalg.norm(away, axis=2)
+    inside = (ahead > 0) & (np.abs(left) <= reach[0] * distance) & (np.abs(up) <= reach[1] * distance)
+    wanted = set(zip(*(index.tolist() for index in np.nonzero(inside)), strict=True))
+    assert wanted <= found
+    assert len(wanted) > 0
+    assert len(found) < 0.3 * inside.size

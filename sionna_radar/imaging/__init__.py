@@ -1,0 +1,1 @@
+"""Images from pulses: the real-aperture image of a side-looking radar, and synthetic-aperture focusing."""

@@ -1,0 +1,90 @@
+"""The synthetic aperture: which pulses a pixel is focused from, and with what weight."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import get_window
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.chirp import Chirp
+
+# Two-way power at which the beam is taken to end when its echoes must not fold into the focused part.
+BEAM_EDGE = 1e-2
+WINDOW_NODES = 1024
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aperture:
+    """The part of the azimuth beam that is focused, and its weight.
+
+    width_rad: full angle about boresight in the plane of the azimuth cut.
+    azimuth: the antenna's azimuth cut.
+    weighting: beam leaves the weight that the two-way beam gives (best signal-to-noise but for a few tenths of a
+        decibel); flat divides it out (finest for its width).
+    window: a further taper across the width, any of `scipy.signal.get_window`; lowers side lobes.
+    """
+
+    width_rad: float
+    azimuth: Cut
+    weighting: Literal["beam", "flat"] = "beam"
+    window: str = "boxcar"
+
+    @property
+    def reach(self) -> float:
+        """Largest direction cosine along the antenna's left that is focused."""
+        return float(np.sin(self.width_rad / 2))
+
+    @cached_property
+    def _taper(self) -> Float[np.ndarray, " node"]:
+        return get_window(self.window, WINDOW_NODES, fftbins=False)
+
+    def two_way(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the two-way voltage of the beam over its peak's at direction cosines."""
+        return self.azimuth.at(u) ** 2
+
+    def weight(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return what a pulse is multiplied with that sees the pixel at direction cosines within the reach."""
+        taper = np.interp(u, np.linspace(-self.reach, self.reach, WINDOW_NODES), self._taper)
+        return taper / self.two_way(u) if self.weighting == "flat" else taper
+
+    @cached_property
+    def beam_reach(self) -> float:
+        """Direction cosine beyond which the main lobe is weaker than `BEAM_EDGE`."""
+        peak = int(np.argmax(self.azimuth.voltage))
+        weak = np.flatnonzero(self.azimuth.voltage[peak:] ** 4 < BEAM_EDGE)
+        return float(self.azimuth.cosine[peak + weak[0]]) if len(weak) else 1.0
+
+
+def whole_beam(antenna: Antenna) -> Aperture:
+    """Return the aperture of an antenna's whole main lobe, as the beam weights it."""
+    aperture = Aperture(width_rad=1.0, azimuth=antenna.azimuth)
+    return Aperture(width_rad=2 * float(np.arcsin(aperture.beam_reach)), azimuth=antenna.azimuth)
+
+
+def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
+    """Refuse a chirp rate whose pulses lie too far apart for the azimuth bandwidth.
+
+    Pulses a distance d apart cannot tell the direction cosine u from u + lambda / (2 d). What the beam lights,
+    |u| <= beam_reach, must not fold into what is focused, |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
+
+    Raises
+    ------
+    ScenarioError
+        They do.
+
+    """
+    left = measured.R_world_antenna[:, :, 1]
+    speed = float(np.abs(np.einsum("pi,pi->p", measured.velocity_mps, left)).max(initial=0.0))
+    needed = 2 * speed * (aperture.reach + aperture.beam_reach) / chirp.wavelength_m
+    if chirp.rate_hz < needed * (1 - 1e-9):
+        message = (
+            f"{chirp.rate_hz:g} puts the pulses {1e3 * speed / chirp.rate_hz:.3g} mm apart at {speed:.3g} m/s, too far "
+            f"for the phase along the track; raise it to {np.ceil(needed):.0f}, lower platform.speed_mps, or narrow "
+            f"the focused {np.rad2deg(aperture.width_rad):.3g} deg"
+        )
+        raise ScenarioError([Problem("radar.chirp_rate_hz", message)])

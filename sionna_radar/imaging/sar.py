@@ -1,0 +1,183 @@
+"""Stripmap SAR by back-projection.
+
+For every pulse and pixel the exact two-way delay and its rate follow from the measured position and velocity; the
+phase polynomial of `sionna_radar.signal.beat` then says at which beat frequency the pixel's echo lies (range, with
+the shift that Doppler adds within the sweep) and which phase it has in the middle of the sweep (the carrier's and the
+residual video phase). The pulse's range spectrum is read at that frequency, turned back by that phase, and summed:
+
+    image = sum of w(u) X(f) exp(-2 pi i c0) / sum of w(u) A(u)
+
+with A the two-way beam over its peak, so that the power of a point's image is what a chirp receives from it on the
+middle of the beam. Ground focuses only with tracing.speckle = "persistent": its scatterers must stay where they are.
+Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture Radar", 1995.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Inexact, Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.imaging.aperture import Aperture, check_sampling
+from sionna_radar.imaging.grid import PixelGrid
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.signal.beat import phase_polynomial
+
+# Spectrum bins per range cell; between them the complex spectrum is linear within 1 % of its peak.
+ZERO_PADDING = 8
+PULSES_AT_ONCE = 256
+PIXELS_AT_ONCE = 8192
+
+
+@dataclass(frozen=True, kw_only=True)
+class SarImage:
+    """A focused image, and what it was focused with.
+
+    amplitude: sqrt(W), complex, its phase that of the scatterers' gains; 0 where no pulse looks.
+    pulses: how many pulses each pixel was focused from.
+    """
+
+    grid: PixelGrid
+    chirp: Chirp
+    aperture: Aperture
+    window_name: str
+    amplitude: Complex[np.ndarray, "row column"]
+    pulses: Int[np.ndarray, "row column"]
+
+    @property
+    def power(self) -> Float[np.ndarray, "row column"]:
+        """Power of the pixels, W."""
+        return self.amplitude.real**2 + self.amplitude.imag**2
+
+
+class BackProjection:
+    """An image that grows block of pulses by block of pulses.
+
+    Memory is that of the image and of `PULSES_AT_ONCE` spectra; the block sizes do not change the image beyond
+    rounding.
+    """
+
+    def __init__(self, chirp: Chirp, grid: PixelGrid, aperture: Aperture, window_name: str = "hann") -> None:
+        self._chirp, self._grid, self._aperture = chirp, grid, aperture
+        self._analyser = SpectrumAnalyser(chirp, window_name, ZERO_PADDING)
+        # Column by column, so that neighbours in a chunk are neighbours along the track.
+        self._pixels = grid.position_m.transpose(1, 0, 2).reshape(-1, 3)
+        self._sum = np.zeros(len(self._pixels), dtype=np.complex128)
+        self._weight = np.zeros(len(self._pixels))
+        self._pulses = np.zeros(len(self._pixels), dtype=np.int64)
+
+    def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        """Add a block of pulses.
+
+        Parameters
+        ----------
+        beats:
+            Beat signals as received.
+        measured:
+            The measured poses of these pulses.
+
+        Raises
+        ------
+        ScenarioError
+            The pulses lie too far apart; see `check_sampling`.
+
+        """
+        check_sampling(measured, self._chirp, self._aperture)
+        for start in range(0, len(beats), PULSES_AT_ONCE):
+            rows = slice(start, start + PULSES_AT_ONCE)
+            spectra = self._analyser.amplitude(beats[rows])
+            pose = Pose(
+                position_m=measured.position_m[rows],
+                velocity_mps=measured.velocity_mps[rows],
+                R_world_antenna=measured.R_world_antenna[rows],
+            )
+            for chunk in self._chunks():
+                for row in self._lighting(pose, chunk).tolist():
+                    self._project(spectra[row], pose, row, chunk)
+
+    def image(self) -> SarImage:
+        """Return the image of the pulses added so far."""
+        columns = self._grid.shape[::-1]
+        seen = self._weight > 0
+        amplitude = np.divide(self._sum, self._weight, out=np.zeros_like(self._sum), where=seen)
+        if self._chirp.direction > 0:  # an up-sweep's beat carries the conjugate of the gain
+            amplitude = np.conj(amplitude)
+        return SarImage(
+            grid=self._grid,
+            chirp=self._chirp,
+            aperture=self._aperture,
+            window_name=self._analyser.window_name,
+            amplitude=amplitude.reshape(columns).T,
+            pulses=self._pulses.reshape(columns).T,
+        )
+
+    def _chunks(self) -> Iterator[slice]:
+        for start in range(0, len(self._pixels), PIXELS_AT_ONCE):
+            yield slice(start, min(start + PIXELS_AT_ONCE, len(self._pixels)))
+
+    def _lighting(self, pose: Pose, chunk: slice) -> Int[np.ndarray, " row"]:
+        """Return the pulses whose aperture reaches into the ball around some pixels."""
+        low, high = self._pixels[chunk].min(axis=0), self._pixels[chunk].max(axis=0)
+        radius = float(np.linalg.norm(high - low)) / 2
+        away = (low + high) / 2 - pose.position_m
+        distance = np.linalg.norm(away, axis=1) + radius
+        left = np.einsum("pi,pi->p", away, pose.R_world_antenna[:, :, 1])
+        return np.flatnonzero(np.abs(left) <= self._aperture.reach * distance + radius)
+
+    def _project(self, spectrum: Complex[np.ndarray, " bin"], pose: Pose, row: int, chunk: slice) -> None:
+        away = self._pixels[chunk] - pose.position_m[row]
+        ahead, left, _ = (away @ pose.R_world_antenna[row]).T
+        range_m = np.sqrt(np.einsum("ni,ni->n", away, away))
+        use = np.flatnonzero((np.abs(left) <= self._aperture.reach * range_m) & (ahead > 0))
+        range_rate = -(away[use] @ pose.velocity_mps[row]) / range_m[use]
+        phase = phase_polynomial(2 * range_m[use] / speed_of_light, range_rate, self._chirp)
+        place = phase.frequency_hz * (self._chirp.duration_s * ZERO_PADDING)
+        told = (place >= 0) & (place < len(spectrum) - 1)
+        use, place, constant = use[told], place[told], phase.constant[told]
+        below = place.astype(np.int64)
+        share = place - below
+        value = spectrum[below] * (1 - share) + spectrum[below + 1] * share
+        u = left[use] / range_m[use]
+        weight = self._aperture.weight(u)
+        pixel = use + chunk.start
+        self._sum[pixel] += weight * value * np.exp(-2j * np.pi * np.mod(constant, 1.0))
+        self._weight[pixel] += weight * self._aperture.two_way(u)
+        self._pulses[pixel] += 1
+
+
+def focus(
+    beats: Inexact[np.ndarray, "pulse sample"],
+    measured: Pose,
+    chirp: Chirp,
+    grid: PixelGrid,
+    aperture: Aperture,
+    *,
+    window_name: str = "hann",
+) -> SarImage:
+    """Focus pulses into a complex image; `BackProjection` does the same block by block.
+
+    Parameters
+    ----------
+    beats, measured:
+        Beat signals and the measured poses of their pulses.
+    chirp:
+        The sweep.
+    grid:
+        Where to image.
+    aperture:
+        The part of the beam to use; `whole_beam(antenna)` for all of it.
+    window_name:
+        Window over the sweep, any of `scipy.signal.get_window`.
+
+    Raises
+    ------
+    ScenarioError
+        The chirp rate does not sample the azimuth bandwidth.
+
+    """
+    projection = BackProjection(chirp, grid, aperture, window_name)
+    projection.add(beats, measured)
+    return projection.image()

@@ -1,0 +1,146 @@
+"""The image of a side-looking real-aperture radar: power against the place along the track and the slant range.
+
+Along the track it resolves the beam's footprint, in range c / (2 B) times the window's factor. On level ground a
+point at slant range r, seen from the height h, lies at the ground range sqrt(r^2 - h^2); a range cell there is
+1 / sin(incidence) times as wide, and what stands up leans toward the track.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Inexact
+
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.pulses import Pose
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlantImage:
+    """Range-compressed pulses side by side, averaged in power over equal stretches of the track.
+
+    power: W; NaN in stretches without a pulse.
+    along_m: middle of each stretch, from the first pulse.
+    range_m: slant range, corrected for Doppler.
+    height_m: mean height of the radar in each stretch, world frame.
+    """
+
+    power: Float[np.ndarray, "along range"]
+    along_m: Float[np.ndarray, " along"]
+    range_m: Float[np.ndarray, " range"]
+    height_m: Float[np.ndarray, " along"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundImage:
+    """A slant-range image laid on level ground.
+
+    power: W, on the scale of the slant-range image; NaN nearer than the ground or beyond the last range.
+    ground_m: distance from the point under the radar.
+    """
+
+    power: Float[np.ndarray, "along ground"]
+    along_m: Float[np.ndarray, " along"]
+    ground_m: Float[np.ndarray, " ground"]
+
+
+class SideLooking:
+    """A slant-range image that grows block of pulses by block of pulses.
+
+    step_m: length of the stretches that pulses are averaged over.
+    """
+
+    def __init__(self, analyser: SpectrumAnalyser, step_m: float) -> None:
+        self._analyser, self._step_m = analyser, step_m
+        self._start_m: Float[np.ndarray, " 3"] | None = None
+        self._rows: dict[int, tuple[Float[np.ndarray, " range"], float, int]] = {}
+
+    def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        """Add a block of pulses with their measured poses."""
+        if len(beats) == 0:
+            return
+        if self._start_m is None:
+            self._start_m = measured.position_m[0]
+        power = self._corrected(self._analyser.power(beats), measured)
+        along = np.linalg.norm((measured.position_m - self._start_m)[:, :2], axis=1)
+        stretch = np.floor(along / self._step_m).astype(int)
+        for number in np.unique(stretch):
+            mine = stretch == number
+            total, height, count = self._rows.get(int(number), (np.zeros(power.shape[1]), 0.0, 0))
+            self._rows[int(number)] = (
+                total + power[mine].sum(axis=0),
+                height + float(measured.position_m[mine, 2].sum()),
+                count + int(mine.sum()),
+            )
+
+    def image(self) -> SlantImage:
+        """Return the image of the pulses added so far.
+
+        Raises
+        ------
+        ValueError
+            No pulse was added.
+
+        """
+        if not self._rows:
+            message = "no pulses to image; add some"
+            raise ValueError(message)
+        count = max(self._rows) + 1
+        power = np.full((count, len(self._analyser.range_m)), np.nan)
+        height = np.full(count, np.nan)
+        for number, (total, heights, pulses) in self._rows.items():
+            power[number], height[number] = total / pulses, heights / pulses
+        return SlantImage(
+            power=power,
+            along_m=(np.arange(count) + 0.5) * self._step_m,
+            range_m=self._analyser.range_m,
+            height_m=height,
+        )
+
+    def _corrected(self, power: Float[np.ndarray, "pulse bin"], measured: Pose) -> Float[np.ndarray, "pulse bin"]:
+        """Return spectra moved by the Doppler of the boresight, as the measured velocity says."""
+        range_m = self._analyser.range_m
+        shift = self._analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
+        if np.all(np.abs(shift) < 1e-3 * self._analyser.bin_m):
+            return power
+        moved = [np.interp(range_m + s, range_m, row) for s, row in zip(shift, power, strict=True)]
+        return np.array(moved)
+
+
+def slant_range_image(
+    beats: Inexact[np.ndarray, "pulse sample"], measured: Pose, analyser: SpectrumAnalyser, step_m: float
+) -> SlantImage:
+    """Return the slant-range image of pulses; `SideLooking` does the same block by block.
+
+    Parameters
+    ----------
+    beats, measured:
+        Beat signals and the measured poses of their pulses.
+    analyser:
+        Window and zero-padding of the range spectra.
+    step_m:
+        Length of track that pulses are averaged over.
+
+    """
+    growing = SideLooking(analyser, step_m)
+    growing.add(beats, measured)
+    return growing.image()
+
+
+def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:
+    """Lay a slant-range image on level ground.
+
+    Parameters
+    ----------
+    image:
+        The image.
+    ground_height_m:
+        Height of the ground, world frame.
+    ground_m:
+        Ground ranges of the columns.
+
+    """
+    power = np.full((len(image.along_m), len(ground_m)), np.nan)
+    for row in np.flatnonzero(np.isfinite(image.height_m)):
+        slant = np.hypot(ground_m, image.height_m[row] - ground_height_m)
+        power[row] = np.interp(slant, image.range_m, image.power[row], right=np.nan)
+    return GroundImage(power=power, along_m=image.along_m, ground_m=ground_m)
