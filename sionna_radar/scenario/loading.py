@@ -124,11 +124,15 @@ def _list_item(node: Any, name: str, key: str) -> Any:
 
 
 def _resolve_paths(data: dict[str, Any], folder: Path) -> None:
-    """Take a relative `terrain.path` as relative to the scenario file, or else to the working folder."""
+    """Take relative paths of input files as relative to the scenario file, or else to the working folder."""
     terrain = data.get("terrain")
-    if isinstance(terrain, dict) and isinstance(terrain.get("path"), str):
-        beside = folder / terrain["path"]
-        terrain["path"] = str((beside if beside.exists() else Path(terrain["path"])).resolve())
+    tables = [terrain, terrain.get("cover_raster")] if isinstance(terrain, dict) else []
+    materials = data.get("materials")
+    tables += materials.values() if isinstance(materials, dict) else []
+    for table in tables:
+        if isinstance(table, dict) and isinstance(table.get("path"), str):
+            beside = folder / table["path"]
+            table["path"] = str((beside if beside.exists() else Path(table["path"])).resolve())
 
 
 def _problem(error: Mapping[str, Any]) -> Problem:
@@ -137,6 +141,8 @@ def _problem(error: Mapping[str, Any]) -> Problem:
         del location[1]  # the tag of the terrain kind is no key of the file
     if location[:1] == ["materials"] and len(location) > 2:
         del location[2]  # nor is the material model
+        if location[2:3] == ["medium"] and len(location) > 3:
+            del location[3]  # nor the kind of the medium
     if error["type"] == "scenario":
         field = error.get("ctx", {}).get("field", "")
         return Problem(".".join([*location, *([field] if field else [])]) or "scenario", error["msg"])

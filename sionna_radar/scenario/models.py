@@ -10,103 +10,51 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from scipy.constants import speed_of_light
 
+from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
+from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
+from sionna_radar.scenario.table import (
+    Count,
+    NonNegative,
+    Point2,
+    Point3,
+    Positive,
+    Real,
+    Seed,
+    Table,
+    refuse,
+)
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
 from sionna_radar.weather.fog import FogClass
 from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE_K
 
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Real, Field(gt=0)]
-NonNegative = Annotated[Real, Field(ge=0)]
-Count = Annotated[int, Field(strict=True, ge=1)]
-Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
-Point2 = tuple[Real, Real]
-Point3 = tuple[Real, Real, Real]
-
 SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
-
-# Rouveure et al. 2017, Table 1 (gamma, linear).
-TERRAIN_CLASSES = {
-    "city": 83.17e-3,
-    "mountain": 6.92e-3,
-    "forest": 3.16e-3,
-    "rolling_hills": 1.32e-3,
-    "desert": 0.06e-3,
-}
-
-
-def refuse(field: str, message: str) -> PydanticCustomError:
-    """Return the error of a check that spans fields, bound to the dotted key it names."""
-    return PydanticCustomError("scenario", "{message}", {"message": message, "field": field})
-
-
-class Table(BaseModel):
-    """A table of the scenario: frozen, and no key passes unnoticed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
-
-
-# --------------------------------------------------------------------------------------- materials
-
-
-class ConstantGamma(Table):
-    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value."""
-
-    model: Literal["constant_gamma"] = "constant_gamma"
-    terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
-    gamma_db: Annotated[Real, Field(ge=-100, le=20)] | None = None
-
-    @model_validator(mode="after")
-    def _one_source(self) -> ConstantGamma:
-        if (self.terrain_class is None) == (self.gamma_db is None):
-            raise refuse("gamma_db", "give either gamma_db or terrain_class, not both and not neither")
-        return self
-
-    @property
-    def gamma(self) -> float:
-        """Gamma as a linear ratio."""
-        if self.gamma_db is not None:
-            return float(10 ** (self.gamma_db / 10))
-        assert self.terrain_class is not None
-        return TERRAIN_CLASSES[self.terrain_class]
-
-
-class Lambertian(Table):
-    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
-
-    model: Literal["lambertian"]
-    nadir_sigma0_db: Annotated[Real, Field(ge=-100, le=20)]
-
-
-Material = Annotated[ConstantGamma | Lambertian, Discriminator("model")]
-
+KEEP_SIONNA = "sionna"
 
 # ----------------------------------------------------------------------------------------- terrain
 
 
-class FlatTerrain(Table):
+class CoveredTerrain(Table):
+    """Ground of one material, with others over it: classes of a raster, then polygons in the order given."""
+
+    material: str = "ground"
+    cover_raster: CoverRaster | None = None
+    cover: tuple[CoverPolygon, ...] = ()
+
+
+class FlatTerrain(CoveredTerrain):
     """A horizontal plane."""
 
     kind: Literal["flat"]
     size_m: tuple[Positive, Positive] = (300.0, 300.0)
     spacing_m: Positive = 5.0
-    material: str = "ground"
     fields: tuple[MaterialField, ...] = ()
 
 
-class MaterialField(Table):
-    """A rectangle of another material on the terrain."""
-
-    centre_m: Point2
-    size_m: tuple[Positive, Positive]
-    material: str
-
-
-class HillsTerrain(Table):
+class HillsTerrain(CoveredTerrain):
     """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
 
     kind: Literal["hills"]
@@ -115,20 +63,18 @@ class HillsTerrain(Table):
     filter_sigma_m: Positive = 25.0
     height_m: Positive = 8.0
     seed: Seed = 1
-    material: str = "ground"
     fields: tuple[MaterialField, ...] = ()
 
 
-class SampleTerrain(Table):
+class SampleTerrain(CoveredTerrain):
     """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
 
     kind: Literal["jacksboro"]
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
-    material: str = "ground"
 
 
-class RasterTerrain(Table):
+class RasterTerrain(CoveredTerrain):
     """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt or anything GDAL reads."""
 
     kind: Literal["raster"]
@@ -136,11 +82,13 @@ class RasterTerrain(Table):
     crs: str | None = None
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
-    material: str = "ground"
 
 
 class CityTerrain(Table):
-    """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name."""
+    """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name.
+
+    A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
+    """
 
     kind: Annotated[str, Field(pattern=rf"^sionna:({'|'.join(SIONNA_CITIES)})$")]
     materials: dict[str, str] = {}
@@ -283,6 +231,7 @@ class AntennaTable(Table):
     ) = 2.0
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
     polarization: Literal["V", "H"] = "V"
+    receive_polarization: Literal["co", "cross"] = "co"
 
     @property
     def beamwidths_rad(self) -> tuple[float, float]:
@@ -458,11 +407,6 @@ class DemTable(Table):
 
 # ---------------------------------------------------------------------------------------- scenario
 
-DEFAULT_MATERIALS: dict[str, ConstantGamma | Lambertian] = {
-    "ground": ConstantGamma(terrain_class="rolling_hills"),
-    "building": ConstantGamma(terrain_class="city"),
-}
-
 
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed."""
@@ -525,14 +469,19 @@ class Scenario(Table):
     def _used_materials(self) -> list[tuple[str, str]]:
         used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
         if isinstance(self.terrain, CityTerrain):
-            used += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
+            mapped = self.terrain.materials.items()
+            used += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
         else:
             used += [("terrain.material", self.terrain.material)]
+            used += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
+            raster = self.terrain.cover_raster
+            classes = raster.classes.items() if raster else ()
+            used += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
         if isinstance(self.terrain, FlatTerrain | HillsTerrain):
             used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
         return used
 
     @property
-    def all_materials(self) -> dict[str, ConstantGamma | Lambertian]:
+    def all_materials(self) -> dict[str, Material]:
         """The scenario's materials and the built-in ones they do not replace."""
         return {**DEFAULT_MATERIALS, **self.materials}

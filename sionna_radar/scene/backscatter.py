@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.decibel import from_db
-from sionna_radar.scenario.models import ConstantGamma, Lambertian
+from sionna_radar.scenario.materials import ConstantGamma, Lambertian
 
 
 @runtime_checkable

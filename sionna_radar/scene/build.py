@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 from sionna_radar.decibel import from_db
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Georeference, Raster
-from sionna_radar.scenario.models import CityTerrain, MaterialField, Scenario
+from sionna_radar.scenario.models import CityTerrain, Scenario
 from sionna_radar.scene.backscatter import build_backscatter
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.city import load_city

@@ -1,0 +1,50 @@
+"""What lies on the ground: rectangles, polygons, and a raster of classes, each with its material."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from sionna_radar.scenario.table import Point2, Positive, Table, refuse
+
+
+class MaterialField(Table):
+    """A rectangle of another material on the terrain."""
+
+    centre_m: Point2
+    size_m: tuple[Positive, Positive]
+    material: str
+
+
+class CoverPolygon(Table):
+    """A polygon of another material on the terrain, by its corners in local metres."""
+
+    polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)]
+    material: str
+
+
+class CoverRaster(Table):
+    """A raster of class values, each mapped to a material: GeoTIFF or anything GDAL reads.
+
+    classes: material by class value; ground of any other class keeps `terrain.material`. Over synthetic
+    ground the raster's own coordinates are the local metres, and it has no CRS.
+    """
+
+    path: Path
+    classes: dict[str, str]
+
+    @model_validator(mode="after")
+    def _whole_classes(self) -> CoverRaster:
+        if not self.classes:
+            raise refuse("classes", 'empty; map class values to materials, e.g. classes = {"1" = "forest"}')
+        for key in self.classes:
+            if not key.lstrip("-").isdecimal():
+                raise refuse(f"classes.{key}", f"{key!r} is no class value; give a whole number")
+        return self
+
+    @property
+    def material_of_class(self) -> dict[int, str]:
+        """Materials by class value."""
+        return {int(key): name for key, name in self.classes.items()}

@@ -1,0 +1,213 @@
+"""What a scenario may say of a surface: `[materials.NAME]`, told apart by `model`.
+
+Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
+made of and how rough it is; the rough-surface models know, the others are told with the same keys.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, model_validator
+
+from sionna_radar.scenario.media import Medium
+from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
+
+Level = Annotated[Real, Field(ge=-100, le=20)]
+Incidence = Annotated[Real, Field(ge=0, le=90)]
+
+# Rouveure et al. 2017, Table 1 (gamma, linear).
+TERRAIN_CLASSES = {
+    "city": 83.17e-3,
+    "mountain": 6.92e-3,
+    "forest": 3.16e-3,
+    "rolling_hills": 1.32e-3,
+    "desert": 0.06e-3,
+}
+
+
+class SurfaceTable(Table):
+    """What all materials share.
+
+    cross_polar_db: cross-polar sigma0 over the co-polar one, the weaker of V and H; none without it.
+    specular: also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone.
+    permittivity: [real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from.
+    """
+
+    cross_polar_db: Annotated[Real, Field(ge=-100, le=0)] | None = None
+    specular: bool = Field(default=False, strict=True)
+    permittivity: tuple[Annotated[Real, Field(ge=1)], NonNegative] | None = None
+    medium: Medium | None = None
+
+    def check_one_medium(self) -> None:
+        """Refuse a surface made of two things, or of nothing."""
+        if self.permittivity is not None and self.medium is not None:
+            raise refuse("medium", "contradicts permittivity; give the one or the other")
+        if self.permittivity is None and self.medium is None:
+            raise refuse(
+                "permittivity",
+                'missing; give permittivity = [real, loss], or medium = {kind = "soil", ...}',
+            )
+
+
+class EmpiricalTable(SurfaceTable):
+    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it."""
+
+    rms_height_m: NonNegative | None = None
+
+    @model_validator(mode="after")
+    def _mirror(self) -> EmpiricalTable:
+        given = [k for k in ("permittivity", "medium", "rms_height_m") if getattr(self, k) is not None]
+        if not self.specular and given:
+            raise refuse(given[0], "says nothing here; remove it, or set specular = true")
+        if self.specular:
+            self.check_one_medium()
+            if self.rms_height_m is None:
+                raise refuse("rms_height_m", "missing; a mirror reflection needs the rms height, 0 if smooth")
+        return self
+
+
+class ConstantGamma(EmpiricalTable):
+    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value."""
+
+    model: Literal["constant_gamma"] = "constant_gamma"
+    terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
+    gamma_db: Level | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ConstantGamma:
+        if (self.terrain_class is None) == (self.gamma_db is None):
+            raise refuse("gamma_db", "give either gamma_db or terrain_class, not both and not neither")
+        return self
+
+    @property
+    def gamma(self) -> float:
+        """Gamma as a linear ratio."""
+        if self.gamma_db is not None:
+            return float(10 ** (self.gamma_db / 10))
+        assert self.terrain_class is not None
+        return TERRAIN_CLASSES[self.terrain_class]
+
+
+class Lambertian(EmpiricalTable):
+    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
+
+    model: Literal["lambertian"]
+    nadir_sigma0_db: Level
+
+
+class UlabyDobson(EmpiricalTable):
+    """sigma0 (dB) = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t in radians, with the user's own parameters.
+
+    None is shipped: those published could not be read for this band (see `scene.measured_backscatter`).
+    """
+
+    model: Literal["ulaby_dobson"]
+    p1: Real
+    p2: Real
+    p3: Real
+    p4: Real
+    p5: Real
+    p6: Real
+    min_incidence_deg: Incidence
+    max_incidence_deg: Incidence
+    source: Annotated[str, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _increasing(self) -> UlabyDobson:
+        if self.min_incidence_deg >= self.max_incidence_deg:
+            raise refuse(
+                "max_incidence_deg",
+                f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}",
+            )
+        if not self.source.strip():
+            raise refuse("source", "empty; say where the parameters come from: document, band, polarisation")
+        return self
+
+
+class MeasuredTable(EmpiricalTable):
+    """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db."""
+
+    model: Literal["table"]
+    path: Path
+
+
+class RoughTable(SurfaceTable):
+    """A randomly rough surface of a homogeneous medium."""
+
+    rms_height_m: Positive
+    correlation_length_m: Positive
+    correlation: Literal["gaussian", "exponential"] = "gaussian"
+
+    @model_validator(mode="after")
+    def _of_something(self) -> RoughTable:
+        self.check_one_medium()
+        return self
+
+
+class Kirchhoff(RoughTable):
+    """Geometrical optics: very rough, gently sloping."""
+
+    model: Literal["kirchhoff"]
+
+    @model_validator(mode="after")
+    def _has_slopes(self) -> Kirchhoff:
+        if self.correlation == "exponential":
+            raise refuse(
+                "correlation",
+                "'exponential' has no rms slope; use 'gaussian', or model = \"integral_equation\"",
+            )
+        return self
+
+
+class PhysicalOptics(RoughTable):
+    """Kirchhoff's scalar series: gently sloping, any height."""
+
+    model: Literal["physical_optics"]
+
+
+class SmallPerturbation(RoughTable):
+    """First-order Bragg scattering of a slightly rough surface."""
+
+    model: Literal["small_perturbation"]
+
+
+class IntegralEquation(RoughTable):
+    """The integral-equation model, single scattering; `fresnel_angle` is where its reflection is taken."""
+
+    model: Literal["integral_equation"]
+    fresnel_angle: Literal["auto", "incidence", "nadir"] = "auto"
+
+
+class SionnaItu(Table):
+    """Sionna RT's own ITURadioMaterial: a slab that scatters the share `scattering_coefficient` of the field.
+
+    Sionna keeps field components in the world's spherical basis: straight down, a linearly polarised antenna
+    loses up to 3 dB. The materials above do not.
+    """
+
+    model: Literal["sionna_itu"]
+    itu_type: str
+    scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
+    xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0
+    thickness_m: Positive = 0.1
+
+
+Material = Annotated[
+    ConstantGamma
+    | Lambertian
+    | UlabyDobson
+    | MeasuredTable
+    | Kirchhoff
+    | PhysicalOptics
+    | SmallPerturbation
+    | IntegralEquation
+    | SionnaItu,
+    Discriminator("model"),
+]
+
+DEFAULT_MATERIALS: dict[str, Material] = {
+    "ground": ConstantGamma(terrain_class="rolling_hills"),
+    "building": ConstantGamma(terrain_class="city"),
+}
