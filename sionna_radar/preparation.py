@@ -17,6 +17,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.raster import Grid
 from sionna_radar.scenario.models import Scenario
 from sionna_radar.scene.build import BuiltScene, build_scene
+from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
 
 SAMPLED_PULSES = 2000
@@ -92,7 +93,8 @@ def prepare(
     _check_geometry(looks, schedule, built, chirp)
     reference = plane_echo(
         antenna,
-        built.scene.materials[built.scene.ground_material],
+        # The noise is set against the co-polar echo, whatever the receiver's polarisation.
+        as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
         chirp.wavelength_m,
         scenario.platform.altitude_m,
         np.deg2rad(scenario.radar.scan.incidence_deg),

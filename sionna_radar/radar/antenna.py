@@ -83,12 +83,14 @@ class Antenna:
     """A pencil-beam antenna, the same for sending and receiving.
 
     azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up.
-    polarization: direction of the electric field on boresight, up (V) or left (H).
+    polarization: direction of the sent electric field on boresight, up (V) or left (H).
+    receives: the same polarisation ("co") or the other one ("cross").
     """
 
     azimuth: Cut
     elevation: Cut
     polarization: str = "V"
+    receives: str = "co"
 
     @cached_property
     def peak_gain(self) -> float:
@@ -173,4 +175,5 @@ def build_antenna(table: AntennaTable) -> Antenna:
         taylor_cut(azimuth, table.side_lobe_db),
         taylor_cut(elevation, table.side_lobe_db),
         table.polarization,
+        table.receive_polarization,
     )

@@ -6,9 +6,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.decibel import from_db
-from sionna_radar.scenario.materials import ConstantGamma, Lambertian
-
 
 @runtime_checkable
 class Backscatter(Protocol):
@@ -42,10 +39,3 @@ class LambertianBackscatter:
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
         return self.nadir_sigma0 * np.cos(incidence_rad) ** 2
-
-
-def build_backscatter(material: ConstantGamma | Lambertian) -> Backscatter:
-    """Return the backscatter model of a material of the scenario."""
-    if isinstance(material, Lambertian):
-        return LambertianBackscatter(from_db(material.nadir_sigma0_db))
-    return ConstantGammaBackscatter(material.gamma)

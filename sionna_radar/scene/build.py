@@ -9,11 +9,13 @@ from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.decibel import from_db
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.raster import Georeference, Raster
+from sionna_radar.raster import Raster
 from sionna_radar.scenario.models import CityTerrain, Scenario
-from sionna_radar.scene.backscatter import build_backscatter
+from sionna_radar.scene.backscatter import Backscatter
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.city import load_city
+from sionna_radar.scene.ground_cover import cover_ground
+from sionna_radar.scene.materials import build_materials, channel_of
 from sionna_radar.scene.model import Scene, Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.terrain import load_elevation, mesh_of
@@ -47,33 +49,34 @@ def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float])
     Raises
     ------
     ScenarioError, InputFileError
-        A building or target lies beyond the terrain; the elevation file is no good.
+        A building or target lies beyond the terrain; a material is undefined at the carrier; an input file
+        is no good.
 
     """
-    surfaces, ground_m, georeference = _terrain(scenario, window_m)
+    materials: dict[str, Backscatter] = dict(build_materials(scenario.all_materials, scenario.radar))
+    terrain = scenario.terrain
+    if isinstance(terrain, CityTerrain):
+        surfaces, kept = load_city(terrain, scenario.radar.carrier_hz, channel_of(scenario.radar))
+        materials |= kept
+        ground_m, georeference = _under_city(surfaces), None
+    else:
+        raster, georeference = load_elevation(terrain, window_m)
+        surfaces, ground_m = cover_ground(*mesh_of(raster), terrain, georeference), _bridged(raster).at
     boxes = tuple(build_box(b, i, ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
         surfaces=surfaces + boxes,
-        materials={name: build_backscatter(m) for name, m in scenario.all_materials.items()},
+        materials=materials,
         targets=_targets(scenario, ground_m, surfaces),
-        ground_material=getattr(scenario.terrain, "material", "ground"),
+        ground_material=getattr(terrain, "material", "ground"),
         georeference=georeference,
     )
     return BuiltScene(scene=scene, ground_m=ground_m, caster=RayCaster(scene.surfaces))
 
 
-def _terrain(
-    scenario: Scenario, window_m: tuple[float, float, float, float]
-) -> tuple[tuple[Surface, ...], Ground, Georeference | None]:
-    terrain = scenario.terrain
-    if isinstance(terrain, CityTerrain):
-        surfaces = load_city(terrain)
-        caster = RayCaster(surfaces)
-        bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
-        return surfaces, lambda point: caster.from_below(point, bottom), None
-    raster, georeference = load_elevation(terrain, window_m)
-    surfaces = _covered(raster, terrain.material, getattr(terrain, "fields", ()))
-    return surfaces, _bridged(raster).at, georeference
+def _under_city(surfaces: tuple[Surface, ...]) -> Ground:
+    caster = RayCaster(surfaces)
+    bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
+    return lambda point: caster.from_below(point, bottom)
 
 
 def _bridged(raster: Raster) -> Raster:
@@ -82,21 +85,6 @@ def _bridged(raster: Raster) -> Raster:
         return raster
     nearest = distance_transform_edt(~raster.filled, return_distances=False, return_indices=True)
     return Raster(grid=raster.grid, height_m=raster.height_m[tuple(nearest)])
-
-
-def _covered(raster: Raster, material: str, fields: tuple[MaterialField, ...]) -> tuple[Surface, ...]:
-    """Return the terrain's mesh, split by material; a later field lies over an earlier one."""
-    vertices, faces = mesh_of(raster)
-    middle = vertices[faces][:, :, :2].mean(axis=1)
-    owner = np.zeros(len(faces), dtype=np.int64)
-    for number, field in enumerate(fields, start=1):
-        owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = number
-    names = [material, *(field.material for field in fields)]
-    return tuple(
-        Surface(name=f"terrain-{number}", vertices_m=vertices, faces=faces[owner == number], material=name)
-        for number, name in enumerate(names)
-        if np.any(owner == number)
-    )
 
 
 def _targets(scenario: Scenario, ground_m: Ground, surfaces: tuple[Surface, ...]) -> tuple[Target, ...]:

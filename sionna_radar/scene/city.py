@@ -6,37 +6,46 @@ scenario maps a Sionna material to one of its own.
 """
 
 import logging
+from typing import Any
 
 import numpy as np
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.scenario.models import CityTerrain
+from sionna_radar.scenario.models import KEEP_SIONNA, CityTerrain
 from sionna_radar.scene.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
+from sionna_radar.scene.radar_material import Channel, RadarMaterial, SionnaSlab
+from sionna_radar.scene.sionna_slab import slab_material
 
 logger = logging.getLogger("sionna_radar")
 
 GROUND_OBJECTS = ("ground", "terrain")
 
 
-def load_city(terrain: CityTerrain) -> tuple[Surface, ...]:
-    """Return the surfaces of a Sionna city, and log which material each of Sionna's became.
+def load_city(
+    terrain: CityTerrain, carrier_hz: float, channel: Channel
+) -> tuple[tuple[Surface, ...], dict[str, RadarMaterial]]:
+    """Return the surfaces of a Sionna city and the materials kept; log which material each of Sionna's became.
 
     Raises
     ------
     ScenarioError
-        The scenario maps a material that the city does not have.
+        The scenario maps a material that the city does not have, or keeps one that is undefined at the
+        carrier or scatters nothing.
 
     """
     load_mitsuba()
     import sionna.rt as rt
 
     scene = rt.load_scene(getattr(rt.scene, terrain.city))
-    surfaces, mapped = [], {}
+    surfaces, mapped, theirs_by_name = [], {}, {}
     for name, thing in scene.objects.items():
         theirs = thing.radio_material.name
         default = "ground" if name.lower().startswith(GROUND_OBJECTS) else "building"
         ours = terrain.materials.get(theirs, default)
+        if ours == KEEP_SIONNA:
+            ours = f"{KEEP_SIONNA}:{theirs}"
+            theirs_by_name[ours] = thing.radio_material
         mapped[theirs] = ours
         mesh = thing.mi_mesh
         vertices = mesh.vertex_positions_buffer().numpy().reshape(-1, 3)
@@ -58,4 +67,22 @@ def load_city(terrain: CityTerrain) -> tuple[Surface, ...]:
         terrain.kind,
         ", ".join(f"{theirs} -> {ours}" for theirs, ours in sorted(mapped.items())),
     )
-    return tuple(surfaces)
+    return tuple(surfaces), _kept(theirs_by_name, carrier_hz, channel)
+
+
+def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[str, RadarMaterial]:
+    kept, problems = {}, []
+    for name, material in theirs.items():
+        slab = SionnaSlab(
+            itu_type=getattr(material, "itu_type", material.name),
+            thickness_m=float(material.thickness[0]),
+            scattering_coefficient=float(material.scattering_coefficient[0]),
+            xpd_coefficient=float(material.xpd_coefficient[0]),
+        )
+        try:
+            kept[name] = slab_material(slab, carrier_hz, channel)
+        except ValueError as error:
+            problems.append(Problem(f"terrain.materials.{name.removeprefix(f'{KEEP_SIONNA}:')}", str(error)))
+    if problems:
+        raise ScenarioError(problems)
+    return kept

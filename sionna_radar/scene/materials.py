@@ -1,0 +1,186 @@
+"""Building the materials of a scenario at its carrier and polarisation, and saying where they do not hold."""
+
+import logging
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from sionna_radar.decibel import from_db
+from sionna_radar.errors import Problem, RadarError, ScenarioError
+from sionna_radar.scenario.materials import (
+    ConstantGamma,
+    EmpiricalTable,
+    IntegralEquation,
+    Kirchhoff,
+    Lambertian,
+    Material,
+    MeasuredTable,
+    PhysicalOptics,
+    RoughTable,
+    SionnaItu,
+    SmallPerturbation,
+    SurfaceTable,
+    UlabyDobson,
+)
+from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scene import rough_surface
+from sionna_radar.scene.backscatter import Backscatter, ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.scene.medium import extrapolation_of, permittivity_of
+from sionna_radar.scene.radar_material import Channel, Mirror, RadarMaterial, SionnaSlab
+from sionna_radar.scene.sionna_slab import slab_material
+
+logger = logging.getLogger("sionna_radar")
+
+# Beyond this every model is at its weakest, and a survey has few echoes.
+STEEPEST_CHECKED_DEG = 85
+
+
+def channel_of(radar: RadarTable) -> Channel:
+    """Return what a radar sends and receives: received first, then sent."""
+    sent = radar.antenna.polarization
+    if radar.antenna.receive_polarization == "co":
+        return "VV" if sent == "V" else "HH"
+    return "HV" if sent == "V" else "VH"
+
+
+def build_materials(tables: dict[str, Material], radar: RadarTable) -> dict[str, RadarMaterial]:
+    """Return the materials of a scenario, and log which are used beyond their range.
+
+    Raises
+    ------
+    ScenarioError
+        Parameters out of the range of a formula, each with its dotted key.
+    InputFileError
+        A table cannot be read.
+
+    """
+    built, problems = {}, []
+    for name, table in tables.items():
+        try:
+            built[name] = _build(table, radar.carrier_hz, channel_of(radar))
+        except RadarError:
+            raise
+        except ValueError as error:
+            problems.append(Problem(_key(f"materials.{name}", table, str(error)), str(error)))
+    if problems:
+        raise ScenarioError(problems)
+    for name, table in tables.items():
+        for doubt in doubts(table, built[name], radar.carrier_hz):
+            logger.warning("materials.%s: %s", name, doubt)
+    return built
+
+
+def doubts(table: Material, material: RadarMaterial, carrier_hz: float) -> list[str]:
+    """Return what to know of a material at the carrier: conditions it violates, and power out of nothing."""
+    found = []
+    if isinstance(table, SurfaceTable) and table.medium is not None:
+        note = extrapolation_of(table.medium, carrier_hz)
+        found += [note] if note else []
+    violated = getattr(material.vertical, "validity", list)()
+    found += [f"outside the range of {table.model}: {text}" for text in violated]
+    angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
+    share = material.scattered_share(np.deg2rad(angle_deg)) if material.slab is None else np.zeros(1)
+    if share.max() > 1:
+        worst = int(angle_deg[np.argmax(share)])
+        found.append(
+            f"scatters {share.max():.3g} times the incident power at {worst} deg, if it scattered into all directions "
+            "as strongly as back; the echo is as modelled, but single-bounce only"
+        )
+    return found
+
+
+def _build(table: Material, carrier_hz: float, channel: Channel) -> RadarMaterial:
+    if isinstance(table, SionnaItu):
+        slab = SionnaSlab(
+            itu_type=table.itu_type,
+            thickness_m=table.thickness_m,
+            scattering_coefficient=table.scattering_coefficient,
+            xpd_coefficient=table.xpd_coefficient,
+        )
+        return slab_material(slab, carrier_hz, channel)
+    permittivity = _permittivity(table, carrier_hz)
+    if isinstance(table, RoughTable):
+        assert permittivity is not None  # checked with the scenario
+        vertical, horizontal = _rough_surfaces(table, permittivity, carrier_hz)
+    else:
+        vertical = horizontal = _empirical(table)
+    return RadarMaterial(
+        vertical=vertical,
+        horizontal=horizontal,
+        cross_polar=0.0 if table.cross_polar_db is None else from_db(table.cross_polar_db),
+        channel=channel,
+        mirror=_mirror(table, permittivity, carrier_hz),
+    )
+
+
+def _permittivity(table: SurfaceTable, carrier_hz: float) -> complex | None:
+    if table.medium is not None:
+        return permittivity_of(table.medium, carrier_hz)
+    return None if table.permittivity is None else complex(table.permittivity[0], -table.permittivity[1])
+
+
+def _mirror(
+    table: EmpiricalTable | RoughTable, permittivity: complex | None, carrier_hz: float
+) -> Mirror | None:
+    if not table.specular or permittivity is None or table.rms_height_m is None:
+        return None
+    return Mirror(permittivity=permittivity, rms_height_m=table.rms_height_m, frequency_hz=carrier_hz)
+
+
+def _empirical(table: EmpiricalTable) -> Backscatter:
+    match table:
+        case Lambertian():
+            return LambertianBackscatter(from_db(table.nadir_sigma0_db))
+        case UlabyDobson():
+            return UlabyDobsonBackscatter(
+                **{f"p{i}": getattr(table, f"p{i}") for i in range(1, 7)},
+                min_incidence_rad=np.deg2rad(table.min_incidence_deg),
+                max_incidence_rad=np.deg2rad(table.max_incidence_deg),
+                source=table.source,
+            )
+        case MeasuredTable():
+            return TableBackscatter.from_csv(table.path)
+        case ConstantGamma():
+            return ConstantGammaBackscatter(table.gamma)
+    message = f"{table} is no material"
+    raise TypeError(message)
+
+
+def _rough_surfaces(
+    table: RoughTable, permittivity: complex, carrier_hz: float
+) -> tuple[Backscatter, Backscatter]:
+    """Return a rough-surface model for V and for H."""
+    surface = rough_surface.RoughSurface(
+        permittivity=permittivity,
+        rms_height_m=table.rms_height_m,
+        correlation_length_m=table.correlation_length_m,
+        frequency_hz=carrier_hz,
+        correlation=table.correlation,
+    )
+    model: Callable[..., Backscatter]
+    options = {}
+    match table:
+        case Kirchhoff():
+            model = rough_surface.GeometricalOptics
+        case PhysicalOptics():
+            model = rough_surface.PhysicalOptics
+        case SmallPerturbation():
+            model = rough_surface.SmallPerturbation
+        case IntegralEquation():
+            model, options = rough_surface.IntegralEquation, {"fresnel_angle": table.fresnel_angle}
+    return model(surface=surface, polarization="V", **options), model(surface=surface, polarization="H", **options)
+
+
+def _key(name: str, table: Material, message: str) -> str:
+    """Return the dotted key that a message of a formula is about: it starts with the parameter's name."""
+    first = re.match(r"\w*", message)
+    field = first.group() if first else ""
+    if isinstance(table, SionnaItu):
+        return f"{name}.itu_type"
+    if field in type(table).model_fields:
+        return f"{name}.{field}"
+    if table.medium is not None and field in type(table.medium).model_fields:
+        return f"{name}.medium.{field}"
+    return f"{name}.medium" if table.medium is not None else name

@@ -1,0 +1,77 @@
+"""Sionna RT's own ITU materials: where they are defined, and what they scatter back.
+
+Their diffuse model gives sigma0 = 4 S^2 R^2 cos^2 (1 - K), with S the scattering coefficient, R^2 the power that
+the slab reflects at that angle and polarisation, and K the share that turns cross-polar.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import epsilon_0, speed_of_light
+
+from sionna_radar.scene.backend import load_mitsuba
+from sionna_radar.scene.radar_material import Channel, RadarMaterial, SionnaSlab
+from sionna_radar.scene.rough_surface import Polarization, fresnel_reflection
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlabBackscatter:
+    """The co-polar backscatter of a slab (ITU-R P.2040 with Sionna's Lambertian pattern)."""
+
+    slab: SionnaSlab
+    permittivity: complex
+    frequency_hz: float
+    polarization: Polarization
+
+    def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the radar cross-section per unit of surface area."""
+        cosine = np.cos(incidence_rad)
+        edge = fresnel_reflection(self.permittivity, np.maximum(cosine, 0.0), self.polarization)
+        depth = 2 * np.pi * self.frequency_hz / speed_of_light * self.slab.thickness_m
+        delay = np.exp(-2j * depth * np.sqrt(self.permittivity - np.sin(incidence_rad) ** 2 + 0j))
+        reflection = edge * (1 - delay) / (1 - edge**2 * delay)
+        share = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
+        sigma0: Float[np.ndarray, " n"] = 4 * share * np.abs(reflection) ** 2 * cosine**2
+        return sigma0
+
+
+def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> RadarMaterial:
+    """Return the material of a slab; ValueError where Sionna does not define it or it scatters nothing."""
+    permittivity = _permittivity(slab.itu_type, frequency_hz)
+    if slab.scattering_coefficient <= 0:
+        message = (
+            f"{slab.itu_type} has a scattering coefficient of 0, so that it echoes nothing; map it to a material "
+            f'with model = "sionna_itu", itu_type = "{slab.itu_type}" and a scattering_coefficient'
+        )
+        raise ValueError(message)
+    vertical, horizontal = (
+        SlabBackscatter(slab=slab, permittivity=permittivity, frequency_hz=frequency_hz, polarization=p)
+        for p in ("V", "H")
+    )
+    return RadarMaterial(
+        vertical=vertical,
+        horizontal=horizontal,
+        cross_polar=slab.xpd_coefficient / (1 - slab.xpd_coefficient),
+        channel=channel,
+        slab=slab,
+    )
+
+
+def _permittivity(itu_type: str, frequency_hz: float) -> complex:
+    load_mitsuba()
+    from sionna.rt.radio_materials.itu import ITU_MATERIALS_PROPERTIES
+
+    if itu_type not in ITU_MATERIALS_PROPERTIES:
+        message = f"{itu_type!r} is no ITU material of Sionna's; use one of {', '.join(ITU_MATERIALS_PROPERTIES)}"
+        raise ValueError(message)
+    bands = ITU_MATERIALS_PROPERTIES[itu_type]
+    ghz = frequency_hz / 1e9
+    for (lowest, highest), (a, b, c, d) in bands.items():
+        if lowest <= ghz <= highest:
+            return complex(a * ghz**b, -c * ghz**d / (2 * np.pi * frequency_hz * epsilon_0))
+    defined = " and ".join(f"{lowest:g} to {highest:g} GHz" for lowest, highest in bands)
+    message = (
+        f"{itu_type} is defined from {defined}, not at the carrier's {ghz:g} GHz; map it to a material of the scenario"
+    )
+    raise ValueError(message)
