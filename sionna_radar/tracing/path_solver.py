@@ -28,8 +28,11 @@ class PathSolverEngine:
     def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, seed: int, samples: int) -> None:
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._seed, self._samples = seed, samples
-        one_antenna = rt.AntennaArray(self._sionna.pattern, mi.Point3f(0.0, 0.0, 0.0))
-        self._sionna.rt_scene.tx_array = self._sionna.rt_scene.rx_array = one_antenna
+        sender, receiver = (
+            rt.AntennaArray(pattern, mi.Point3f(0.0, 0.0, 0.0))
+            for pattern in (self._sionna.pattern, self._sionna.receive_pattern)
+        )
+        self._sionna.rt_scene.tx_array, self._sionna.rt_scene.rx_array = sender, receiver
         self._devices = [rt.Transmitter("sender", [0.0, 0.0, 0.0]), rt.Receiver("receiver", [0.0, 0.0, 0.0])]
         for device in self._devices:
             self._sionna.rt_scene.add(device)

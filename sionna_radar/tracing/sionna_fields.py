@@ -66,5 +66,5 @@ def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any)
         src_orientations=angles,
         tgt_orientations=angles,
         src_antenna_patterns=sionna.pattern.patterns,
-        tgt_antenna_patterns=sionna.pattern.patterns,
+        tgt_antenna_patterns=sionna.receive_pattern.patterns,
     )

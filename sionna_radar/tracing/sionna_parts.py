@@ -10,6 +10,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.scene.backend import load_mitsuba
 from sionna_radar.scene.backscatter import Backscatter
 from sionna_radar.scene.model import Scene
+from sionna_radar.scene.radar_material import RadarMaterial, as_radar_material
 from sionna_radar.scene.raycast import mitsuba_mesh
 
 mi = load_mitsuba()
@@ -24,22 +25,27 @@ TABLE_SIZE = 2049
 
 
 class BackscatterMaterial(rt.RadioMaterialBase):
-    """A radio material that scatters diffusely with a given sigma0.
+    """A radio material that scatters diffusely with given sigma0 in V, H and cross-polar.
 
     A ray tube of solid angle W that meets the surface at incidence t illuminates the area r^2 W / cos t, so
     the scattered over the incident field, both at 1 m, is sqrt(sigma0(t) / (4 pi cos t) W). Sionna's own
     diffuse matrix keeps field components in the world's spherical basis, which is singular at the zenith and
-    loses half the power of a linearly polarised antenna that looks straight down; this one keeps the
-    transverse field vector itself.
+    loses half the power of a linearly polarised antenna that looks straight down; this one acts on the
+    transverse field vector itself, by the matrix of `RadarMaterial`. With c = k x n, of size sin t, that is
+
+        a_v + (a_h - a_v) / sin^2 t c c^T
+
+    in which nothing is singular at nadir, where a_h = a_v. The field toward any other direction is the same
+    vector, projected across it.
     """
 
     def __init__(self, properties: Any, backscatter: Backscatter) -> None:
         super().__init__(properties)
-        incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
-        # At grazing the ratio is taken just short of the horizon, where sigma0 and the cosine both vanish.
-        safe = np.minimum(incidence, np.deg2rad(89.99))
-        amplitude = np.sqrt(backscatter.sigma0(safe) / (4 * np.pi * np.cos(safe)))
-        self._amplitude = mi.Float(amplitude.astype(np.float32))
+        vertical, excess, cross = _amplitudes(as_radar_material(backscatter))
+        self._vertical = mi.Float(vertical.astype(np.float32))
+        # Left out where they are zero, for speed.
+        self._excess = mi.Float(excess.astype(np.float32)) if np.any(excess) else None
+        self._cross = mi.Float(cross.astype(np.float32)) if np.any(cross) else None
 
     def frequency_update(self) -> None:
         """Do nothing: sigma0 is given at the carrier of the scenario."""
@@ -61,16 +67,27 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
     def eval(self, ctx, si, wo, active=True):  # type: ignore[no-untyped-def]
         """Return the Jones matrix toward `wo`, with the solid angle of the ray tube in `si.t`."""
-        incidence = dr.safe_acos(-si.wi.z)
-        position = incidence * ((TABLE_SIZE - 1) / (np.pi / 2))
+        position = dr.safe_acos(-si.wi.z) * ((TABLE_SIZE - 1) / (np.pi / 2))
         below = mi.UInt32(dr.clip(position, 0, TABLE_SIZE - 2))
         share = position - mi.Float(below)
-        low = dr.gather(mi.Float, self._amplitude, below, active)
-        high = dr.gather(mi.Float, self._amplitude, below + 1, active)
+
+        def at_incidence(table):  # type: ignore[no-untyped-def]
+            low = dr.gather(mi.Float, table, below, active)
+            return dr.lerp(low, dr.gather(mi.Float, table, below + 1, active), share)
+
         outward = dr.dot(wo, si.n) > 0
         diffuse = dr.reinterpret_array(mi.UInt32, si.dp_du.z) == InteractionType.DIFFUSE
-        amplitude = dr.select(outward & diffuse, dr.lerp(low, high, share) * dr.sqrt(si.t), 0.0)
-        return mi.Spectrum(_transverse_field(si.to_world(si.wi), wo) * amplitude)
+        scale = dr.select(outward & diffuse, dr.sqrt(si.t), 0.0)
+        k_in = si.to_world(si.wi)
+        turn = _Transverse(k_in, wo)
+        real = turn.kept * at_incidence(self._vertical)
+        if self._excess is not None:
+            real += turn.along(dr.cross(k_in, si.n)) * at_incidence(self._excess)
+        if self._cross is None:
+            return mi.Spectrum(_as_four(real * scale, mi.Matrix2f(0.0)))
+        cross, (one, two) = at_incidence(self._cross), _signs(si.p)
+        real += turn.exchanged * (two * cross)
+        return mi.Spectrum(_as_four(real * scale, turn.opposed * (one * cross * scale)))
 
     def pdf(self, ctx, si, wo, active=True):  # type: ignore[no-untyped-def]
         """Return the probability of a diffuse reflection."""
@@ -85,19 +102,80 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         return f"BackscatterMaterial[{self.id()}]"
 
 
-def _transverse_field(k_in, k_out):  # type: ignore[no-untyped-def]
-    """Return the Jones matrix that carries a field vector from one implicit basis to another."""
-    s_in, s_out = implicit_basis_vector(k_in), implicit_basis_vector(k_out)
-    p_in, p_out = dr.cross(k_in, s_in), dr.cross(k_out, s_out)
-    ss, sp = dr.dot(s_out, s_in), dr.dot(s_out, p_in)
-    ps, pp = dr.dot(p_out, s_in), dr.dot(p_out, p_in)
-    return mi.Matrix4f([[ss, sp, 0, 0], [ps, pp, 0, 0], [0, 0, ss, sp], [0, 0, ps, pp]])
+def _amplitudes(
+    material: RadarMaterial,
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return a_v, (a_h - a_v) / sin^2 and x at evenly spaced incidence angles, for a solid angle of one."""
+    incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
+    # At grazing the ratio is taken just short of the horizon, where sigma0 and the cosine both vanish.
+    safe = np.minimum(incidence, np.deg2rad(89.99))
+    spread = 4 * np.pi * np.cos(safe)
+    cross = material.cross_sigma0(safe) / spread
+    vertical, horizontal = (
+        np.sqrt(np.maximum(m.sigma0(safe) / spread - cross, 0.0)) for m in (material.vertical, material.horizontal)
+    )
+    excess = np.zeros(TABLE_SIZE)
+    excess[1:] = (horizontal - vertical)[1:] / np.sin(safe[1:]) ** 2
+    excess[0] = excess[1]
+    return vertical, excess, np.sqrt(cross)
+
+
+class _Transverse:
+    """Matrices that carry a field vector, projected, from one direction's implicit basis to another's."""
+
+    def __init__(self, k_in, k_out) -> None:  # type: ignore[no-untyped-def]
+        self._in = implicit_basis_vector(k_in)
+        self._in = (self._in, dr.cross(k_in, self._in))
+        self._out = implicit_basis_vector(k_out)
+        self._out = (self._out, dr.cross(k_out, self._out))
+        (self._ss, self._sp), (self._ps, self._pp) = [[dr.dot(o, i) for i in self._in] for o in self._out]
+
+    @property
+    def kept(self):  # type: ignore[no-untyped-def]
+        """The field vector as it came."""
+        return mi.Matrix2f([[self._ss, self._sp], [self._ps, self._pp]])
+
+    @property
+    def exchanged(self):  # type: ignore[no-untyped-def]
+        """Its two components exchanged."""
+        return mi.Matrix2f([[self._sp, self._ss], [self._pp, self._ps]])
+
+    @property
+    def opposed(self):  # type: ignore[no-untyped-def]
+        """Its second component turned round."""
+        return mi.Matrix2f([[self._ss, -self._sp], [self._ps, -self._pp]])
+
+    def along(self, axis):  # type: ignore[no-untyped-def]
+        """Its part along an axis, times the axis's size squared."""
+        seen, shown = ([dr.dot(axis, b) for b in basis] for basis in (self._in, self._out))
+        return mi.Matrix2f([[o * i for i in seen] for o in shown])
+
+
+def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
+    """Return a complex Jones matrix as the real one of twice the size that Sionna works with."""
+    return mi.Matrix4f(
+        [[*real[i], *(-imaginary[i])] for i in range(2)] + [[*imaginary[i], *real[i]] for i in range(2)]
+    )
+
+
+def _signs(place):  # type: ignore[no-untyped-def]
+    """Return two signs that hang on a place alone: its coordinates' bits, hashed.
+
+    Multipliers: Teschner and others 2003, "Optimized spatial hashing"; the finish is MurmurHash3's.
+    """
+    x, y, z = (dr.reinterpret_array(mi.UInt32, c) for c in place)
+    bits = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
+    bits = (bits ^ (bits >> 16)) * 0x85EBCA6B
+    bits = (bits ^ (bits >> 13)) * 0xC2B2AE35
+    bits ^= bits >> 16
+    return tuple(dr.select((bits & bit) > 0, mi.Float(1.0), mi.Float(-1.0)) for bit in (1, 2))
 
 
 class SeparablePattern(rt.AntennaPattern):
-    """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain."""
+    """An antenna of ours as a Sionna antenna pattern, of a polarisation; |c|^2 is the power gain."""
 
-    def __init__(self, antenna: Antenna) -> None:
+    def __init__(self, antenna: Antenna, polarization: str | None = None) -> None:
+        polarization = polarization or antenna.polarization
         azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in _cuts(antenna))
         peak = float(np.sqrt(antenna.peak_gain))
 
@@ -109,7 +187,7 @@ class SeparablePattern(rt.AntennaPattern):
             voltage *= peak * dr.sqrt(dr.maximum(cos_boresight, 0.0))
             zero = dr.zeros(mi.Float, dr.width(voltage))
             along, across = mi.Complex2f(voltage, zero), mi.Complex2f(zero, zero)
-            return (along, across) if antenna.polarization == "V" else (across, along)
+            return (along, across) if polarization == "V" else (across, along)
 
         self.patterns = [pattern]
 
@@ -128,6 +206,7 @@ def _lookup(table, cosine):  # type: ignore[no-untyped-def]
 class SionnaScene:
     """A scene of ours inside Sionna RT.
 
+    pattern, receive_pattern: the antenna as it sends and as it receives.
     shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
     surface_of_shape: the reverse; -1 where there is none.
     """
@@ -135,20 +214,32 @@ class SionnaScene:
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
         materials = {name: _material(name, model) for name, model in scene.materials.items()}
         self.rt_scene = rt.Scene()
+        # Before the materials arrive, some of which are undefined at Sionna's default frequency.
+        self.rt_scene.frequency = carrier_hz
         objects = [
             rt.SceneObject(mi_mesh=mitsuba_mesh(s), name=f"surface-{i}", radio_material=materials[s.material])
             for i, s in enumerate(scene.surfaces)
         ]
         self.rt_scene.edit(add=objects)
-        self.rt_scene.frequency = carrier_hz
         self.pattern = SeparablePattern(antenna)
+        other = {"V": "H", "H": "V"}[antenna.polarization]
+        self.receive_pattern = self.pattern if antenna.receives == "co" else SeparablePattern(antenna, other)
         shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
         self.surface_of_shape[shapes] = np.arange(len(shapes))
 
 
-def _material(name: str, backscatter: Backscatter) -> BackscatterMaterial:
+def _material(name: str, backscatter: Backscatter) -> rt.RadioMaterialBase:
+    slab = as_radar_material(backscatter).slab
+    if slab is not None:
+        return rt.ITURadioMaterial(
+            name,
+            slab.itu_type,
+            slab.thickness_m,
+            scattering_coefficient=slab.scattering_coefficient,
+            xpd_coefficient=slab.xpd_coefficient,
+        )
     properties = mi.Properties(PLUGIN)
     properties.set_id(name)
     properties["color"] = mi.ScalarColor3f(0.5, 0.5, 0.5)
