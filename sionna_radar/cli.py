@@ -239,6 +239,30 @@ def bench(
         typer.echo(line)
 
 
+@app.command()
+def fit(
+    scenario: ScenarioArgument,
+    material: Annotated[str, typer.Option("--material", metavar="NAME", help="A material of the scenario.")],
+    from_deg: Annotated[float, typer.Option(help="Least incidence angle of the fit.")] = 20.0,
+    to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
+    set_: SetOption = None,
+) -> None:
+    """Report the constant gamma that best matches a material, what is left, and where it fails."""
+    from sionna_radar.gamma_fit import TOLERANCE_DB, fit_material
+
+    _log_to_stderr(quiet=False)
+    result = fit_material(_load(scenario, _overrides(set_, None)), material, from_deg, to_deg)
+    typer.echo(f"{material}: gamma = {result.gamma_db:.2f} dB over {from_deg:g} to {to_deg:g} deg")
+    typer.echo(f"residual {result.rms_db:.2f} dB RMS over the span\n")
+    typer.echo("incidence (deg)  sigma0 (dB)  residual (dB)")
+    columns = (result.incidence_deg, result.sigma0_db, result.residual_db)
+    for angle, level, residual in list(zip(*columns, strict=True))[::5]:
+        typer.echo(f"{angle:15.0f}  {level:11.2f}  {residual:+13.2f}")
+    typer.echo(f"\nwhere it misses by more than {TOLERANCE_DB:g} dB:")
+    for failure in result.failures or ["nowhere"]:
+        typer.echo(f"  {failure}")
+
+
 def _fly(
     scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
 ) -> None:

@@ -13,6 +13,7 @@ from sionna_radar.scenario.models import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.atmosphere import Atmosphere
+from sionna_radar.tracing.mirrors import MirrorTracer
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.targets import trace_targets
 
@@ -27,7 +28,9 @@ class Engine(Protocol):
 
 
 class Tracer:
-    """An engine for the surfaces, the point targets beside it, and the weather before both.
+    """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
+
+    Point targets keep the polarisation, so a cross-polar receiver does not see them.
 
     atmosphere: None for clear air.
     seed: of the targets' fluctuations.
@@ -47,11 +50,14 @@ class Tracer:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
         self._atmosphere, self._seed = atmosphere, seed
+        self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
-        if self._scene.targets:
+        if len(self._mirrors):
+            paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+        if self._scene.targets and self._antenna.receives == "co":
             targets = trace_targets(
                 self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed
             )
