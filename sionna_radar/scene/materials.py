@@ -83,10 +83,10 @@ def doubts(table: Material, material: RadarMaterial, carrier_hz: float) -> list[
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
     share = material.scattered_share(np.deg2rad(angle_deg)) if material.slab is None else np.zeros(1)
     if share.max() > 1:
-        worst = int(angle_deg[np.argmax(share)])
+        over = angle_deg[share > 1]
         found.append(
-            f"scatters {share.max():.3g} times the incident power at {worst} deg, if it scattered into all directions "
-            "as strongly as back; the echo is as modelled, but single-bounce only"
+            f"more power than came in, {share.max():.3g} times at worst, would leave it between {over[0]} and "
+            f"{over[-1]} deg, if it scattered everywhere as strongly as straight back"
         )
     return found
 

@@ -61,6 +61,8 @@ class RayCaster:
         mi = load_mitsuba()
         import drjit as dr
 
+        if len(origin_m) == 0:  # Dr.Jit has no answer for none
+            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64))
         found = self.intersect(self.prepare(origin_m, direction))
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)

@@ -1,0 +1,252 @@
+"""V, H and cross-polar backscatter through the beam engine, against quadrature, energy, reciprocity and optics."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from sionna_radar.flight.frames import whisk_broom_from_antenna
+from sionna_radar.scene.backscatter import ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.permittivity import building_permittivity, soil_permittivity
+from sionna_radar.scene.radar_material import RadarMaterial, SionnaSlab, as_radar_material
+from sionna_radar.scene.rough_surface import (
+    GeometricalOptics,
+    IntegralEquation,
+    PhysicalOptics,
+    RoughSurface,
+    SmallPerturbation,
+)
+from sionna_radar.scene.sionna_slab import slab_material
+from sionna_radar.tracing.beam_solver import BeamEngine
+from sionna_radar.tracing.path_solver import PathSolverEngine
+from sionna_radar.tracing.sionna_parts import BackscatterMaterial, _material, dr, mi
+
+WAVELENGTH_M = 299_792_458.0 / 77e9
+SOIL = soil_permittivity(
+    77e9, temperature_c=20.0, sand_percent=50.0, clay_percent=15.0, water_fraction=0.2, specific_gravity=2.65
+)
+
+
+def rough(model, rms_height_m, length_m, permittivity=SOIL, **options) -> RadarMaterial:
+    surface = RoughSurface(
+        permittivity=permittivity, rms_height_m=rms_height_m, correlation_length_m=length_m, frequency_hz=77e9
+    )
+    vertical, horizontal = (model(surface=surface, polarization=p, **options) for p in "VH")
+    return RadarMaterial(vertical=vertical, horizontal=horizontal)
+
+
+MODELS = {
+    "constant_gamma": as_radar_material(ConstantGammaBackscatter(0.01)),
+    "lambertian": as_radar_material(LambertianBackscatter(0.3)),
+    "ulaby_dobson": as_radar_material(
+        UlabyDobsonBackscatter(
+            p1=-25.0, p2=20.0, p3=4.0, p4=2.0, p5=3.0, p6=0.5, min_incidence_rad=0.0,
+            max_incidence_rad=1.4, source="made up for this test",
+        )
+    ),
+    "table": as_radar_material(
+        TableBackscatter(incidence_rad=(0.0, 0.3, 0.8, 1.5), sigma0_db=(0.0, -9.0, -14.0, -22.0))
+    ),
+    "kirchhoff": rough(GeometricalOptics, 0.002, 0.006),
+    "physical_optics": rough(PhysicalOptics, 0.0006, 0.005),
+    "small_perturbation": rough(SmallPerturbation, 0.00015, 0.0012),
+    "integral_equation": rough(IntegralEquation, 0.0003, 0.0018, fresnel_angle="incidence"),
+}  # fmt: skip
+
+
+def plane_of(surface_of, material: RadarMaterial, **place) -> Scene:
+    ground = surface_of(lambda x, y: 0 * x, **({"size_m": 2000.0, "spacing_m": 20.0} | place))
+    return Scene(
+        surfaces=(ground,), materials={"ground": material}, targets=(), ground_material="ground", georeference=None
+    )
+
+
+def mean_power(paths, pulses) -> float:
+    return float(np.sum(np.abs(paths.gain.astype(complex)) ** 2) / len(pulses))
+
+
+def polarised_plane_power(antenna, height_m, incidence_deg, material) -> float:
+    """Received over sent power: the radar equation over a plane, the field of every direction split into V and H."""
+    near, far = 3 * max(antenna.beamwidths_rad), np.pi / 2
+    grid = np.concatenate(
+        [np.linspace(-far, -near, 300)[:-1], np.linspace(-near, near, 601), np.linspace(near, far, 300)[1:]]
+    )
+    azimuth, elevation = np.meshgrid(grid, grid, indexing="ij")
+    (ca, sa), (ce, se) = ((np.cos(t), np.sin(t)) for t in (azimuth, elevation))
+    R = whisk_broom_from_antenna(np.deg2rad(incidence_deg), np.zeros(1))[0]  # to level forward, right, down
+    local = np.stack([ce * ca, ce * sa, se], axis=-1)
+    up, left = np.stack([-se * ca, -se * sa, ce], axis=-1), np.stack([-sa, ca, 0 * sa], axis=-1)
+    k, field = local @ R.T, (up if antenna.polarization == "V" else left) @ R.T
+    down = np.maximum(k[..., 2], 1e-4)
+    across = np.stack([k[..., 1], -k[..., 0]], axis=-1) / np.maximum(np.hypot(k[..., 0], k[..., 1]), 1e-12)[..., None]
+    share = (across * field[..., :2]).sum(axis=-1) ** 2
+    incidence = np.arccos(np.minimum(down, 1.0)).ravel()
+    v, h = (np.sqrt(m.sigma0(incidence)).reshape(down.shape) for m in (material.vertical, material.horizontal))
+    gain = antenna.gain(local.reshape(-1, 3)).reshape(down.shape)
+    density = np.where(k[..., 2] > 1e-4, gain**2 * (v + (h - v) * share) ** 2 / down * (down / height_m) ** 2 * ce, 0)
+    return WAVELENGTH_M**2 / (4 * np.pi) ** 3 * float(np.trapezoid(np.trapezoid(density, grid, axis=1), grid))
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+@pytest.mark.parametrize("name", MODELS)
+def test_each_model_over_a_plane_is_the_radar_equation(
+    name, polarization, surface_of, antenna_of, chirp_of, looking
+):
+    material, antenna = MODELS[name], antenna_of(2.0, 2.0, polarization)
+    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 512, 0.05)
+    for incidence_deg in (0, 5, 20, 45, 60, 70, 80):
+        pulses = looking(200, incidence_deg=incidence_deg)
+        mean = mean_power(beam.trace(pulses), pulses)
+        expected = polarised_plane_power(antenna, 50.0, incidence_deg, material)
+        # At 80 deg the side lobes that look down carry part of the echo, by few rays.
+        assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.05 if incidence_deg < 80 else 0.15)
+
+
+@pytest.mark.parametrize("incidence_deg", [0, 30, 60])
+@pytest.mark.parametrize("heading_deg", [0.0, 30.0])
+def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(
+    surface_of, antenna_of, chirp_of, looking, incidence_deg, heading_deg
+):
+    even = ConstantGammaBackscatter(0.05)
+    scene = plane_of(surface_of, RadarMaterial(vertical=even, horizontal=even, cross_polar=0.1))
+    pulses = looking(300, incidence_deg=incidence_deg, heading_deg=heading_deg)
+    paths = {}
+    for sent in "VH":
+        for receives in ("co", "cross"):
+            antenna = replace(antenna_of(2.0, 2.0, sent), receives=receives)
+            paths[sent, receives] = BeamEngine(scene, antenna, chirp_of(), 1, 512, 0.05).trace(pulses)
+    # Reciprocity, path by path: what H receives of V is what V receives of H.
+    vh, hv = paths["H", "cross"].gain, paths["V", "cross"].gain
+    np.testing.assert_allclose(vh, hv, rtol=0, atol=2e-4 * np.abs(vh).max())
+    expected = polarised_plane_power(antenna_of(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
+    for (_, receives), table in paths.items():
+        level = mean_power(table, pulses) / expected
+        assert 10 * np.log10(level / (0.1 if receives == "cross" else 1.0)) == pytest.approx(0.0, abs=0.05)
+
+
+def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarisation(surface_of, antenna_of, chirp_of, looking):
+    scene = plane_of(surface_of, MODELS["lambertian"])
+    crossed = replace(antenna_of(2.0, 2.0), receives="cross")
+    paths = BeamEngine(scene, crossed, chirp_of(), 1, 512, 0.05).trace(looking(20, incidence_deg=40.0))
+    kept = BeamEngine(scene, antenna_of(2.0, 2.0), chirp_of(), 1, 512, 0.05).trace(looking(20, incidence_deg=40.0))
+    assert np.sum(np.abs(paths.gain) ** 2) < 1e-9 * np.sum(np.abs(kept.gain) ** 2)
+
+
+def test_the_stock_solver_sees_the_same_polarised_surface(surface_of, antenna_of, chirp_of, looking):
+    material = replace(MODELS["small_perturbation"], cross_polar=0.2)
+    scene, pulses = plane_of(surface_of, material), looking(8, incidence_deg=50.0)
+    for polarization in "VH":
+        antenna = antenna_of(20.0, 20.0, polarization)
+        beam = mean_power(BeamEngine(scene, antenna, chirp_of(), 1, 8192, 0.05).trace(pulses), pulses)
+        stock = mean_power(PathSolverEngine(scene, antenna, chirp_of(), 1, 200_000).trace(pulses), pulses)
+        assert 10 * np.log10(stock / beam) == pytest.approx(0.0, abs=0.12)
+
+
+def test_scene_and_radar_moved_together_change_nothing(surface_of, antenna_of, chirp_of, looking):
+    shift = np.array([300.0, -200.0])
+    tables = []
+    for at in (np.zeros(2), shift):
+        scene = plane_of(surface_of, MODELS["integral_equation"], centre_m=tuple(at))
+        pulses = looking(20, incidence_deg=50.0, position_m=(*at, 50.0))
+        tables.append(BeamEngine(scene, antenna_of(4.0, 4.0, "H"), chirp_of(), 1, 512, 0.05).trace(pulses))
+    near = np.linalg.norm(tables[0].hit_m[:, :2], axis=1) < 300
+    np.testing.assert_allclose(tables[1].gain[near], tables[0].gain[near], rtol=3e-3)
+    np.testing.assert_allclose(tables[1].hit_m[near, :2] - shift, tables[0].hit_m[near, :2], atol=2e-2)
+
+
+def scattered_share(material: RadarMaterial, incidence_rad: float, polarization: str) -> float:
+    """Integrate what the Sionna material sends into the hemisphere, over what came in through a ray tube."""
+    bsdf = _material("share", material)
+    cosine, azimuth = ((np.arange(n) + 0.5) / n for n in (200, 400))
+    z, phi = (g.ravel() for g in np.meshgrid(cosine, 2 * np.pi * azimuth, indexing="ij"))
+    out = mi.Vector3f(*(c.astype(np.float32) for c in (np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z)))
+    si = dr.zeros(mi.SurfaceInteraction3f, z.size)
+    si.n = si.sh_frame.n = mi.Normal3f(0, 0, 1)
+    si.initialize_sh_frame()
+    k_in = mi.Vector3f(np.sin(incidence_rad), 0.0, -np.cos(incidence_rad))
+    si.wi, si.t = si.to_local(k_in), mi.Float(1.0)
+    si.p = out  # a place of its own for each direction
+    si.dp_du = mi.Vector3f(0, 0, dr.reinterpret_array(mi.Float, mi.UInt32(2)))
+    # A plane of incidence through the x axis and the zenith: the implicit basis is (V, H).
+    jones = bsdf.eval(mi.BSDFContext(), si, out, mi.Bool(True))
+    from sionna.rt.utils import spectrum_to_matrix_4f
+
+    matrix = np.array([[np.broadcast_to(e.numpy(), z.size) for e in row] for row in spectrum_to_matrix_4f(jones)])
+    column = 0 if polarization == "V" else 1
+    return float(np.sum(matrix[:, column] ** 2) / z.size * 2 * np.pi)
+
+
+def test_sionna_knows_a_diffuse_reflection_by_the_number_used_here():
+    from sionna.rt.constants import InteractionType
+
+    assert InteractionType.DIFFUSE == 2
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+@pytest.mark.parametrize("name", MODELS)
+def test_scattered_power_is_what_the_material_says(name, polarization):
+    material = replace(MODELS[name], cross_polar=0.1)
+    for incidence_deg in (1.0, 30.0, 60.0, 80.0):
+        incidence = np.deg2rad([incidence_deg])
+        own = (material.vertical if polarization == "V" else material.horizontal).sigma0(incidence)
+        stated = (own + material.cross_sigma0(incidence)) / (3 * np.cos(incidence))
+        measured = scattered_share(material, incidence[0], polarization)
+        assert measured == pytest.approx(stated[0], rel=0.02)
+        assert measured <= material.scattered_share(incidence)[0] * 1.02
+
+
+def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
+    """A gently rough metal sphere returns pi a^2 (1 + m^2), m its rms slope: optics, when m is small.
+
+    sigma = integral of sigma0 dA with sigma0 = exp(-t^2 / 2 m^2) / (2 m^2 cos^4), t the tangent of incidence,
+    = 2 pi a^2 / (2 m^2) * integral of t sqrt(1 + t^2) exp(-t^2 / 2 m^2) dt = pi a^2 (1 + m^2 + ...).
+    """
+    radius, slope, range_m = 2.0, 0.15, 200.0
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=radius)
+    surface = Surface(
+        name="ball", vertices_m=np.asarray(ball.vertices), faces=np.asarray(ball.faces), material="metal"
+    )
+    rough_metal = rough(
+        GeometricalOptics, slope * 0.02 / np.sqrt(2), 0.02, building_permittivity("metal", 77e9)
+    )
+    scene = Scene(
+        surfaces=(surface,), materials={"metal": rough_metal}, targets=(), ground_material="metal", georeference=None
+    )
+    antenna, pulses = antenna_of(2.0, 2.0), looking(400, position_m=(0.0, 0.0, range_m))
+    mean = mean_power(BeamEngine(scene, antenna, chirp_of(), 1, 1024, 0.05).trace(pulses), pulses)
+    # The beam weighs the ball's bright spot, a fraction of its radius wide, like a point.
+    point = antenna.peak_gain**2 * WAVELENGTH_M**2 / ((4 * np.pi) ** 3 * (range_m - radius) ** 4)
+    assert mean / point == pytest.approx(np.pi * radius**2 * (1 + slope**2), rel=0.03)
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+def test_sionnas_own_slab_scatters_what_is_stated(surface_of, antenna_of, chirp_of, looking, polarization):
+    slab = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
+    material = slab_material(slab, 77e9, "VV")
+    antenna = antenna_of(2.0, 2.0, polarization)
+    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 512, 0.05)
+    for incidence_deg in (30, 60):
+        pulses = looking(200, incidence_deg=incidence_deg)
+        expected = polarised_plane_power(antenna, 50.0, incidence_deg, material)
+        level_db = 10 * np.log10(mean_power(beam.trace(pulses), pulses) / expected)
+        assert level_db == pytest.approx(0.0, abs=0.05)
+
+
+def test_cross_polar_signs_are_the_same_in_any_block(surface_of, antenna_of, chirp_of, looking):
+    even = ConstantGammaBackscatter(0.05)
+    scene = plane_of(surface_of, RadarMaterial(vertical=even, horizontal=even, cross_polar=0.3))
+    beam = BeamEngine(scene, antenna_of(2.0, 2.0), chirp_of(), 1, 128, 0.05)
+    whole = beam.trace(looking(6, incidence_deg=30.0))
+    alone = beam.trace(looking(1, incidence_deg=30.0, first=4))
+    for field in fields(whole):
+        np.testing.assert_array_equal(getattr(whole, field.name)[whole.pulse == 4], getattr(alone, field.name))
+
+
+def test_plain_models_need_no_polarised_work():
+    material = _material("plain", ConstantGammaBackscatter(0.1))
+    assert isinstance(material, BackscatterMaterial)
+    assert material._excess is None
+    assert material._cross is None
