@@ -146,6 +146,8 @@ def _problem(error: Mapping[str, Any]) -> Problem:
     if error["type"] == "scenario":
         field = error.get("ctx", {}).get("field", "")
         return Problem(".".join([*location, *([field] if field else [])]) or "scenario", error["msg"])
+    if error["type"] == "union_tag_not_found":
+        return Problem(".".join([*location, error["ctx"]["discriminator"].strip("'")]), REMEDIES["missing"])
     location = [part for part in location if not part.startswith(("tuple[", "constrained-", "float", "int"))]
     remedy = REMEDIES.get(error["type"])
     if remedy is None:

@@ -68,7 +68,8 @@ def classes_at(
     try:
         with rasterio.open(cover.path) as source:
             x, y = _in_crs_of(source, point_m, georeference)
-            column, row = ~source.transform * (x, y)
+            inverse = ~source.transform
+            column, row = inverse.a * x + inverse.b * y + inverse.c, inverse.d * x + inverse.e * y + inverse.f
             inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
             value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
             if not inside.any():

@@ -78,8 +78,8 @@ def doubts(table: Material, material: RadarMaterial, carrier_hz: float) -> list[
     if isinstance(table, SurfaceTable) and table.medium is not None:
         note = extrapolation_of(table.medium, carrier_hz)
         found += [note] if note else []
-    violated = getattr(material.vertical, "validity", list)()
-    found += [f"outside the range of {table.model}: {text}" for text in violated]
+    validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
+    found += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
     share = material.scattered_share(np.deg2rad(angle_deg)) if material.slab is None else np.zeros(1)
     if share.max() > 1:
@@ -121,9 +121,7 @@ def _permittivity(table: SurfaceTable, carrier_hz: float) -> complex | None:
     return None if table.permittivity is None else complex(table.permittivity[0], -table.permittivity[1])
 
 
-def _mirror(
-    table: EmpiricalTable | RoughTable, permittivity: complex | None, carrier_hz: float
-) -> Mirror | None:
+def _mirror(table: EmpiricalTable | RoughTable, permittivity: complex | None, carrier_hz: float) -> Mirror | None:
     if not table.specular or permittivity is None or table.rms_height_m is None:
         return None
     return Mirror(permittivity=permittivity, rms_height_m=table.rms_height_m, frequency_hz=carrier_hz)
@@ -148,9 +146,7 @@ def _empirical(table: EmpiricalTable) -> Backscatter:
     raise TypeError(message)
 
 
-def _rough_surfaces(
-    table: RoughTable, permittivity: complex, carrier_hz: float
-) -> tuple[Backscatter, Backscatter]:
+def _rough_surfaces(table: RoughTable, permittivity: complex, carrier_hz: float) -> tuple[Backscatter, Backscatter]:
     """Return a rough-surface model for V and for H."""
     surface = rough_surface.RoughSurface(
         permittivity=permittivity,

@@ -104,9 +104,7 @@ class RadarMaterial:
     @staticmethod
     def _reflected_share(mirror: Mirror, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         cosine = np.cos(incidence_rad)
-        strongest = np.maximum(
-            *(np.abs(fresnel_reflection(mirror.permittivity, cosine, p)) ** 2 for p in ("V", "H"))
-        )
+        strongest = np.maximum(*(np.abs(fresnel_reflection(mirror.permittivity, cosine, p)) ** 2 for p in ("V", "H")))
         phase = 4 * np.pi * mirror.frequency_hz / speed_of_light * mirror.rms_height_m * cosine
         reflected: Float[np.ndarray, " n"] = strongest * np.exp(-(phase**2))
         return reflected

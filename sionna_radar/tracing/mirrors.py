@@ -132,9 +132,7 @@ def _welded(surface: Surface) -> tuple[Float[np.ndarray, "corner 3"], Int[np.nda
     return surface.vertices_m[first], number.ravel()[surface.faces]
 
 
-def _planes(
-    edge_number: Int[np.ndarray, " n"], normal: Float[np.ndarray, "face 3"]
-) -> Int[np.ndarray, " face"]:
+def _planes(edge_number: Int[np.ndarray, " n"], normal: Float[np.ndarray, "face 3"]) -> Int[np.ndarray, " face"]:
     """Return a number for each face, the same for faces that touch and lie in one plane."""
     order = np.argsort(edge_number, kind="stable")
     shared = np.flatnonzero(np.diff(edge_number[order]) == 0)
@@ -155,12 +153,12 @@ class MirrorTracer:
         self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster, least_range_m: float = 1.0
     ) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        least_m = self._fresnel_radius_m(np.array(least_range_m))
+        least_m = float(self._fresnel_radius_m(np.array([least_range_m]))[0])
         self._patches: list[Patch] = []
         for number, surface in enumerate(scene.surfaces):
             mirror = as_radar_material(scene.materials[surface.material]).mirror
             if mirror is not None and antenna.receives == "co":
-                self._patches += patches_of(surface, number, mirror.amplitude, float(least_m))
+                self._patches += patches_of(surface, number, mirror.amplitude, least_m)
         self._normal = np.array([p.normal for p in self._patches]).reshape(-1, 3)
         self._centre_m = np.array([p.centre_m for p in self._patches]).reshape(-1, 3)
         self._radius_m = np.array([p.radius_m for p in self._patches])
@@ -191,9 +189,9 @@ class MirrorTracer:
             surface=np.array([p.surface for p in self._patches], dtype=np.int64)[patch][order],
         )
 
-    def _fresnel_radius_m(self, range_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    def _fresnel_radius_m(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radius from which a path to a plane and back is half a wavelength longer."""
-        radius: Float[np.ndarray, "..."] = np.sqrt(self._wavelength_m * range_m / 2)
+        radius: Float[np.ndarray, " n"] = np.sqrt(self._wavelength_m * range_m / 2)
         return radius
 
     def _feet(

@@ -153,9 +153,7 @@ class _Transverse:
 
 def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
     """Return a complex Jones matrix as the real one of twice the size that Sionna works with."""
-    return mi.Matrix4f(
-        [[*real[i], *(-imaginary[i])] for i in range(2)] + [[*imaginary[i], *real[i]] for i in range(2)]
-    )
+    return mi.Matrix4f([[*real[i], *(-imaginary[i])] for i in range(2)] + [[*imaginary[i], *real[i]] for i in range(2)])
 
 
 def _signs(place):  # type: ignore[no-untyped-def]

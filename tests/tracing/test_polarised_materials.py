@@ -30,9 +30,13 @@ SOIL = soil_permittivity(
 )
 
 
-def rough(model, rms_height_m, length_m, permittivity=SOIL, **options) -> RadarMaterial:
+def rough(model, rms_height_m, length_m, permittivity=SOIL, correlation="gaussian", **options) -> RadarMaterial:
     surface = RoughSurface(
-        permittivity=permittivity, rms_height_m=rms_height_m, correlation_length_m=length_m, frequency_hz=77e9
+        permittivity=permittivity,
+        rms_height_m=rms_height_m,
+        correlation_length_m=length_m,
+        frequency_hz=77e9,
+        correlation=correlation,
     )
     vertical, horizontal = (model(surface=surface, polarization=p, **options) for p in "VH")
     return RadarMaterial(vertical=vertical, horizontal=horizontal)
@@ -51,7 +55,7 @@ MODELS = {
         TableBackscatter(incidence_rad=(0.0, 0.3, 0.8, 1.5), sigma0_db=(0.0, -9.0, -14.0, -22.0))
     ),
     "kirchhoff": rough(GeometricalOptics, 0.002, 0.006),
-    "physical_optics": rough(PhysicalOptics, 0.0006, 0.005),
+    "physical_optics": rough(PhysicalOptics, 0.0006, 0.005, correlation="exponential"),
     "small_perturbation": rough(SmallPerturbation, 0.00015, 0.0012),
     "integral_equation": rough(IntegralEquation, 0.0003, 0.0018, fresnel_angle="incidence"),
 }  # fmt: skip
@@ -84,7 +88,11 @@ def polarised_plane_power(antenna, height_m, incidence_deg, material) -> float:
     across = np.stack([k[..., 1], -k[..., 0]], axis=-1) / np.maximum(np.hypot(k[..., 0], k[..., 1]), 1e-12)[..., None]
     share = (across * field[..., :2]).sum(axis=-1) ** 2
     incidence = np.arccos(np.minimum(down, 1.0)).ravel()
-    v, h = (np.sqrt(m.sigma0(incidence)).reshape(down.shape) for m in (material.vertical, material.horizontal))
+    table = np.linspace(0.0, np.pi / 2, 20001)  # the models are slow, and smooth on this scale
+    v, h = (
+        np.interp(incidence, table, np.sqrt(m.sigma0(table))).reshape(down.shape)
+        for m in (material.vertical, material.horizontal)
+    )
     gain = antenna.gain(local.reshape(-1, 3)).reshape(down.shape)
     density = np.where(k[..., 2] > 1e-4, gain**2 * (v + (h - v) * share) ** 2 / down * (down / height_m) ** 2 * ce, 0)
     return WAVELENGTH_M**2 / (4 * np.pi) ** 3 * float(np.trapezoid(np.trapezoid(density, grid, axis=1), grid))
@@ -92,17 +100,16 @@ def polarised_plane_power(antenna, height_m, incidence_deg, material) -> float:
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
 @pytest.mark.parametrize("name", MODELS)
-def test_each_model_over_a_plane_is_the_radar_equation(
-    name, polarization, surface_of, antenna_of, chirp_of, looking
-):
+def test_each_model_over_a_plane_is_the_radar_equation(name, polarization, surface_of, antenna_of, chirp_of, looking):
     material, antenna = MODELS[name], antenna_of(2.0, 2.0, polarization)
-    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 512, 0.05)
-    for incidence_deg in (0, 5, 20, 45, 60, 70, 80):
-        pulses = looking(200, incidence_deg=incidence_deg)
-        mean = mean_power(beam.trace(pulses), pulses)
-        expected = polarised_plane_power(antenna, 50.0, incidence_deg, material)
-        # At 80 deg the side lobes that look down carry part of the echo, by few rays.
-        assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.05 if incidence_deg < 80 else 0.15)
+    # Where sigma0 falls steeply, the side lobes that look down carry most of the echo: more rays for them.
+    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 1024, 0.4)
+    for incidence_deg in (0, 20, 45, 70, 80):
+        pulses = looking(100, incidence_deg=incidence_deg)
+        level_db = 10 * np.log10(
+            mean_power(beam.trace(pulses), pulses) / polarised_plane_power(antenna, 50.0, incidence_deg, material)
+        )
+        assert level_db == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 30, 60])
@@ -153,7 +160,7 @@ def test_scene_and_radar_moved_together_change_nothing(surface_of, antenna_of, c
         pulses = looking(20, incidence_deg=50.0, position_m=(*at, 50.0))
         tables.append(BeamEngine(scene, antenna_of(4.0, 4.0, "H"), chirp_of(), 1, 512, 0.05).trace(pulses))
     near = np.linalg.norm(tables[0].hit_m[:, :2], axis=1) < 300
-    np.testing.assert_allclose(tables[1].gain[near], tables[0].gain[near], rtol=3e-3)
+    np.testing.assert_allclose(tables[1].gain[near], tables[0].gain[near], rtol=3e-3, atol=1e-12)
     np.testing.assert_allclose(tables[1].hit_m[near, :2] - shift, tables[0].hit_m[near, :2], atol=2e-2)
 
 
@@ -162,11 +169,12 @@ def scattered_share(material: RadarMaterial, incidence_rad: float, polarization:
     bsdf = _material("share", material)
     cosine, azimuth = ((np.arange(n) + 0.5) / n for n in (200, 400))
     z, phi = (g.ravel() for g in np.meshgrid(cosine, 2 * np.pi * azimuth, indexing="ij"))
-    out = mi.Vector3f(*(c.astype(np.float32) for c in (np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z)))
+    sine = np.sqrt(1 - z**2)
+    out = mi.Vector3f(*(c.astype(np.float32) for c in (sine * np.cos(phi), sine * np.sin(phi), z)))
     si = dr.zeros(mi.SurfaceInteraction3f, z.size)
     si.n = si.sh_frame.n = mi.Normal3f(0, 0, 1)
     si.initialize_sh_frame()
-    k_in = mi.Vector3f(np.sin(incidence_rad), 0.0, -np.cos(incidence_rad))
+    k_in = mi.Vector3f(float(np.sin(incidence_rad)), 0.0, -float(np.cos(incidence_rad)))
     si.wi, si.t = si.to_local(k_in), mi.Float(1.0)
     si.p = out  # a place of its own for each direction
     si.dp_du = mi.Vector3f(0, 0, dr.reinterpret_array(mi.Float, mi.UInt32(2)))
@@ -194,8 +202,8 @@ def test_scattered_power_is_what_the_material_says(name, polarization):
         own = (material.vertical if polarization == "V" else material.horizontal).sigma0(incidence)
         stated = (own + material.cross_sigma0(incidence)) / (3 * np.cos(incidence))
         measured = scattered_share(material, incidence[0], polarization)
-        assert measured == pytest.approx(stated[0], rel=0.02)
-        assert measured <= material.scattered_share(incidence)[0] * 1.02
+        assert measured == pytest.approx(stated[0], rel=0.02, abs=1e-12)
+        assert measured <= material.scattered_share(incidence)[0] * 1.02 + 1e-12
 
 
 def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
@@ -206,20 +214,23 @@ def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
     """
     radius, slope, range_m = 2.0, 0.15, 200.0
     ball = trimesh.creation.icosphere(subdivisions=6, radius=radius)
-    surface = Surface(
-        name="ball", vertices_m=np.asarray(ball.vertices), faces=np.asarray(ball.faces), material="metal"
-    )
-    rough_metal = rough(
-        GeometricalOptics, slope * 0.02 / np.sqrt(2), 0.02, building_permittivity("metal", 77e9)
-    )
+    surface = Surface(name="ball", vertices_m=np.asarray(ball.vertices), faces=np.asarray(ball.faces), material="metal")
+    rough_metal = rough(GeometricalOptics, slope * 0.02 / np.sqrt(2), 0.02, building_permittivity("metal", 77e9))
     scene = Scene(
         surfaces=(surface,), materials={"metal": rough_metal}, targets=(), ground_material="metal", georeference=None
     )
+    theta = np.linspace(0, np.pi / 2, 20001)[:-1]
+    ring = 2 * np.pi * radius**2 * np.sin(theta) * rough_metal.vertical.sigma0(theta)
+    assert np.trapezoid(ring, theta) == pytest.approx(np.pi * radius**2 * (1 + slope**2), rel=3e-3)
+
     antenna, pulses = antenna_of(2.0, 2.0), looking(400, position_m=(0.0, 0.0, range_m))
     mean = mean_power(BeamEngine(scene, antenna, chirp_of(), 1, 1024, 0.05).trace(pulses), pulses)
-    # The beam weighs the ball's bright spot, a fraction of its radius wide, like a point.
-    point = antenna.peak_gain**2 * WAVELENGTH_M**2 / ((4 * np.pi) ** 3 * (range_m - radius) ** 4)
-    assert mean / point == pytest.approx(np.pi * radius**2 * (1 + slope**2), rel=0.03)
+    # The beam weighs the bright spot, about a fifth of the radius wide, by its gain.
+    away = np.column_stack([range_m - radius * np.cos(theta), radius * np.sin(theta), 0 * theta])
+    distance = np.linalg.norm(away, axis=1)
+    weight = antenna.gain(away / distance[:, None]) ** 2 / distance**4
+    expected = WAVELENGTH_M**2 / (4 * np.pi) ** 3 * np.trapezoid(ring * weight, theta)
+    assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.1)
 
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
