@@ -27,7 +27,8 @@ GOOD = {
     "mirror": {"model": "lambertian", "nadir_sigma0_db": -10.0, "specular": True, "rms_height_m": 0.0,
                "medium": {"kind": "metal"}},
     "handbook": HANDBOOK,
-    "kirchhoff": {"model": "kirchhoff", "rms_height_m": 2e-3, "correlation_length_m": 0.03, "medium": {"kind": "concrete"}},
+    "kirchhoff": {"model": "kirchhoff", "rms_height_m": 2e-3, "correlation_length_m": 0.03,
+                  "medium": {"kind": "concrete"}},
     "optics": {"model": "physical_optics", **ROUGH},
     "bragg": {"model": "small_perturbation", "rms_height_m": 1e-4, "correlation_length_m": 2e-3, "medium": SOIL},
     "equation": {"model": "integral_equation", **ROUGH, "correlation": "exponential", "specular": True},
@@ -143,7 +144,7 @@ def test_a_medium_out_of_its_range_is_refused_by_its_key(medium, key):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"model": "small_perturbation", **ROUGH, "rms_height_m": 1e-3}, "outside the range of small_perturbation: k s"),
+        ({"model": "small_perturbation", **ROUGH, "rms_height_m": 1e-3}, "outside the range of small_perturbation"),
         ({"model": "kirchhoff", **ROUGH}, "outside the range of kirchhoff"),
         ({"model": "small_perturbation", **{**ROUGH, "rms_height_m": 1e-4}, "medium": SOIL, "permittivity": None},
          "extrapolates measurements made from 1.4 to 18 GHz"),
