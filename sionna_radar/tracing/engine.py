@@ -28,7 +28,7 @@ class Engine(Protocol):
 
 
 class Tracer:
-    """An engine for the surfaces, their mirror reflections, the point targets beside it, and the weather before all.
+    """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
 
     Point targets keep the polarisation, so a cross-polar receiver does not see them.
 
@@ -57,7 +57,7 @@ class Tracer:
         paths = self._engine.trace(pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
-        if self._scene.targets and self._antenna.receives != "cross":
+        if self._scene.targets and self._antenna.receives == "co":
             targets = trace_targets(
                 self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed
             )
