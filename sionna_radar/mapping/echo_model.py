@@ -154,7 +154,7 @@ class EchoModel:
     def _pulse(self, pulse: int, looks: float) -> tuple[Float[np.ndarray, " node"], Float32[np.ndarray, "cell node"]]:
         profiles = self._sightings.profiles
         power, first = profiles.values(pulse), int(profiles.first[pulse])
-        spread = self._spread(pulse, first, first + len(power) - 1)
+        spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
         above = np.maximum(power - 30 * profiles.noise[pulse], 0.0)
