@@ -87,7 +87,7 @@ class Linearised:
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
-    factor: list[Float32[np.ndarray, "cell node"]]
+    factor: list[Float32[np.ndarray, "_ node"]]
 
 
 def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
@@ -151,10 +151,10 @@ class EchoModel:
             factor.append(root)
         return Linearised(self._feet.place_m, score, factor)
 
-    def _pulse(self, pulse: int, looks: float) -> tuple[Float[np.ndarray, " node"], Float32[np.ndarray, "cell node"]]:
+    def _pulse(self, pulse: int, looks: float) -> tuple[Float[np.ndarray, " node"], Float32[np.ndarray, "_ node"]]:
         profiles = self._sightings.profiles
         power, first = profiles.values(pulse), int(profiles.first[pulse])
-        spread = self._spread(pulse, first, first + len(power) - 1)
+        spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
         above = np.maximum(power - 30 * profiles.noise[pulse], 0.0)
