@@ -27,7 +27,7 @@ ORDER = (
     ("mapping",),
     ("preparation",),
     ("survey",),
-    ("report", "crosscheck"),
+    ("report", "crosscheck", "sweep"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
