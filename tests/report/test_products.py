@@ -259,7 +259,7 @@ def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
 def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> None:
     points = survey.points
     row = np.zeros(20, dtype=int)
-    columns = ("position_m", "origin_m", "range_m", "power", "snr_db")
+    columns = ("position_m", "origin_m", "range_m", "range_sigma_m", "power", "snr_db")
     twenty = replace(
         points,
         pulse=points.pulse[row],
