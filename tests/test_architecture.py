@@ -30,7 +30,7 @@ ORDER = (
     ("survey",),
     ("remapping",),
     ("planning",),
-    ("report", "crosscheck", "budget"),
+    ("report", "crosscheck", "sweep", "budget"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
