@@ -337,9 +337,8 @@ def _print_sweep(result: "Sweep") -> None:
     for case in result.cases:
         table.add_row(*map(str, case.setting.values()), *(_with_spread(case, s) for s in STATISTICS))
     # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
-    console = Console(highlight=False)
-    width = max(console.width, console.measure(table).maximum)
-    Console(highlight=False, width=width).print(table)
+    needed = Console(width=1000).measure(table).maximum
+    Console(highlight=False, width=max(Console().width, needed)).print(table)
 
 
 def _with_spread(case: "Case", statistic: str) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from jaxtyping import Float
@@ -117,12 +117,12 @@ def parse_axes(assignments: Iterable[str]) -> tuple[Axis, ...]:
     for assignment in assignments:
         key, separator, text = (part.strip() for part in assignment.partition("="))
         if not separator or not key or not text:
-            raise _refused(f"{assignment!r} is not KEY=V1,V2,...")
+            _refuse(f"{assignment!r} is not KEY=V1,V2,...")
         if key in axes:
-            raise _refused(f"{key} is varied twice; list all its values once")
+            _refuse(f"{key} is varied twice; list all its values once")
         axes[key] = Axis(key=key, values=_values(key, text))
     if not axes:
-        raise _refused("nothing is varied; give at least one KEY=V1,V2,...")
+        _refuse("nothing is varied; give at least one KEY=V1,V2,...")
     return tuple(axes.values())
 
 
@@ -133,10 +133,10 @@ def _values(key: str, text: str) -> tuple[Any, ...]:
         # Some are bare words: split at the commas outside brackets.
         values = tuple(_value(part.strip()) for part in re.split(r",(?![^\[]*\])", text))
     if "" in values:
-        raise _refused(f"{key} has an empty value in {text!r}; take out the extra comma")
+        _refuse(f"{key} has an empty value in {text!r}; take out the extra comma")
     repeated = [value for index, value in enumerate(values) if value in values[:index]]
     if repeated:
-        raise _refused(f"{key} takes the value {repeated[0]!r} twice; name it once")
+        _refuse(f"{key} takes the value {repeated[0]!r} twice; name it once")
     return values
 
 
@@ -171,7 +171,8 @@ def plan_sweep(
     """
     overrides = dict(overrides or {})
     _check_request(axes, repeat, overrides)
-    settings = tuple(dict(zip([a.key for a in axes], values, strict=True)) for values in product(*(a.values for a in axes)))
+    keys = [axis.key for axis in axes]
+    settings = tuple(dict(zip(keys, values, strict=True)) for values in product(*(axis.values for axis in axes)))
     scenarios, pulses = [], []
     problems: dict[Problem, list[dict[str, Any]]] = {}
     for setting in settings:
@@ -197,14 +198,14 @@ def plan_sweep(
 def _check_request(axes: tuple[Axis, ...], repeat: int, overrides: Mapping[str, Any]) -> None:
     fixed = [axis.key for axis in axes if axis.key in overrides]
     if fixed:
-        raise _refused(f"{fixed[0]} is both set and varied; choose one")
+        _refuse(f"{fixed[0]} is both set and varied; choose one")
     if repeat < 1:
-        raise _refused(f"{repeat} repeats are no study; give at least 1", "--repeat")
+        _refuse(f"{repeat} repeats are no study; give at least 1", "--repeat")
     if repeat > 1 and any(axis.key == "seed" for axis in axes):
-        raise _refused("seed is varied, and repeats take seeds of their own; choose one", "--repeat")
+        _refuse("seed is varied, and repeats take seeds of their own; choose one", "--repeat")
     runs = repeat * int(np.prod([len(axis.values) for axis in axes]))
     if runs > MAX_RUNS:
-        raise _refused(f"{runs:,} surveys are more than {MAX_RUNS:,}; name fewer values or repeats")
+        _refuse(f"{runs:,} surveys are more than {MAX_RUNS:,}; name fewer values or repeats")
 
 
 def _located(problem: Problem, settings: list[dict[str, Any]], combinations: int) -> Problem:
@@ -214,8 +215,8 @@ def _located(problem: Problem, settings: list[dict[str, Any]], combinations: int
     return Problem(problem.field, f"{problem.message} (at {label(settings[0])})")
 
 
-def _refused(message: str, field: str = "--vary") -> ScenarioError:
-    return ScenarioError([Problem(field, message)], "command line")
+def _refuse(message: str, field: str = "--vary") -> NoReturn:
+    raise ScenarioError([Problem(field, message)], "command line")
 
 
 # --------------------------------------------------------------------------------------------- flying

@@ -16,14 +16,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
+from sionna_radar.report.maps import EMPTY, colour_bar, empty_patch, finish_map, show_raster
 from sionna_radar.scenario.models import RadarTable
 from sionna_radar.survey import ChirpRecord, Survey
 
@@ -34,7 +32,6 @@ MAX_SHADED_CELLS = 1_000
 BOX_IN = (5.8, 4.8)  # largest width and height of a map on its own
 PAIRED_BOX_IN = (4.2, 3.9)  # and of one of two maps
 MAX_ASPECT = 3.0
-EMPTY = "0.82"
 HEIGHTS, POWERS, ERRORS = "viridis", "viridis", "RdBu_r"
 ORANGE, BLUE, RED = "#e69f00", "#0072b2", "#d55e00"  # Okabe and Ito
 
@@ -76,8 +73,8 @@ def environment(survey: Survey) -> Figure:
     plan.plot(hits[:, 0], hits[:, 1], ls="", marker="o", ms=size, mew=0, color="white", alpha=0.7)
     plan.plot(flight[:, 0], flight[:, 1], color="black", lw=1.5, path_effects=halo)
     _mark_ends(plan, flight[[0, -1], :2])
-    _finish_map(plan, bounds, "True surface and flight")
-    _colour_bar(plan, _heights(limits), "Height (m)", width)
+    finish_map(plan, bounds, "True surface and flight")
+    colour_bar(plan, _heights(limits), "Height (m)", width)
     _draw_profile(profile, survey, flight)
     figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=3, frameon=False)
     return figure
@@ -271,9 +268,9 @@ def power_map(survey: Survey) -> Figure:
     side = 2 * _dot_size((width, height), len(chosen))
     axes.scatter(x, y, c=power_db[chosen], s=side**2, marker="o", lw=0, cmap=POWERS, norm=scale)
     axes.set_facecolor("white")
-    _finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})")
+    finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})")
     bar = ScalarMappable(scale, POWERS)
-    _colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
+    colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
     return figure
 
 
@@ -283,16 +280,16 @@ def dem(survey: Survey) -> Figure:
     figure, (left, right), map_in = _map_pair(bounds)
     limits = _height_limits(survey.truth, survey.dem)
     for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, "DEM")):
-        _show(axes, raster, HEIGHTS, Normalize(*limits))
-        _finish_map(axes, bounds, title)
-        _colour_bar(axes, _heights(limits), "Height (m)", map_in[0])
+        show_raster(axes, raster, HEIGHTS, Normalize(*limits))
+        finish_map(axes, bounds, title)
+        colour_bar(axes, _heights(limits), "Height (m)", map_in[0])
     chosen = _thinned(len(survey.points), MAX_OVERLAY)
     size = 0.8 * _dot_size(map_in, len(chosen))
     x, y = survey.points.position_m[chosen, :2].T
     right.plot(x, y, ls="", marker="o", ms=size, mew=0, color="white", alpha=0.6)
     drawn = _counted(chosen, survey.points)
     dots = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec="0.4", label=drawn)
-    figure.legend(handles=[dots, _empty_patch()], loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(handles=[dots, empty_patch()], loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
@@ -304,11 +301,11 @@ def error_map(survey: Survey) -> Figure:
     plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
     values = survey.error.height_m[survey.error.filled]
     limit = _error_limit(values)
-    _show(plan, survey.error, ERRORS, Normalize(-limit, limit))
-    _finish_map(plan, bounds, "DEM minus true surface")
+    show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
+    finish_map(plan, bounds, "DEM minus true surface")
     bar = ScalarMappable(Normalize(-limit, limit), ERRORS)
-    _colour_bar(plan, bar, "Height error (m)", width, extend="both")
-    figure.legend(handles=[_empty_patch()], loc="outside lower center", frameon=False)
+    colour_bar(plan, bar, "Height error (m)", width, extend="both")
+    figure.legend(handles=[empty_patch()], loc="outside lower center", frameon=False)
     _draw_histogram(histogram, values, limit, survey)
     return figure
 
@@ -375,52 +372,6 @@ def _bounds(
     shortest = max(east - west, north - south) / MAX_ASPECT
     across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
     return float(west - across), float(east + across), float(south - along), float(north + along)
-
-
-def _show(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> None:
-    axes.set_facecolor(EMPTY)
-    height = np.ma.masked_invalid(raster.height_m)
-    # Smoothing would let colours bleed into empty cells.
-    axes.imshow(
-        height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest"
-    )
-
-
-def _finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str) -> None:
-    axes.set(xlim=bounds[:2], ylim=bounds[2:], xlabel="East (m)", ylabel="North (m)")
-    axes.set_aspect("equal")
-    axes.set_title(title, fontsize="medium")
-    aspect = (bounds[1] - bounds[0]) / (bounds[3] - bounds[2])
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=7 if aspect > 0.7 else 3, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=7 if aspect < 2 else 4, steps=[1, 2, 5, 10]))
-    halo = [withStroke(linewidth=2.5, foreground="white")]
-    arrow = {"arrowstyle": "-|>", "lw": 1.5, "path_effects": halo, "shrinkA": 0, "shrinkB": 0}
-    # Offsets from the corner, in points, keep the arrow's size whatever the size of the map.
-    corner = axes.transAxes + ScaledTranslation(-14 / 72, -8 / 72, axes.figure.dpi_scale_trans)
-    axes.annotate(
-        "N",
-        (1, 1),
-        xycoords=corner,
-        xytext=(0, -32),
-        textcoords="offset points",
-        ha="center",
-        va="top",
-        weight="bold",
-        path_effects=halo,
-        arrowprops=arrow,
-    )
-
-
-def _empty_patch() -> Patch:
-    return Patch(facecolor=EMPTY, edgecolor="0.4", label="No height: shadow or no echo")
-
-
-def _colour_bar(
-    axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither"
-) -> None:
-    # An inset keeps the height of its map, which the layout engine's own bars do not where scales are equal.
-    inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
-    axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
 
 
 def _heights(limits: tuple[float, float]) -> ScalarMappable:
