@@ -25,8 +25,8 @@ SUN = LightSource(azdeg=315, altdeg=45)
 
 def north_arrow(axes, x, y, z, length):
     """Draw an arrow to the north into a 3-D view."""
-    axes.quiver(x, y, z, 0, length, 0, color="black", lw=1.8, arrow_length_ratio=0.35)
-    axes.text(x, y + 1.25 * length, z, "N", weight="bold", ha="center", va="center")
+    axes.quiver(x, y, z, 0, length, 0, color="black", lw=1.8, arrow_length_ratio=0.35, zorder=500)
+    axes.text(x, y + 1.25 * length, z, "N", weight="bold", ha="center", va="center", zorder=500)
 
 
 figure = Figure(figsize=(11.5, 4.9), layout="constrained")
@@ -36,17 +36,19 @@ figure = Figure(figsize=(11.5, 4.9), layout="constrained")
 scene = prepare(load_scenario("buildings")).built.scene
 boxes = [surface for surface in scene.surfaces if surface.name.startswith("building")]
 heights = Normalize(0, 10)
-left = figure.add_subplot(1, 2, 1, projection="3d")
+left = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
 west, east, south, north = -40.0, 60.0, -50.0, 50.0
 ground = [[(west, south, 0), (east, south, 0), (east, north, 0), (west, north, 0)]]
-left.add_collection3d(Poly3DCollection(ground, facecolors=["0.8"]))
+left.add_collection3d(Poly3DCollection(ground, facecolors=["0.85"], zorder=1))
 for box in boxes:
     triangles = box.vertices_m[box.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     colours = np.tile(colormaps["viridis"](heights(triangles[:, :, 2].max())), (len(triangles), 1))
     colours[:, :3] *= 0.72 + 0.28 * np.clip(normal @ [-0.3, -0.2, 0.93], 0, 1)[:, None]
-    left.add_collection3d(Poly3DCollection(triangles, facecolors=colours))
+    # The nearer of two boxes is drawn over the farther one.
+    order = 200 - box.vertices_m[:, 1].max()
+    left.add_collection3d(Poly3DCollection(triangles, facecolors=colours, zorder=order))
 north_arrow(left, -34.0, 20.0, 0.0, 14.0)
 left.set(xlim=(west, east), ylim=(south, north), zlim=(0, 25), xlabel="East (m)", ylabel="North (m)")
 left.set_zticks([0, 10])
@@ -64,7 +66,7 @@ x, y = np.meshgrid(raster.grid.x_m[::step], raster.grid.y_m[::step])
 z = raster.height_m[::step, ::step] + (place.origin_m[2] if place else 0.0)
 limits = Normalize(np.nanmin(z), np.nanmax(z))
 colours = SUN.shade(z, colormaps["viridis"], norm=limits, vert_exag=1.5, dx=90 * step, dy=90 * step, blend_mode="soft")
-right = figure.add_subplot(1, 2, 2, projection="3d")
+right = figure.add_subplot(1, 2, 2, projection="3d", computed_zorder=False)
 right.plot_surface(x / 1e3, y / 1e3, z, facecolors=colours, rstride=1, cstride=1, lw=0, antialiased=False, shade=False)
 north_arrow(right, -1.75, -1.75, float(np.nanmax(z)), 0.6)
 right.set(xlabel="East (km)", ylabel="North (km)")

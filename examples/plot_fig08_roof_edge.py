@@ -33,12 +33,13 @@ record = survey.chirp
 ready = prepare(scenario)
 pulses = ready.schedule.pulses(np.array([record.pulse]))
 paths = build_tracer(ready).trace(pulses)
-power_db = 20 * np.log10(np.abs(paths.gain))
-power_db -= power_db.max()
-radar_m, axis = pulses.true.position_m[0], pulses.true.boresight[0]
-roof = paths.hit_m[:, 2] > 1.0
-strong = power_db > -30
-on_roof = np.sum(10 ** (power_db[roof] / 10)) / np.sum(10 ** (power_db / 10))
+power = np.abs(paths.gain) ** 2
+on_roof = power[paths.hit_m[:, 2] > 1.0].sum() / power.sum()
+# Rays are drawn in proportion to the two-way gain and bear nearly equal powers; the gain tells the beam's shape.
+ray = paths.hit_m - pulses.true.position_m
+ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+gain_db = 20 * np.log10(ready.antenna.gain(ray @ pulses.true.R_world_antenna[0]) / ready.antenna.peak_gain)
+strong = gain_db > -20
 print(f"{on_roof:.0%} of the chirp's power comes from the roof")
 
 figure = Figure(figsize=(11.0, 7.4), layout="constrained")
@@ -54,7 +55,7 @@ for angle, style in ((incidence - half, ":"), (incidence, "--"), (incidence + ha
 section.plot([], [], color=RED, lw=1.2, ls="--", label="Beam axis")
 section.plot([], [], color=RED, lw=1.2, ls=":", label="Half-power directions")
 section.plot(0, 30, ls="", marker="^", ms=9, mfc=ORANGE, mec="black", label="Radar")
-section.scatter(*paths.hit_m[strong][:, [0, 2]].T, c=power_db[strong], s=9, cmap="viridis", vmin=-30, vmax=0, zorder=3)
+section.scatter(*paths.hit_m[strong][:, [0, 2]].T, c=gain_db[strong], s=9, cmap="viridis", vmin=-20, vmax=0, zorder=3)
 section.set(xlabel="Distance ahead, east (m)", ylabel="Height (m)", xlim=(-2, 40), ylim=(-2, 33))
 section.set_aspect("equal")
 section.legend(frameon=False, loc="upper right")
@@ -64,16 +65,16 @@ section.set_title("Section along the beam", fontsize="medium")
 # The footprint in plan: part on the roof, part on the ground, the strip between in the roof's shadow.
 plan.fill([16.66, edge_m, edge_m, 16.66], [-10, -10, 10, 10], color="0.85", lw=0)
 plan.axvline(edge_m, color="0.35", lw=1.4)
-order = np.argsort(power_db[strong])
-plan.scatter(*paths.hit_m[strong][order][:, :2].T, c=power_db[strong][order], s=10, cmap="viridis", vmin=-30, vmax=0)
+order = np.argsort(gain_db[strong])
+plan.scatter(*paths.hit_m[strong][order][:, :2].T, c=gain_db[strong][order], s=10, cmap="viridis", vmin=-20, vmax=0)
 finish_map(plan, (23.5, 35.0, -3.6, 3.6), "Footprint on the roof (grey) and on the ground")
-colour_bar(plan, ScalarMappable(Normalize(-30, 0), "viridis"), "Power of a path (dB)", 3.2, extend="min")
+colour_bar(plan, ScalarMappable(Normalize(-20, 0), "viridis"), "Two-way gain (dB)", 3.2, extend="min")
 
 # %%
 # The beat signal, and its spectrum of 1024 points with the CFAR's threshold.
-scale = 10.0 ** np.floor(np.log10(np.abs(record.beat).max()))
-beat.plot(1e3 * record.sample_time_s, record.beat / scale, color=BLUE, lw=0.7)
-beat.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale:.0e} rel. to sent)")
+exponent = int(np.floor(np.log10(np.abs(record.beat).max())))
+beat.plot(1e3 * record.sample_time_s, record.beat / 10.0**exponent, color=BLUE, lw=0.7)
+beat.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ($10^{{{exponent}}}$ rel. to sent)")
 beat.set_title(f"Beat signal, {len(record.beat)} samples", fontsize="medium")
 beat.margins(x=0)
 level_db, threshold_db = 10 * np.log10(record.power), 10 * np.log10(record.threshold)
@@ -84,8 +85,8 @@ echo_db = 10 * np.log10(record.echo_power)
 spectrum.plot(
     record.echo_range_m, echo_db + 2, ls="", marker="v", ms=9, mfc=RED, mec="black", label=f"Detections: {found} m"
 )
-near = (record.range_m > 20) & (record.range_m < 70)
-spectrum.set(xlabel="Range (m)", ylabel="Power (dB rel. to sent)", xlim=(20, 70))
+near = (record.range_m > 25) & (record.range_m < 65)
+spectrum.set(xlabel="Range (m)", ylabel="Power (dB rel. to sent)", xlim=(25, 65))
 spectrum.set_ylim(np.percentile(level_db[near], 2), level_db[near].max() + 22)
 spectrum.set_title("Range spectrum", fontsize="medium")
 spectrum.legend(loc="upper right", frameon=False, fontsize="small")

@@ -71,9 +71,9 @@ plan.annotate("P", TARGET_M, TARGET_M + [9, -9], weight="bold", size=13, path_ef
               arrowprops={"arrowstyle": "->", "lw": 1.6, "path_effects": halo})  # fmt: skip
 plan.axhline(0.0, color="black", lw=1.2, ls="--")
 west, east = points.position_m[:, 0].min() - 3, points.position_m[:, 0].max() + 3
-for y, text in ((74, "Field of γ = −25 dB"), (-76, "Field of γ = −28 dB")):
+for y, text in ((57, "Field of γ = −25 dB"), (-57, "Field of γ = −28 dB")):
     plan.text(west + 3, y, text, va="center")
-finish_map(plan, (west, east, -84, 84), "Power of the echoes (seed 1)")
+finish_map(plan, (west, east, -63, 75), "Power of the echoes (seed 1)")
 colour_bar(plan, ScalarMappable(limits, "viridis"), "Echo power (dB rel. to sent)", 3.2, extend="both")
 
 # %%
@@ -81,12 +81,13 @@ colour_bar(plan, ScalarMappable(limits, "viridis"), "Echo power (dB rel. to sent
 angle_deg = np.arange(len(one)) * 2.0 + 5.0
 for seed, values in ratios.items():
     label = "One pair, one seed" if seed == 1 else None
-    profile.plot(angle_deg[: len(values)], values, ls="", marker="o", ms=3, mew=0, color="#0072b2", alpha=0.4, label=label)
+    dots = {"ls": "", "marker": "o", "ms": 3, "mew": 0, "color": "#0072b2", "alpha": 0.5}
+    profile.plot(angle_deg[: len(values)], values, **dots, label=label)
 profile.axhspan(2.7, 3.3, color="#e69f00", alpha=0.25, lw=0, label="3 dB ± 0.3 dB")
 profile.axhline(step_db, color="#d55e00", lw=1.8, label=f"Mean: {step_db:.2f} ± {error_db:.2f} dB")
 profile.set(xlabel="Scan angle to either side (deg)", ylabel="Power to the left over power to the right (dB)")
 profile.set_title(f"The step between the fields ({len(SEEDS)} seeds)", fontsize="medium")
-profile.set_ylim(-2, 10)
+profile.set_ylim(-0.5, 8)
 profile.legend(frameon=False, loc="upper left")
 profile.grid(alpha=0.3)
 figure.savefig("fig10_two_fields.png", dpi=150)

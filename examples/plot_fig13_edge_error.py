@@ -46,8 +46,8 @@ print(f"{swapped.sum()} of {ground_axis.sum()} chirps whose axis meets the groun
 print(f"largest error {np.abs(error).max():.2f} m; the roof is {ROOF_M:g} m high")
 
 # %%
-figure = Figure(figsize=(11.0, 8.2), layout="constrained")
-geometry, placed = figure.subplots(2, 1, height_ratios=[1.5, 1.0])
+figure = Figure(figsize=(8.6, 10.2), layout="constrained")
+geometry, placed = figure.subplots(2, 1, height_ratios=[10.5, 9.0])
 for axes in (geometry, placed):
     axes.fill_between([16.66, EDGE_M], [ROOF_M] * 2, -1.5, color="0.85", lw=0)
     axes.plot([10, 16.66, 16.66, EDGE_M, EDGE_M, 45], [0, 0, ROOF_M, ROOF_M, 0, 0], color="0.35", lw=1.4)
@@ -73,7 +73,7 @@ on_axis = np.array([start + reach * np.sin(angle), HEIGHT_M - reach * np.cos(ang
 geometry.plot(*middle, ls="", marker="o", ms=8, mfc=ORANGE, mec="black", label="Where the echo comes from")
 geometry.plot(*on_axis, ls="", marker="X", ms=10, mfc=RED, mec="black", label="Where the detection is placed")
 geometry.annotate("", on_axis, (on_axis[0], 0.0), arrowprops={"arrowstyle": "<->", "lw": 1.3, "shrinkA": 0})
-geometry.text(on_axis[0] + 0.12, on_axis[1] / 2, f"error h = {on_axis[1]:.1f} m", va="center")
+geometry.text(on_axis[0] + 0.15, 1.2, f"error h = {on_axis[1]:.1f} m", va="center")
 geometry.plot([], [], color=BLUE, ls="--", label="Beam axis")
 geometry.plot([], [], color=BLUE, ls=":", label="Half-power directions")
 geometry.plot([], [], color=RED, label=f"Equal range, {reach:.1f} m")
