@@ -75,5 +75,5 @@ right.set_title("Real terrain: Jacksboro, Tennessee (heights 2 times exaggerated
 right.set_box_aspect((3.6, 3.6, 2 * np.ptp(z[np.isfinite(z)]) / 1e3), zoom=1.1)
 right.view_init(38, -60)
 figure.colorbar(ScalarMappable(limits, "viridis"), ax=right, label="Height above sea level (m)", shrink=0.6, pad=0.09)
-figure.savefig("fig07_environments.png", dpi=150)
+figure.savefig("fig07_environments.png", dpi=150, bbox_inches="tight")
 print(f"{len(boxes)} boxes; terrain of {raster.grid.rows} x {raster.grid.columns} posts")

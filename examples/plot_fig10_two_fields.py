@@ -67,8 +67,8 @@ power_db = 10 * np.log10(points.power)
 limits = Normalize(*np.percentile(power_db, [2, 99]))
 plan.scatter(*points.position_m[:, :2].T, c=power_db, s=26, lw=0, cmap="viridis", norm=limits)
 halo = [withStroke(linewidth=3.0, foreground="white")]
-plan.annotate("P", TARGET_M, TARGET_M + [9, -9], weight="bold", size=13, path_effects=halo,
-              arrowprops={"arrowstyle": "->", "lw": 1.6, "path_effects": halo})  # fmt: skip
+arrow = {"arrowstyle": "->", "lw": 1.6, "path_effects": halo}
+plan.annotate("P", TARGET_M, (9, -29), weight="bold", size=13, path_effects=halo, arrowprops=arrow)
 plan.axhline(0.0, color="black", lw=1.2, ls="--")
 west, east = points.position_m[:, 0].min() - 3, points.position_m[:, 0].max() + 3
 for y, text in ((57, "Field of γ = −25 dB"), (-57, "Field of γ = −28 dB")):
@@ -90,4 +90,4 @@ profile.set_title(f"The step between the fields ({len(SEEDS)} seeds)", fontsize=
 profile.set_ylim(-0.5, 8)
 profile.legend(frameon=False, loc="upper left")
 profile.grid(alpha=0.3)
-figure.savefig("fig10_two_fields.png", dpi=150)
+figure.savefig("fig10_two_fields.png", dpi=150, bbox_inches="tight")

@@ -69,7 +69,7 @@ right.axhline(0.0, color="black", lw=0.8)
 right.set(xlabel="Angle of the velocity to the beam (deg)", ylabel="Range error (cm)", xlim=(-3, 90), ylim=(-3, 3))
 right.set_title("Left by a velocity known to ±0.05 m/s", fontsize="medium")
 right.grid(alpha=0.3)
-figure.savefig("fig11_doppler.png", dpi=150)
+figure.savefig("fig11_doppler.png", dpi=150, bbox_inches="tight")
 
 # %%
 # The survey's own pulses: what their boresights see of the flight at 10 m/s.

@@ -17,42 +17,33 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sionna_radar import load_scenario, run
+from sionna_radar.mapping.shadow import shadowed
 from sionna_radar.preparation import prepare
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 METHOD = {"processing.ranging": "peak", "platform.length_m": 40.0 if SMALL else 100.0}
-STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 16.0}
+STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 24.0}
 SHADOW = ListedColormap(["#cc79a7"])
 
 
 # %%
-def shadowed(scenario, truth):
-    """Cells that no chirp can see, by geometry.
-
-    The beam's axis keeps the angle a to the track: the cell at (dx, dy, dz) from the radar is scanned when
-    dx = tan(a) hypot(dy, dz). From there a ray to the cell is open, or it is not.
-    """
-    ready = prepare(scenario)
-    cell = np.column_stack([truth.grid.centres_m, truth.height_m.ravel()])
-    start, end = (ready.schedule.trajectory.position(np.array([t]))[0] for t in ready.schedule.trajectory.cruise_s())
-    tilt = np.tan(np.deg2rad(scenario.radar.scan.incidence_deg))
-    x = cell[:, 0] - tilt * np.hypot(cell[:, 1] - start[1], cell[:, 2] - start[2])
-    origin = np.column_stack([x, np.full(len(x), start[1]), np.full(len(x), start[2])])
-    scan = np.abs(np.arctan2(cell[:, 1] - start[1], start[2] - cell[:, 2]))
-    scanned = (x >= start[0]) & (x <= end[0]) & (scan <= np.deg2rad(scenario.radar.scan.half_swath_deg))
-    open_ = ready.built.caster.visible(origin, cell, tolerance_m=0.3)
-    return (scanned & ~open_).reshape(truth.grid.shape)
+def hidden(survey):
+    """Cells that the scan passes over without seeing them."""
+    scenario, ready = survey.scenario, prepare(survey.scenario)
+    track = survey.schedule.trajectory.position(np.array(survey.schedule.trajectory.cruise_s()))
+    angles = np.deg2rad([scenario.radar.scan.incidence_deg, scenario.radar.scan.half_swath_deg])
+    return shadowed(survey.truth, ready.built.caster, track, *angles)
 
 
 surveys = [run(load_scenario("hills", METHOD)), run(load_scenario("hills", METHOD | STEEPER))]
-figure = Figure(figsize=(13.5, 11.0), layout="constrained")
+figure = Figure(figsize=(14.5, 8.0), layout="constrained")
 rows = figure.subplots(2, 3)
 for axes, survey, name in zip(rows, surveys, ("Hills", "Steeper hills"), strict=True):
     bounds = survey.truth.grid.extent_m
     heights = np.concatenate([survey.truth.height_m[survey.truth.filled], survey.dem.height_m[survey.dem.filled]])
     limits = Normalize(heights.min(), heights.max())  # one scale for truth and estimate
-    shadow = shadowed(survey.scenario, survey.truth)
+    shadow = hidden(survey)
     reach = 1.0 if name == "Hills" else 2.0
     width_in = 2.3
     track = survey.schedule.trajectory.position(np.linspace(0, survey.schedule.trajectory.end_s, 50))
@@ -77,4 +68,4 @@ for axes, survey, name in zip(rows, surveys, ("Hills", "Steeper hills"), strict=
     )
 handles = [Patch(facecolor="#cc79a7", edgecolor="0.4", label="Radar shadow, by geometry"), empty_patch()]
 figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
-figure.savefig("fig12_hills.png", dpi=150)
+figure.savefig("fig12_hills.png", dpi=150, bbox_inches="tight")

@@ -91,4 +91,4 @@ placed.set(xlim=(20, 36.5), ylim=(-1.5, 7.5), xlabel="East (m)", ylabel="Height 
 placed.set_aspect("equal")
 placed.legend(frameon=False, loc="upper right")
 placed.set_title(f"{len(position)} simulated chirps across the edge, strongest bin on the axis", fontsize="medium")
-figure.savefig("fig13_edge_error.png", dpi=150)
+figure.savefig("fig13_edge_error.png", dpi=150, bbox_inches="tight")

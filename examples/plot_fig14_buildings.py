@@ -16,11 +16,14 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
 from sionna_radar.mapping.edges import half_footprint_m, near_walls
+from sionna_radar.mapping.shadow import shadowed
+from sionna_radar.preparation import prepare
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, RED = "#0072b2", "#d55e00"  # safe for colour-blind readers
 SEEDS = (1,) if SMALL else (1, 2, 3, 4, 5)
+CASTER = prepare(load_scenario("buildings")).built.caster
 
 
 # %%
@@ -49,7 +52,9 @@ def judge(survey):
     range_m = np.hypot(cell[:, 1], height) / np.cos(tilt)
     cell_reach = range_m * scenario.radar.antenna.beamwidths_rad[1] / 2 / (height / range_m)
     cell_edge = near_walls(cell, cell_reach, scenario.buildings).reshape(survey.truth.grid.shape)
-    return error, point_edge, cell_edge
+    track = survey.schedule.trajectory.position(np.array(survey.schedule.trajectory.cruise_s()))
+    hidden = shadowed(survey.truth, CASTER, track, tilt, np.deg2rad(scenario.radar.scan.half_swath_deg))
+    return error, point_edge, cell_edge, hidden
 
 
 def rms(values):
@@ -57,22 +62,28 @@ def rms(values):
     return float(np.sqrt(np.nanmean(values**2)))
 
 
+NAMES = (
+    "points",
+    "points, no edges",
+    "cells",
+    "cells, no edges",
+    "cells, no edges and no radar shadow",
+)
 rows = []
 for ranging in ("peak", "centroid"):
     for seed in SEEDS:
         survey = run(load_scenario("buildings", {"processing.ranging": ranging, "seed": seed}))
-        error, edge, cell_edge = judge(survey)
+        error, edge, cell_edge, hidden = judge(survey)
         cells = survey.error.height_m
-        row = [rms(error), rms(error[~edge]), rms(cells), rms(cells[~cell_edge]), edge.mean(), cell_edge.mean()]
-        rows.append((ranging, row))
+        kept = cells[~cell_edge & ~hidden]
+        rows.append((ranging, [rms(error), rms(error[~edge]), rms(cells), rms(cells[~cell_edge]), rms(kept)]))
+        shares = f"{edge.mean():.0%} of the points and {cell_edge.mean():.0%} of the cells are edges"
         if (ranging, seed) == ("peak", 1):
             shown, shown_edge = survey, cell_edge
-    mean, spread = (f(np.array([r for name, r in rows if name == ranging]), axis=0) for f in (np.mean, np.std))
-    print(
-        f"{ranging:9} RMS of points {mean[0]:.2f} +- {spread[0]:.2f} m, without edges {mean[1]:.2f} +- {spread[1]:.2f} m; "
-        f"of cells {mean[2]:.2f} +- {spread[2]:.2f} m, without edges {mean[3]:.2f} +- {spread[3]:.2f} m "
-        f"({mean[4]:.0%} of points and {mean[5]:.0%} of cells are edges; {len(SEEDS)} seeds)"
-    )
+    values = np.array([row for name, row in rows if name == ranging])
+    print(f"{ranging}: {shares}; RMS over {len(SEEDS)} seeds")
+    for name, mean, spread in zip(NAMES, values.mean(axis=0), values.std(axis=0), strict=True):
+        print(f"    {name:44}{mean:6.2f} +- {spread:.2f} m")
 peak = np.mean([row for name, row in rows if name == "peak"], axis=0)
 
 # %%
@@ -86,7 +97,8 @@ for panel, raster, title in zip(axes, (shown.truth, shown.dem), ("True surface",
     colour_bar(panel, ScalarMappable(limits, "viridis"), "Height (m)", 3.4, extend="both")
 axes[1].plot(*shown.points.position_m[:, :2].T, ls="", marker="o", ms=1.6, mew=0, color="white", alpha=0.7)
 show_raster(axes[2], shown.error, "RdBu_r", errors)
-axes[2].contour(*np.meshgrid(shown.truth.grid.x_m, shown.truth.grid.y_m), shown_edge, [0.5], colors="black", linewidths=0.9)
+x, y = shown.truth.grid.x_m, shown.truth.grid.y_m
+axes[2].contour(x, y, shown_edge, [0.5], colors="black", linewidths=0.9)
 finish_map(axes[2], bounds, "DEM minus truth; outlined: half a footprint about the walls")
 colour_bar(axes[2], ScalarMappable(errors, "RdBu_r"), "Height error (m)", 3.4, extend="both")
 
@@ -95,7 +107,7 @@ colour_bar(axes[2], ScalarMappable(errors, "RdBu_r"), "Height error (m)", 3.4, e
 place = np.arange(3)
 bars = {
     "With edges": ([1.51, peak[0], peak[2]], RED),
-    "Without edges": ([0.19, peak[1], peak[3]], BLUE),
+    "Without edges; of cells, without shadow too": ([0.19, peak[1], peak[4]], BLUE),
 }
 for shift, (label, (values, colour)) in zip((-0.2, 0.2), bars.items(), strict=True):
     drawn = axes[3].bar(place + shift, values, 0.38, color=colour, label=label)
@@ -105,6 +117,6 @@ axes[3].set(ylabel="RMS height error (m)")
 axes[3].set_title(f"Strongest bin, {len(SEEDS)} seeds" if len(SEEDS) > 1 else "Strongest bin", fontsize="medium")
 axes[3].legend(frameon=False)
 axes[3].spines[["top", "right"]].set_visible(False)
-axes[3].margins(y=0.12)
+axes[3].margins(y=0.25)
 figure.legend(handles=[empty_patch()], loc="outside lower center", frameon=False)
-figure.savefig("fig14_buildings.png", dpi=150)
+figure.savefig("fig14_buildings.png", dpi=150, bbox_inches="tight")

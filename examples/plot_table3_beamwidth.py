@@ -72,4 +72,4 @@ for panel, (statistic, (column, name)) in zip(figure.subplots(1, 3), panels.item
 handles = figure.axes[0].get_legend_handles_labels()
 figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
 figure.suptitle(f"Hills from 50 m; bars: standard deviation over {sweep.repeat} seeds", fontsize="medium")
-figure.savefig("table3_beamwidth.png", dpi=150)
+figure.savefig("table3_beamwidth.png", dpi=150, bbox_inches="tight")

@@ -1,0 +1,181 @@
+"""Studies: every combination flown with every seed, refused as a whole, and written as a whole."""
+
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from sionna_radar.cli import main
+from sionna_radar.errors import ScenarioError
+from sionna_radar.report.sweep_figures import abscissa
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey import run
+from sionna_radar.sweep import Axis, fly_sweep, parse_axes, plan_sweep
+
+SMALL = """
+seed = 5
+[terrain]
+kind = "flat"
+size_m = [300.0, 300.0]
+[platform]
+altitude_m = 50.0
+speed_mps = 10.0
+length_m = 10.0
+start_m = [-60.0, 0.0]
+[radar]
+snr_db = 30.0
+[tracing]
+paths_per_pulse = 64
+"""
+BEAM = "radar.antenna.beamwidth_deg"
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+@pytest.fixture(scope="module")
+def flown(small):
+    axes = parse_axes([f"{BEAM}=2,6", "processing.ranging=peak,centroid"])
+    calls = []
+    plan = plan_sweep(small, axes, repeat=2)
+    sweep = fly_sweep(plan, progress=lambda done, total: calls.append((done, total)))
+    return plan, sweep, calls
+
+
+def command(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    captured = capsys.readouterr()
+    return stop.value.code or 0, captured.out, captured.err
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("1,2,4", (1, 2, 4)),
+        ("1.5, 2", (1.5, 2)),
+        ("peak,centroid", ("peak", "centroid")),
+        ("[1.0, 2.0],[3.0, 4.0]", ([1.0, 2.0], [3.0, 4.0])),
+        ("true,false", (True, False)),
+        ("hann,[1, 2],3", ("hann", [1, 2], 3)),
+    ],
+)
+def test_values_are_toml_and_bare_words_strings(text, values):
+    assert parse_axes([f"some.key={text}"]) == (Axis(key="some.key", values=values),)
+
+
+@pytest.mark.parametrize(
+    ("assignments", "says"),
+    [
+        (["no_value"], "not KEY=V1,V2"),
+        (["=1,2"], "not KEY=V1,V2"),
+        (["a.b="], "not KEY=V1,V2"),
+        (["a.b=1,2", "a.b=3"], "varied twice"),
+        (["a.b=x,x"], "twice"),
+        (["a.b=x,,y"], "empty value"),
+        ([], "nothing is varied"),
+    ],
+)
+def test_bad_assignments_are_refused(assignments, says):
+    with pytest.raises(ScenarioError, match=says):
+        parse_axes(assignments)
+
+
+def test_every_combination_is_flown_with_seeds_in_a_row(flown):
+    plan, sweep, _ = flown
+    assert [tuple(case.setting.values()) for case in sweep.cases] == [
+        (2, "peak"),
+        (2, "centroid"),
+        (6, "peak"),
+        (6, "centroid"),
+    ]
+    assert all([r.seed for r in case.runs] == [5, 6] for case in sweep.cases)
+    assert len({r.points_sha256 for case in sweep.cases for r in case.runs}) == 8
+
+
+def test_a_run_is_the_survey_that_run_gives(flown, small):
+    _, sweep, _ = flown
+    alone = run(load_scenario(small, {BEAM: 6, "processing.ranging": "centroid", "seed": 6}))
+    assert sweep.cases[3].runs[1].points_sha256 == alone.points.sha256()
+    assert sweep.cases[3].runs[1].dem_error == alone.dem_error
+
+
+def test_progress_counts_all_pulses_once(flown):
+    plan, _, calls = flown
+    done = [d for d, _ in calls]
+    assert done == sorted(done)
+    assert done[-1] == plan.total_pulses
+    assert {total for _, total in calls} == {plan.total_pulses}
+
+
+def test_statistics_are_over_the_runs(flown):
+    _, sweep, _ = flown
+    case = sweep.cases[0]
+    first, second = (r.dem_error.rms_m for r in case.runs)
+    assert case.mean("rms_m") == pytest.approx((first + second) / 2)
+    assert case.spread("rms_m") == pytest.approx(abs(first - second) / np.sqrt(2))
+
+
+def test_the_whole_study_is_refused_before_anything_is_flown(small):
+    """One bad value of many, one unknown key, one flight that the terrain refuses."""
+    with pytest.raises(ScenarioError) as told:
+        plan_sweep(small, parse_axes([f"{BEAM}=2,400,900", "radar.scan.half_swath_deg=50,89.9"]))
+    text = str(told.value)
+    assert "400" in text
+    assert "900" in text
+    assert "half_swath_deg = 89.9" in text
+    with pytest.raises(ScenarioError, match="1 problem\n  radar.no_such_key"):
+        plan_sweep(small, parse_axes(["radar.no_such_key=1,2,3"]))
+
+
+@pytest.mark.parametrize(
+    ("repeat", "overrides", "says"),
+    [(0, {}, "at least 1"), (2, {}, "seed is varied"), (1, {"seed": 3}, "both set and varied")],
+)
+def test_contradictory_requests_are_refused(small, repeat, overrides, says):
+    with pytest.raises(ScenarioError, match=says):
+        plan_sweep(small, parse_axes(["seed=1,2"]), repeat, overrides)
+
+
+def test_the_numeric_key_is_drawn_against():
+    words, numbers = Axis(key="w", values=("a", "b", "c")), Axis(key="n", values=(1, 2.5))
+    assert abscissa((words, numbers)) is numbers
+    assert abscissa((words, Axis(key="flag", values=(True, False)))) is words
+
+
+def test_the_command_writes_table_plot_and_json(monkeypatch, capsys, small, tmp_path):
+    vary = ["--vary", "processing.ranging=peak,centroid", "--vary", f"{BEAM}=2"]
+    code, out, err = command(monkeypatch, capsys, "sweep", small, *vary, "--repeat", 2, "-o", tmp_path / "out")
+    assert code == 0, err
+    assert {p.name for p in (tmp_path / "out").rglob("*") if p.is_file()} == {
+        "sweep.json",
+        "table.csv",
+        "runs.csv",
+        "sweep.png",
+    }
+    document = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    with (tmp_path / "out" / "table.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["processing.ranging"] for row in table] == ["peak", "centroid"]
+    for row, case in zip(table, document["cases"], strict=True):
+        assert float(row["rms_m"]) == pytest.approx(case["statistics"]["rms_m"]["mean"])
+        assert float(row["rms_m_spread"]) == pytest.approx(case["statistics"]["rms_m"]["spread"])
+        assert f"{float(row['rms_m']):.3f}" in out
+    with (tmp_path / "out" / "runs.csv").open(newline="") as file:
+        assert [row["run_seed"] for row in csv.DictReader(file)] == ["5", "6", "5", "6"]
+
+
+def test_bad_input_is_one_error_and_nothing_written(monkeypatch, capsys, small, tmp_path):
+    code, out, err = command(monkeypatch, capsys, "sweep", small, "--vary", f"{BEAM}=2,-4", "-o", tmp_path / "out")
+    assert code == 2
+    assert out == ""
+    assert err.count("error:") == 1
+    assert "radar.antenna.beamwidth_deg" in err
+    assert not (tmp_path / "out").exists()
