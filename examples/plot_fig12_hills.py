@@ -23,7 +23,7 @@ from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_r
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 METHOD = {"processing.ranging": "peak", "platform.length_m": 40.0 if SMALL else 100.0}
-STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 24.0}
+STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 30.0}
 SHADOW = ListedColormap(["#cc79a7"])
 
 
@@ -57,6 +57,8 @@ for axes, survey, name in zip(rows, surveys, ("Hills", "Steeper hills"), strict=
     finish_map(axes[2], bounds, f"{name}: DEM minus truth, RMS {survey.dem_error.rms_m:.2f} m")
     for one in axes:
         one.imshow(np.ma.masked_equal(shadow, 0), origin="lower", extent=bounds, cmap=SHADOW, interpolation="nearest")
+    for one in axes[1:]:
+        one.set_ylabel("")
     for one in axes[:2]:
         colour_bar(one, ScalarMappable(limits, "viridis"), "Height (m)", width_in)
     colour_bar(axes[2], ScalarMappable(Normalize(-reach, reach), "RdBu_r"), "Height error (m)", width_in, extend="both")

@@ -88,6 +88,7 @@ peak = np.mean([row for name, row in rows if name == "peak"], axis=0)
 
 # %%
 figure = Figure(figsize=(11.5, 9.6), layout="constrained")
+figure.get_layout_engine().set(wspace=0.08)
 axes = figure.subplots(2, 2).ravel()
 bounds = shown.truth.grid.extent_m
 limits, errors = Normalize(-2, 10), Normalize(-5, 5)
