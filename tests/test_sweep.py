@@ -89,7 +89,7 @@ def test_bad_assignments_are_refused(assignments, says):
 
 
 def test_every_combination_is_flown_with_seeds_in_a_row(flown):
-    plan, sweep, _ = flown
+    _, sweep, _ = flown
     assert [tuple(case.setting.values()) for case in sweep.cases] == [
         (2, "peak"),
         (2, "centroid"),
@@ -131,7 +131,7 @@ def test_the_whole_study_is_refused_before_anything_is_flown(small):
     assert "400" in text
     assert "900" in text
     assert "half_swath_deg = 89.9" in text
-    with pytest.raises(ScenarioError, match="1 problem\n  radar.no_such_key"):
+    with pytest.raises(ScenarioError, match=r"1 problem\n  radar\.no_such_key"):
         plan_sweep(small, parse_axes(["radar.no_such_key=1,2,3"]))
 
 
