@@ -19,7 +19,7 @@ from sionna_radar.report.folder import check_output
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey import Survey
-    from sionna_radar.sweep import Case, Sweep
+    from sionna_radar.sweep import Case
 
 DEMO = "san_francisco"
 
@@ -195,6 +195,7 @@ def sweep(
 ) -> None:
     """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
     from sionna_radar import sweep as study
+    from sionna_radar.report.sweep_table import print_sweep
 
     _log_to_stderr(quiet)
     axes = study.parse_axes(vary)
@@ -204,7 +205,7 @@ def sweep(
         result = study.fly_sweep(plan, progress=progress)
     written = study.write(result, directory)
     if not quiet:
-        _print_sweep(result)
+        print_sweep(result)
         typer.echo(f"{len(written)} files in {directory}")
 
 
@@ -344,25 +345,6 @@ def _print_result(survey: "Survey", output: Path, files: int) -> None:
         table.add_row(name, value)
     Console(highlight=False).print(table)
     typer.echo(f"{files} files in {output}")
-
-
-def _print_sweep(result: "Sweep") -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from sionna_radar.sweep import STATISTICS
-
-    runs = f"mean of {result.repeat} runs ± their standard deviation" if result.repeat > 1 else "one run each"
-    table = Table(title=f"{result.source}: elevation error in metres, {runs}", title_justify="left")
-    for axis in result.axes:
-        table.add_column(axis.key, justify="right", overflow="fold")
-    for statistic in STATISTICS:
-        table.add_column(statistic.removesuffix("_m").replace("rms", "RMS").replace("nmad", "NMAD"), justify="right")
-    for case in result.cases:
-        table.add_row(*map(str, case.setting.values()), *(_with_spread(case, s) for s in STATISTICS))
-    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
-    needed = Console(width=1000).measure(table).maximum
-    Console(highlight=False, width=max(Console().width, needed)).print(table)
 
 
 def _with_spread(case: "Case", statistic: str) -> str:

@@ -31,7 +31,7 @@ ORDER = (
     ("survey",),
     ("remapping",),
     ("planning",),
-    ("report", "crosscheck", "budget", "sweep"),
+    ("report", "crosscheck", "sweep", "budget"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}

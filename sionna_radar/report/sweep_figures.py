@@ -82,9 +82,7 @@ def _lines(sweep: Sweep, across: Axis) -> dict[str, list[Case]]:
     return lines
 
 
-def _draw_line(
-    axes: Axes, across: Axis, cases: list[Case], statistic: str, style: tuple[str, str, str, float]
-) -> None:
+def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, style: tuple[str, str, str, float]) -> None:
     name, colour, marker, shift = style
     numeric = _numeric(across)
     x = np.array([_place(across, case.setting[across.key]) for case in cases], dtype=float)
