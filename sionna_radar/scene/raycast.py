@@ -11,6 +11,10 @@ from sionna_radar.raster import Grid, Raster
 from sionna_radar.scene.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
 
+# How far beside a vertical ray the one is cast that catches slips, and the least difference that is a slip.
+EDGE_STEP_M = np.array([7e-4, 4e-4])
+EDGE_JUMP_M = 0.01
+
 
 @dataclass(frozen=True, kw_only=True)
 class Hits:
@@ -107,9 +111,14 @@ class RayCaster:
         """Return the height of the lowest surface over points of the plan, seen from `bottom_m`."""
         return self._vertical(point_m, bottom_m, 1.0)
 
-    def _vertical(
-        self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float
-    ) -> Float[np.ndarray, " n"]:
+    def _vertical(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
+        first = self._plumb(point_m, start_m, up)
+        # A ray along the edge of two triangles may slip between them; one a little aside then tells.
+        aside = self._plumb(point_m + EDGE_STEP_M, start_m, up)
+        slipped = np.nan_to_num(up * (first - aside), nan=np.inf) > EDGE_JUMP_M
+        return np.where(slipped & np.isfinite(aside), aside, first)
+
+    def _plumb(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
         origin = np.column_stack([point_m, np.full(len(point_m), start_m)])
         hits = self.cast(origin, np.broadcast_to([0.0, 0.0, up], origin.shape))
         return np.where(hits.hit, start_m + up * np.where(hits.hit, hits.distance_m, 0.0), np.nan)
