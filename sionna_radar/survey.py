@@ -15,7 +15,7 @@ from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
-from sionna_radar.mapping.coverage import Illumination, main_beam_hits
+from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
@@ -28,6 +28,7 @@ from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
 from sionna_radar.stopwatch import Stopwatch
 from sionna_radar.tracing.engine import Tracer
+from sionna_radar.tracing.main_beam import main_beam_hits
 
 BLOCK_SIZE = 256
 

@@ -163,6 +163,7 @@ class EveryOther:
             pulse=paths.pulse[even],
             number=np.zeros(len(even), dtype=np.int64),
             range_m=paths.delay_s[even] * 299_792_458.0 / 2,
+            range_sigma_m=np.zeros(len(even)),
             power=np.ones(len(even)),
             snr_db=np.zeros(len(even)),
         )

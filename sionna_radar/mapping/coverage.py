@@ -6,13 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, distance_transform_edt
 
-from sionna_radar.flight.pulses import Pulses
-from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Grid, Raster
-from sionna_radar.tracing.paths import Paths
-
-# The main beam is where its one-way power is at least half of the peak's, so its two-way power a quarter.
-MAIN_BEAM_SHARE = 0.25
 
 Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Bool[np.ndarray, " ray"]]
 
@@ -60,16 +54,3 @@ class Illumination:
             point = np.column_stack([self._grid.centres_m[gap], surface.height_m.ravel()[gap]])
             lit.ravel()[gap] = visible(self._origin_m[row, column], point)
         return lit
-
-
-def main_beam_hits(
-    paths: Paths, pulses: Pulses, antenna: Antenna
-) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, "hit 3"]]:
-    """Return where a block of paths met surfaces inside the main beam, and where the radar truly was."""
-    pose = pulses.true
-    row = np.searchsorted(pulses.index, paths.pulse)
-    away = paths.hit_m - pose.position_m[row]
-    away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    gain = antenna.gain(np.einsum("nij,ni->nj", pose.R_world_antenna[row], away))
-    inside = (gain**2 >= MAIN_BEAM_SHARE * antenna.peak_gain**2) & (paths.surface >= 0)
-    return paths.hit_m[inside], pose.position_m[row[inside]]

@@ -5,13 +5,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sionna_radar.mapping.coverage import MAIN_BEAM_SHARE, Illumination
+from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model import Sightings, footprints
 from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, only, refine
 from sionna_radar.mapping.smoothing import Heights, smooth
 from sionna_radar.raster import Grid, Raster
+from sionna_radar.tracing.main_beam import MAIN_BEAM_SHARE
 
 PULSES_AT_ONCE = 256
 # A sample between two nodes that straddle an edge lies off the surface by more than this.

@@ -97,7 +97,7 @@ def test_a_pulse_without_both_echoes_is_dropped(chirp_of):
         n = len(pulses)
         return Echoes(
             pulse=np.array(pulses, dtype=int), number=np.zeros(n, dtype=int), range_m=np.full(n, 50.0),
-            power=np.ones(n), snr_db=np.full(n, 20.0),
+            range_sigma_m=np.full(n, 0.1), power=np.ones(n), snr_db=np.full(n, 20.0),
         )  # fmt: skip
 
     pairs = pair_sweeps(echoes(1, 2, 5), echoes(2, 3, 5), chirp_of())
