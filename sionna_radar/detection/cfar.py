@@ -89,25 +89,22 @@ class Cfar:
         if self.kind == "OS":
             level = self._ranked_level(power, has_lag, has_lead)
         else:
-            level = self._mean_level(power, has_lag, has_lead)
+            level = self._mean_level(power, reach)
         return level, has_lag & has_lead
 
-    def _mean_level(
-        self,
-        power: Float[np.ndarray, "pulse bin"],
-        has_lag: Bool[np.ndarray, " bin"],
-        has_lead: Bool[np.ndarray, " bin"],
-    ) -> Float[np.ndarray, "pulse bin"]:
+    def _mean_level(self, power: Float[np.ndarray, "pulse bin"], reach: int) -> Float[np.ndarray, "pulse bin"]:
         lag, lead = self._side_means(power)
+        # Below `reach` no cell has both sides, and from `end` on none has the upper one.
+        end = max(0, power.shape[1] - reach)
         level = np.full(power.shape, np.inf)
-        level[:, has_lag] = lag[:, has_lag]
-        level[:, has_lead] = lead[:, has_lead]
-        both = has_lag & has_lead
-        lag, lead = lag[:, both], lead[:, both]
+        level[:, : min(reach, end)] = lead[:, : min(reach, end)]
+        level[:, max(reach, end) :] = lag[:, max(reach, end) :]
+        both = slice(reach, max(reach, end))
         if self.kind == "CA":
-            level[:, both] = (lag + lead) / 2
+            level[:, both] = (lag[:, both] + lead[:, both]) / 2
         else:
-            level[:, both] = np.maximum(lag, lead) if self.kind == "GO" else np.minimum(lag, lead)
+            combine = np.maximum if self.kind == "GO" else np.minimum
+            combine(lag[:, both], lead[:, both], out=level[:, both])
         return level
 
     def _side_means(

@@ -104,16 +104,14 @@ def _one_chirp(
     mean_drift = float(power @ drift_hz_s / total)
     # Phase that each path's own drift adds at the ends of the sweep.
     excess = 2 * np.pi * (drift_hz_s - mean_drift) * (chirp.duration_s / 2) ** 2
-    relative_s2 = (2 * time_s / chirp.duration_s) ** 2
-    spread = math.sqrt(float(power @ excess**2 / total))
     plan.setpts(turn)
     beat = plan.execute(weight)
-    term, order, error = weight, 1, spread
-    while error > DRIFT_ACCURACY:
-        term = term * (1j * excess / order)
-        beat += plan.execute(term) * relative_s2**order
+    term, order = weight * (1j * excess), 1
+    # The root mean square of (2 t / T)^(2 n) over the sweep is 1 / sqrt(4 n + 1).
+    while np.linalg.norm(term) > DRIFT_ACCURACY * math.sqrt((4 * order + 1) * total):
+        beat += plan.execute(term) * (2 * time_s / chirp.duration_s) ** (2 * order)
         order += 1
-        error *= spread / order
+        term = term * (1j * excess / order)
     return beat * np.exp(2j * np.pi * mean_drift * time_s**2)
 
 
