@@ -86,11 +86,10 @@ class Cfar:
         reach = (self.guard + self.training) * self.stride
         cell = np.arange(bins)
         has_lag, has_lead = cell >= reach, cell + reach < bins
+        both = has_lag & has_lead
         if self.kind == "OS":
-            level = self._ranked_level(power, has_lag, has_lead)
-        else:
-            level = self._mean_level(power, reach)
-        return level, has_lag & has_lead
+            return self._ranked_level(power, has_lag, has_lead), both
+        return self._mean_level(power, reach), both
 
     def _mean_level(self, power: Float[np.ndarray, "pulse bin"], reach: int) -> Float[np.ndarray, "pulse bin"]:
         lag, lead = self._side_means(power)
