@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar.radar.antenna import build_antenna
-from sionna_radar.scenario.models import AntennaTable
+from sionna_radar.scenario.radar import AntennaTable
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, ORANGE = "#0072b2", "#d55e00"  # safe for colour-blind readers

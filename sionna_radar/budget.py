@@ -13,7 +13,8 @@ from typing import Any, Literal
 from sionna_radar.flight.grades import GRADES, Grade
 from sionna_radar.remapping import RecordedSurvey, record_survey
 from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
-from sionna_radar.scenario.models import NavigationTable, Scenario
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.navigation import NavigationTable
 
 MARKER = "budget.json"
 GROWTH = 0.1

@@ -28,7 +28,7 @@ from sionna_radar.mapping.points import Points, locate
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
 from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
-from sionna_radar.scenario.models import Scenario
+from sionna_radar.scenario import Scenario
 from sionna_radar.sensors import SawtoothRadar, engine_inputs, tracer_with
 from sionna_radar.survey import BLOCK_SIZE, fly, grid_dem
 from sionna_radar.tracing.engine import Engine, build_engine

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.scenario.models import Scenario
+from sionna_radar.scenario import Scenario
 from sionna_radar.scene.backscatter import Backscatter
 from sionna_radar.scene.materials import build_materials
 

@@ -18,7 +18,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scenario.models import FlatTerrain, HillsTerrain
+from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain
 
 # The beam must not be wider on the ground than this many ground samples.
 BEAM_SAMPLES = 2.0

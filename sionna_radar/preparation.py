@@ -15,7 +15,7 @@ from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_chirp
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.raster import Grid
-from sionna_radar.scenario.models import Scenario
+from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene, build_scene
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w

@@ -13,7 +13,8 @@ from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.points import Points
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
-from sionna_radar.scenario.models import NavigationTable, Scenario
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.sensors import Sensor, build_sensor
 from sionna_radar.survey import BLOCK_SIZE, Recording, grid_dem, place, record, true_surface
 

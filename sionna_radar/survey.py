@@ -23,7 +23,7 @@ from sionna_radar.mapping.surface_map import map_surface
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
-from sionna_radar.scenario.models import Scenario
+from sionna_radar.scenario import Scenario
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
 from sionna_radar.stopwatch import Stopwatch

@@ -10,7 +10,8 @@ from sionna_radar.mapping.shadow import shadowed
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.radar.chirp import build_chirp
 from sionna_radar.raster import Grid
-from sionna_radar.scenario.models import AntennaTable, Building
+from sionna_radar.scenario.objects import Building
+from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 from sionna_radar.signal.beat import synthesise

@@ -13,7 +13,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.preparation import prepare
 from sionna_radar.remapping import record_survey
 from sionna_radar.report.products import write_products
-from sionna_radar.scenario.models import NavigationTable
+from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.sensors import Lidar, Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor
 from sionna_radar.survey import place, record
 from sionna_radar.tracing.boresight import trace_boresights

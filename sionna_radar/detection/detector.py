@@ -16,7 +16,7 @@ from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.models import ProcessingTable
+from sionna_radar.scenario.processing import ProcessingTable
 
 # Noise of the cell under test and of the nearest training cell may share this much of their power.
 SHARED_NOISE = 0.01

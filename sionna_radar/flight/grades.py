@@ -12,7 +12,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from sionna_radar.errors import InputFileError
-from sionna_radar.scenario.models import NavigationTable
+from sionna_radar.scenario.navigation import NavigationTable
 
 GRTK = "Blicube GRTK, performance specifications (github.com/blikvm/ardupilot_rtk)"
 

@@ -21,7 +21,7 @@ from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.randomness import Stream, pulse_generator, pulse_uniforms
-from sionna_radar.scenario.models import NavigationTable
+from sionna_radar.scenario.navigation import NavigationTable
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 # Uniform numbers in [0, 1) hold a zero, whose normal number would be infinite.

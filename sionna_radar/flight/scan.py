@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.frames import conical_from_antenna, whisk_broom_from_antenna
-from sionna_radar.scenario.models import ScanTable
+from sionna_radar.scenario.radar import ScanTable
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline, PPoly
 
-from sionna_radar.scenario.models import Platform
+from sionna_radar.scenario.platform import Platform
 
 
 class Phase(StrEnum):

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.mapping.points import Points
-from sionna_radar.scenario.models import Building
+from sionna_radar.scenario.objects import Building
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.signal.windows import taylor
 
 from sionna_radar.decibel import to_db
-from sionna_radar.scenario.models import AntennaTable
+from sionna_radar.scenario.radar import AntennaTable
 
 # Low side lobes lengthen the array by up to 1.7 at the same number of elements: this keeps them within half a
 # wavelength, and leaves a wide beam enough of them to shape its side lobes.

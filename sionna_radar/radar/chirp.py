@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scenario.radar import RadarTable
 
 
 @dataclass(frozen=True, kw_only=True)

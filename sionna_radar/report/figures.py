@@ -22,7 +22,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
 from sionna_radar.report.maps import EMPTY, colour_bar, empty_patch, finish_map, show_raster
-from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey import ChirpRecord, Survey
 
 DPI = 150

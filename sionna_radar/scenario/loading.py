@@ -9,7 +9,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.scenario.models import Scenario
+from sionna_radar.scenario.scenario import Scenario
 
 REMEDIES = {
     "extra_forbidden": "unknown key; remove it or correct its spelling",

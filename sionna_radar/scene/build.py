@@ -10,7 +10,8 @@ from scipy.ndimage import distance_transform_edt
 from sionna_radar.decibel import from_db
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Raster
-from sionna_radar.scenario.models import CityTerrain, Scenario
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.terrain import CityTerrain
 from sionna_radar.scene.backscatter import Backscatter
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.city import load_city

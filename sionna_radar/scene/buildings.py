@@ -7,7 +7,7 @@ import trimesh
 from jaxtyping import Float
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.scenario.models import Building
+from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.model import Surface
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.scenario.models import KEEP_SIONNA, CityTerrain
+from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
 from sionna_radar.scene.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.radar_material import Channel, RadarMaterial, SionnaSlab

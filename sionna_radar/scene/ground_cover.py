@@ -15,7 +15,7 @@ from rasterio.windows import Window
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.raster import Georeference
 from sionna_radar.scenario.cover import CoverRaster
-from sionna_radar.scenario.models import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
+from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
 from sionna_radar.scene.model import Surface
 
 NO_CLASS = -(2**31)

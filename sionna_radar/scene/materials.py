@@ -23,7 +23,7 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
     UlabyDobson,
 )
-from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene import rough_surface
 from sionna_radar.scene.backscatter import Backscatter, ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter

@@ -7,7 +7,7 @@ from scipy.constants import Boltzmann
 from sionna_radar.decibel import from_db
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.randomness import Stream, pulse_generator
-from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scenario.radar import RadarTable
 
 
 def transmit_power_w(radar: RadarTable) -> float:

@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.models import WeatherTable
+from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.rain import RainEcho
 from sionna_radar.weather.conditions import Weather

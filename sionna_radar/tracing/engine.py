@@ -9,7 +9,7 @@ from jaxtyping import Float
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.models import TracingTable
+from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.atmosphere import Atmosphere

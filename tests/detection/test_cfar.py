@@ -10,7 +10,7 @@ from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.errors import ScenarioError
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.models import CfarTable, ProcessingTable
+from sionna_radar.scenario.processing import CfarTable, ProcessingTable
 
 KINDS = ("CA", "GO", "SO", "OS")
 INDEPENDENT = np.array([1.0])

@@ -7,7 +7,7 @@ from sionna_radar.detection.beam_profile import beam_profile
 from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns
 from sionna_radar.radar.antenna import Antenna, taylor_cut
-from sionna_radar.scenario.models import ProcessingTable
+from sionna_radar.scenario.processing import ProcessingTable
 
 CELL_M = 0.3
 BORESIGHT_M = 70.7

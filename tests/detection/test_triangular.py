@@ -9,7 +9,8 @@ from sionna_radar.detection.triangular import pair_sweeps
 from sionna_radar.errors import ScenarioError
 from sionna_radar.radar.chirp import build_chirp, build_sweeps
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.models import ProcessingTable, RadarTable
+from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.tracing.paths import Paths

@@ -12,7 +12,8 @@ from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulse
 from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.models import NavigationTable, ScanTable
+from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.radar import ScanTable
 
 RATE_HZ = 360.0
 

@@ -6,7 +6,7 @@ import pytest
 from sionna_radar.flight.pulses import schedule_pulses
 from sionna_radar.flight.scan import Pointing, Scan, build_scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
-from sionna_radar.scenario.models import ScanTable
+from sionna_radar.scenario.radar import ScanTable
 
 
 def flight(roll_deg: float = 0.0, pitch_deg: float = 0.0, seconds: float = 4.0) -> Trajectory:

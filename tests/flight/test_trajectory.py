@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.flight.trajectory import Phase, Trajectory, plan_track, plan_trajectory
-from sionna_radar.scenario.models import Platform
+from sionna_radar.scenario.platform import Platform
 
 
 def rolling(point_m: np.ndarray) -> np.ndarray:

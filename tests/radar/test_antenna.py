@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.radar.antenna import Antenna, Cut, build_antenna, measured_cut, taylor_cut
-from sionna_radar.scenario.models import AntennaTable
+from sionna_radar.scenario.radar import AntennaTable
 
 
 def azimuth_gain(antenna: Antenna, angle_rad: np.ndarray) -> np.ndarray:

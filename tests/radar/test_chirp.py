@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.radar.chirp import build_chirp
-from sionna_radar.scenario.models import RadarTable
+from sionna_radar.scenario.radar import RadarTable
 
 C = 299_792_458.0
 

@@ -9,7 +9,7 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 
 from sionna_radar.errors import InputFileError, ScenarioError
-from sionna_radar.scenario.models import RasterTerrain
+from sionna_radar.scenario.terrain import RasterTerrain
 from sionna_radar.scene import elevation_file
 from sionna_radar.scene.terrain import load_elevation
 

@@ -6,7 +6,7 @@ from pyproj import CRS, Transformer
 
 from sionna_radar.errors import ScenarioError
 from sionna_radar.raster import Grid, Raster
-from sionna_radar.scenario.models import FlatTerrain, HillsTerrain, SampleTerrain
+from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.terrain import load_elevation, mesh_of
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)

@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.scenario.models import ProcessingTable
+from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.tracing.paths import Paths

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
-from sionna_radar.scenario.models import TracingTable
+from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.beam_solver import BeamEngine
 from sionna_radar.tracing.engine import EngineInputs, build_engine

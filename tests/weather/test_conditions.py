@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sionna_radar.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.models import WeatherTable
+from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.atmosphere import build_weather
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import fall_speed_mps, marshall_palmer

@@ -1,0 +1,22 @@
+"""The elevation model that the echoes become: `[dem]`."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sionna_radar.scenario.table import Positive, Real, Table
+
+
+class DemTable(Table):
+    """The elevation model: its grid, and how the echoes become heights.
+
+    method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through
+    them, each weighted by its uncertainty, under a covariance that is learned from them. "refined" goes on from
+    there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
+    echoes are most likely.
+    """
+
+    method: Literal["linear", "smooth", "refined"] = "linear"
+    spacing_m: Positive = 1.0
+    max_gap_m: Positive | None = None
+    shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

@@ -1,0 +1,42 @@
+"""What the navigation system gets wrong: `[platform.navigation]`."""
+
+import numpy as np
+
+from sionna_radar.scenario.table import NonNegative, Point3, Positive, Real, Table
+
+Axes = Real | Point3
+SpreadAxes = NonNegative | tuple[NonNegative, NonNegative, NonNegative]
+
+
+class NavigationTable(Table):
+    """Errors of the measured pose; one number for all three axes, or one for each.
+
+    Position and velocity count east, north, up; attitude counts roll, pitch, heading. A part named markov is a
+    first-order Gauss-Markov process with a correlation time. The lever arm leads from the navigation system to
+    the antenna (nose, right, down) and is believed to be longer by its error; the mount of the antenna is
+    believed to be turned by boresight_error_deg about the same axes.
+    """
+
+    position_constant_m: Axes = 0.0
+    position_white_m: SpreadAxes = 0.0
+    position_markov_m: SpreadAxes = 0.0
+    position_correlation_s: Positive = 60.0
+    velocity_constant_mps: Axes = 0.0
+    velocity_white_mps: SpreadAxes = 0.0
+    velocity_markov_mps: SpreadAxes = 0.0
+    velocity_correlation_s: Positive = 10.0
+    attitude_constant_deg: Axes = 0.0
+    attitude_white_deg: SpreadAxes = 0.0
+    attitude_markov_deg: SpreadAxes = 0.0
+    attitude_correlation_s: Positive = 60.0
+    time_offset_s: Real = 0.0
+    lever_arm_m: Point3 = (0.0, 0.0, 0.0)
+    lever_arm_error_m: Axes = 0.0
+    boresight_error_deg: Axes = 0.0
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether the measured pose differs from the true one."""
+        harmless = {"lever_arm_m"} | {name for name in type(self).model_fields if name.endswith("_correlation_s")}
+        values = (getattr(self, name) for name in type(self).model_fields if name not in harmless)
+        return any(np.any(np.asarray(value) != 0) for value in values)

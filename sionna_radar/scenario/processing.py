@@ -1,0 +1,47 @@
+"""From beat signals to ranges: `[processing]` and its CFAR."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from sionna_radar.scenario.table import Count, NonNegative, Real, Table, refuse
+
+
+class CfarTable(Table):
+    """Constant false-alarm rate detection; guard and training count range cells on each side."""
+
+    kind: Literal["CA", "GO", "SO", "OS"] = "SO"
+    guard: Annotated[int, Field(strict=True, ge=0)] = 48
+    training: Count = 32
+    rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
+    false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
+
+
+class ProcessingTable(Table):
+    """From beat signals to ranges.
+
+    ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
+    moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best.
+    """
+
+    window: str = "hann"
+    zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
+    cfar: CfarTable = CfarTable()
+    echoes: Literal["first", "strongest", "all"] = "strongest"
+    merge_gap_m: NonNegative = 3.0
+    dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
+    ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
+    min_range_m: NonNegative = 3.0
+    doppler_correction: bool = Field(default=True, strict=True)
+
+    @field_validator("window")
+    @classmethod
+    def _known_window(cls, value: str) -> str:
+        from scipy.signal import get_window
+
+        try:
+            get_window(value, 32)
+        except ValueError as error:
+            message = f"{value!r} is no window of scipy.signal.get_window; try 'hann' or 'blackman'"
+            raise refuse("", message) from error
+        return value

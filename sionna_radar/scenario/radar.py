@@ -1,0 +1,96 @@
+"""The radar, with its antenna and the scan that moves it: `[radar]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.constants import speed_of_light
+
+from sionna_radar.scenario.table import Positive, Real, Table, refuse
+
+
+class AntennaTable(Table):
+    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane."""
+
+    beamwidth_deg: (
+        Annotated[Real, Field(ge=0.2, le=60)]
+        | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
+    ) = 2.0
+    side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
+    polarization: Literal["V", "H"] = "V"
+    receive_polarization: Literal["co", "cross"] = "co"
+
+    @property
+    def beamwidths_rad(self) -> tuple[float, float]:
+        """Half-power beamwidth in azimuth and elevation."""
+        widths = self.beamwidth_deg if isinstance(self.beamwidth_deg, tuple) else (self.beamwidth_deg,) * 2
+        return float(np.deg2rad(widths[0])), float(np.deg2rad(widths[1]))
+
+
+class ScanTable(Table):
+    """How the antenna moves: across track, around the vertical, or not at all.
+
+    side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
+    the track.
+    """
+
+    mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
+    side: Literal["left", "right"] = "right"
+    incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
+    half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
+    rotation_rpm: Positive = 120.0
+    start_deg: Real = 0.0
+    stabilised: bool = Field(default=True, strict=True)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ScanTable:
+        if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
+            raise refuse(
+                "half_swath_deg",
+                f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90",
+            )
+        if self.side == "left" and self.mode != "side_looking":
+            raise refuse("side", f"'left' means nothing to a {self.mode} scan; set mode = 'side_looking'")
+        return self
+
+
+class RadarTable(Table):
+    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
+
+    carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
+    bandwidth_hz: Positive = 500e6
+    chirp_rate_hz: Positive = 360.0
+    samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**20)] = 1024
+    sweep: Literal["up", "down", "triangular"] = "up"
+    sampling: Literal["real", "iq"] = "real"
+    snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
+    transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
+    noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
+    temperature_k: Positive = 290.0
+    antenna: AntennaTable = AntennaTable()
+    scan: ScanTable = ScanTable()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RadarTable:
+        if self.bandwidth_hz >= 0.5 * self.carrier_hz:
+            raise refuse(
+                "bandwidth_hz",
+                f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it",
+            )
+        physical = [self.transmit_power_dbm, self.noise_figure_db]
+        if self.snr_db is not None and any(value is not None for value in physical):
+            raise refuse(
+                "snr_db",
+                "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only",
+            )
+        if self.snr_db is None and any(value is None for value in physical):
+            raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
+        return self
+
+    @property
+    def max_range_m(self) -> float:
+        """Range whose beat lies at the highest frequency the sampling can tell."""
+        cells = self.samples_per_chirp / (2 if self.sampling == "real" else 1)
+        return float(cells * speed_of_light / (2 * self.bandwidth_hz))

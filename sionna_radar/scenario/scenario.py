@@ -1,0 +1,104 @@
+"""The whole scenario, in the units a person writes (degrees, dB), and what its tables must agree on.
+
+Each table's own module checks its values alone and the contradictions visible within it. What needs the terrain
+or the flight to judge is checked when the survey is prepared (`sionna_radar.preparation`).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import model_validator
+
+from sionna_radar.scenario.dem import DemTable
+from sionna_radar.scenario.lidar import LidarTable
+from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
+from sionna_radar.scenario.objects import Building, PointTarget
+from sionna_radar.scenario.platform import Platform
+from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.table import Seed, Table, refuse
+from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain, FlatTerrain, HillsTerrain, Terrain
+from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
+from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+
+
+class Scenario(Table):
+    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed."""
+
+    description: str = ""
+    seed: Seed = 1
+    sensor: Literal["radar", "lidar"] = "radar"
+    terrain: Terrain
+    buildings: tuple[Building, ...] = ()
+    targets: tuple[PointTarget, ...] = ()
+    materials: dict[str, Material] = {}
+    platform: Platform
+    radar: RadarTable
+    weather: WeatherTable = WeatherTable()
+    lidar: LidarTable = LidarTable()
+    tracing: TracingTable = TracingTable()
+    processing: ProcessingTable = ProcessingTable()
+    dem: DemTable = DemTable()
+
+    @model_validator(mode="after")
+    def _materials_exist(self) -> Scenario:
+        known = self.all_materials
+        for field, name in self._used_materials():
+            if name not in known:
+                raise refuse(field, f"{name!r} is not defined; add [materials.{name}] or use {sorted(known)}")
+        return self
+
+    @model_validator(mode="after")
+    def _cfar_fits(self) -> Scenario:
+        radar, cfar = self.radar, self.processing.cfar
+        cells = radar.samples_per_chirp // (2 if radar.sampling == "real" else 1)
+        if 2 * (cfar.guard + cfar.training) >= cells:
+            raise refuse(
+                "processing.cfar.guard",
+                f"guard + training = {cfar.guard + cfar.training} cells on each side do not fit "
+                f"{cells} range cells; lower them or raise radar.samples_per_chirp",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _fog_is_known(self) -> Scenario:
+        if self.weather.water_in_air_g_per_m3 > 0 and self.radar.carrier_hz > FOG_HIGHEST_FREQUENCY_HZ:
+            raise refuse(
+                "weather.fog",
+                f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
+                f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sweeps_pair(self) -> Scenario:
+        if self.radar.sweep == "triangular" and self.processing.echoes == "all":
+            raise refuse(
+                "processing.echoes",
+                "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
+                "give 'strongest' or 'first' with radar.sweep = 'triangular'",
+            )
+        return self
+
+    def _used_materials(self) -> list[tuple[str, str]]:
+        used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
+        if isinstance(self.terrain, CityTerrain):
+            mapped = self.terrain.materials.items()
+            used += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
+        else:
+            used += [("terrain.material", self.terrain.material)]
+            used += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
+            raster = self.terrain.cover_raster
+            classes = raster.classes.items() if raster else ()
+            used += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
+        if isinstance(self.terrain, FlatTerrain | HillsTerrain):
+            used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
+        return used
+
+    @property
+    def all_materials(self) -> dict[str, Material]:
+        """The scenario's materials and the built-in ones they do not replace."""
+        return {**DEFAULT_MATERIALS, **self.materials}

@@ -1,0 +1,100 @@
+"""What the ground is: `[terrain]`, told apart by `kind`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
+from sionna_radar.scenario.table import Point2, Positive, Seed, Table
+
+SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
+KEEP_SIONNA = "sionna"
+
+
+class CoveredTerrain(Table):
+    """Ground of one material, with others over it: classes of a raster, then polygons in the order given."""
+
+    material: str = "ground"
+    cover_raster: CoverRaster | None = None
+    cover: tuple[CoverPolygon, ...] = ()
+
+
+class FlatTerrain(CoveredTerrain):
+    """A horizontal plane."""
+
+    kind: Literal["flat"]
+    size_m: tuple[Positive, Positive] = (300.0, 300.0)
+    spacing_m: Positive = 5.0
+    fields: tuple[MaterialField, ...] = ()
+
+
+class HillsTerrain(CoveredTerrain):
+    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
+
+    kind: Literal["hills"]
+    size_m: tuple[Positive, Positive] = (320.0, 320.0)
+    spacing_m: Positive = 0.5
+    filter_sigma_m: Positive = 25.0
+    height_m: Positive = 8.0
+    seed: Seed = 1
+    fields: tuple[MaterialField, ...] = ()
+
+
+class SampleTerrain(CoveredTerrain):
+    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
+
+    kind: Literal["jacksboro"]
+    centre_lonlat_deg: Point2 | None = None
+    spacing_m: Positive | None = None
+
+
+class RasterTerrain(CoveredTerrain):
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt or anything GDAL reads."""
+
+    kind: Literal["raster"]
+    path: Path
+    crs: str | None = None
+    centre_lonlat_deg: Point2 | None = None
+    spacing_m: Positive | None = None
+
+
+class CityTerrain(Table):
+    """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name.
+
+    A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
+    """
+
+    kind: Annotated[str, Field(pattern=rf"^sionna:({'|'.join(SIONNA_CITIES)})$")]
+    materials: dict[str, str] = {}
+
+    @property
+    def city(self) -> str:
+        """Name of the Sionna scene."""
+        return self.kind.removeprefix("sionna:")
+
+
+TERRAIN_KINDS = ("flat", "hills", "jacksboro", "raster", *(f"sionna:{name}" for name in SIONNA_CITIES))
+
+
+def _terrain_tag(value: Any) -> str | None:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    if not isinstance(kind, str):
+        return None
+    return "sionna" if kind.startswith("sionna:") else kind
+
+
+Terrain = Annotated[
+    Annotated[FlatTerrain, Tag("flat")]
+    | Annotated[HillsTerrain, Tag("hills")]
+    | Annotated[SampleTerrain, Tag("jacksboro")]
+    | Annotated[RasterTerrain, Tag("raster")]
+    | Annotated[CityTerrain, Tag("sionna")],
+    Discriminator(
+        _terrain_tag,
+        custom_error_type="scenario",
+        custom_error_message=f"unknown terrain kind; give one of {', '.join(TERRAIN_KINDS)}",
+    ),
+]

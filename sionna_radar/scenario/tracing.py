@@ -1,0 +1,31 @@
+"""The engine that traces the paths, and how many: `[tracing]`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from sionna_radar.scenario.table import Real, Table, refuse
+
+
+class TracingTable(Table):
+    """How the scene is turned into paths.
+
+    engine: sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
+        path_solver (Sionna's stock solver, slow, for checks).
+    speckle: per_pulse draws new phases each pulse; persistent keeps scatterers on the surface, so that phase from
+        chirp to chirp is that of a real scene.
+    """
+
+    engine: Literal["sionna", "gamma", "path_solver"] = "sionna"
+    speckle: Literal["per_pulse", "persistent"] = "per_pulse"
+    scatterers_per_m2: Annotated[Real, Field(gt=0, le=10_000)] = 20.0
+    paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
+    side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
+
+    @model_validator(mode="after")
+    def _speckle_of_the_engine(self) -> TracingTable:
+        if self.engine == "path_solver" and self.speckle == "persistent":
+            raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
+        return self
