@@ -15,11 +15,11 @@ from rasterio.windows import Window
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.raster import Georeference
 from sionna_radar.scenario.cover import CoverRaster
-from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
+from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
+from sionna_radar.scene.placed_raster import apply_affine
 
 NO_CLASS = -(2**31)
-CoveredTerrain = FlatTerrain | HillsTerrain | SampleTerrain | RasterTerrain
 
 
 def cover_ground(
@@ -68,8 +68,7 @@ def classes_at(
     try:
         with rasterio.open(cover.path) as source:
             x, y = _in_crs_of(source, point_m, georeference)
-            inverse = ~source.transform
-            column, row = inverse.a * x + inverse.b * y + inverse.c, inverse.d * x + inverse.e * y + inverse.f
+            column, row = apply_affine(~source.transform, x, y)
             inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
             value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
             if not inside.any():

@@ -15,7 +15,8 @@ from scipy.ndimage import gaussian_filter
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
-from sionna_radar.scene.elevation_file import Cutout, read_array, read_file
+from sionna_radar.scene.cutout import Cutout
+from sionna_radar.scene.elevation_file import read_array, read_file
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 

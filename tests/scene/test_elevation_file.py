@@ -10,7 +10,7 @@ from rasterio import Affine
 
 from sionna_radar.errors import InputFileError, ScenarioError
 from sionna_radar.scenario.terrain import RasterTerrain
-from sionna_radar.scene import elevation_file
+from sionna_radar.scene import cutout
 from sionna_radar.scene.terrain import load_elevation
 
 UTM = "EPSG:32632"
@@ -171,7 +171,7 @@ def test_cells_do_not_depend_on_the_window(tmp_path):
 
 
 def test_too_many_cells_are_coarsened_with_a_message(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(elevation_file, "MAX_CELLS", 1000)
+    monkeypatch.setattr(cutout, "MAX_CELLS", 1000)
     with caplog.at_level(logging.WARNING, "sionna_radar"):
         raster, place = load(write_plane(tmp_path / "a.tif"))
     assert raster.height_m.size <= 1000

@@ -1,0 +1,141 @@
+"""Which local frame an elevation file is brought into.
+
+A file is kept in its own projection where that is true to the ground (metres, unit scale, north up), and brought
+into the UTM zone of its middle otherwise.
+"""
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+from pyproj import CRS, Geod
+from pyproj.aoi import AreaOfInterest
+from pyproj.database import query_utm_crs_info
+from pyproj.exceptions import ProjError
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.scene.placed_raster import PlacedRaster, middle_of, reproject
+
+logger = logging.getLogger("sionna_radar")
+
+# A projection is kept as the local frame while a metre is a metre, and north is up, to this much.
+MAX_SCALE_ERROR = 0.01
+MAX_CONVERGENCE_DEG = 10.0
+FEET_M = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "ftus": 1200 / 3937}
+
+
+def place_file(dataset: Any, crs_name: str | None, centre_lonlat_deg: tuple[float, float] | None) -> PlacedRaster:
+    """Return an open file with its local frame: own projection or UTM zone, about the centre.
+
+    Parameters
+    ----------
+    dataset:
+        The open file (rasterio).
+    crs_name:
+        Coordinate reference system of the file; None takes its own.
+    centre_lonlat_deg:
+        Where the frame's origin lies (WGS 84); None takes the middle of the file.
+
+    Raises
+    ------
+    ScenarioError
+        There is no such system, it places nothing on a map, or the centre or the file's middle has no place.
+
+    """
+    whole = _crs_of(dataset, crs_name)
+    crs = _horizontal(whole)
+    if not (crs.is_projected or crs.is_geographic):
+        message = f"{crs.name!r} is neither projected nor geographic; give one that is, as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    lon, lat = _centre_lonlat(dataset, crs, centre_lonlat_deg)
+    local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else _metric_crs(lon, lat)
+    if centre_lonlat_deg is None and local is crs:
+        x, y = middle_of(dataset)
+    else:
+        x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
+    unit_m = _height_unit_m(dataset, whole)
+    return PlacedRaster(dataset=dataset, crs=crs, local=local, origin=(x, y), height_unit_m=unit_m)
+
+
+def _crs_of(dataset: Any, name: str | None) -> CRS:
+    """Return the scenario's CRS, or else the file's own."""
+    if name is not None:
+        try:
+            return CRS.from_user_input(name)
+        except ProjError as error:
+            message = f"{name!r} is no coordinate reference system; give one such as 'EPSG:32631'"
+            raise ScenarioError([Problem("terrain.crs", message)]) from error
+    if dataset.crs is None or not dataset.crs.to_wkt():
+        message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    return CRS.from_wkt(dataset.crs.to_wkt())
+
+
+def _horizontal(crs: CRS) -> CRS:
+    """Return the part of a CRS that places points on the map."""
+    while crs.is_compound:
+        crs = crs.sub_crs_list[0]
+    return crs.to_2d() if len(crs.axis_info) == 3 and not crs.is_geocentric else crs
+
+
+def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -> tuple[float, float]:
+    if wanted is not None:
+        lon, lat = wanted
+        if not (-180 <= lon <= 360 and -90 <= lat <= 90):
+            message = f"({lon:g}, {lat:g}) is no longitude and latitude in degrees; give them in this order"
+            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+        return lon, lat
+    x, y = middle_of(dataset)
+    lons, lats = reproject(crs, CRS(4326), np.array([x]), np.array([y]))
+    lon, lat = float(lons[0]), float(lats[0])
+    latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
+    if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
+        message = f"{crs.name!r} has no place for the raster's middle ({x:g}, {y:g}); give the file's system"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    return lon, lat
+
+
+def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bool:
+    """Whether the file's map metres are metres with north up, as those of Web Mercator are not."""
+    transform = dataset.transform
+    is_metric = crs.is_projected and all(axis.unit_conversion_factor == 1 for axis in crs.axis_info)
+    if not is_metric or transform.b != 0 or transform.d != 0:
+        return False
+    step = 100.0
+    x, y = reproject(CRS(4326), crs, np.array([lon]), np.array([lat]))
+    lons, lats = reproject(crs, CRS(4326), x + step * np.array([0, 1, 0]), y + step * np.array([0, 0, 1]))
+    if not np.isfinite([lons, lats]).all():
+        return False
+    azimuth, _, distance = Geod(ellps="WGS84").inv(lons[[0, 0]], lats[[0, 0]], lons[1:], lats[1:])
+    scale_error = np.abs(np.asarray(distance) / step - 1).max()
+    return bool(scale_error <= MAX_SCALE_ERROR and abs(azimuth[1]) <= MAX_CONVERGENCE_DEG)
+
+
+def _metric_crs(lon: float, lat: float) -> CRS:
+    """Return the UTM zone of a place; near a pole, where there is none, a transverse Mercator of its own."""
+    lon = (lon + 180) % 360 - 180
+    place = AreaOfInterest(lon, lat, lon, lat)
+    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=place) if -80 <= lat <= 84 else []
+    if zones:
+        return CRS.from_authority(zones[0].auth_name, zones[0].code)
+    return CRS.from_dict({"proj": "tmerc", "lat_0": lat, "lon_0": lon, "datum": "WGS84", "units": "m"})
+
+
+def _height_unit_m(dataset: Any, crs: CRS) -> float:
+    """Return the metres of one height unit: by a vertical CRS, else by the band's unit, else one.
+
+    Depths, which count downwards, have a negative unit.
+    """
+    if crs.is_compound or (len(crs.axis_info) == 3 and not crs.is_geocentric):
+        axis = crs.axis_info[2]
+        return axis.unit_conversion_factor * (-1 if axis.direction == "down" else 1)
+    band_unit = (dataset.units[0] or "").lower()
+    if band_unit in FEET_M:
+        return FEET_M[band_unit]
+    if crs.is_projected and crs.axis_info[0].unit_conversion_factor != 1 and not band_unit:
+        logger.warning(
+            "terrain: the map counts in %s but no unit is given for heights; they are taken as metres",
+            crs.axis_info[0].unit_name,
+        )
+    return 1.0
