@@ -1,10 +1,14 @@
-"""Scenes, pulses and antennas that the tests of several stages share."""
+"""Scenes, pulses, antennas and the command line, which the tests of several stages share."""
 
+import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sionna_radar.cli import main
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna, taylor_cut
@@ -15,6 +19,21 @@ from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.terrain import mesh_of
 
 GAMMA = 0.01
+SMALL = """
+seed = 5
+[terrain]
+kind = "flat"
+size_m = [300.0, 300.0]
+[platform]
+altitude_m = 50.0
+speed_mps = 10.0
+length_m = 10.0
+start_m = [-60.0, 0.0]
+[radar]
+snr_db = 30.0
+[tracing]
+paths_per_pulse = 64
+"""
 
 
 def make_chirp(**changes: object) -> Chirp:
@@ -144,3 +163,34 @@ def plane() -> Scene:
 def pencil() -> Antenna:
     """The paper's antenna: 2 deg in both planes, side lobes at -20 dB."""
     return make_antenna(2.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys) -> Callable[..., Done]:
+    """The command line in this process, which has the heavy libraries loaded already."""
+
+    def call(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        captured = capsys.readouterr()
+        return Done(stop.value.code or 0, captured.out, captured.err)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory) -> Path:
+    """A scenario file that is flown in a second."""
+    path = tmp_path_factory.mktemp("scenario") / "small.toml"
+    path.write_text(SMALL)
+    return path

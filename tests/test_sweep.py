@@ -2,41 +2,17 @@
 
 import csv
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from sionna_radar.cli import main
 from sionna_radar.errors import ScenarioError
 from sionna_radar.report.sweep_figures import abscissa
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import run
 from sionna_radar.sweep import Axis, fly_sweep, parse_axes, plan_sweep
 
-SMALL = """
-seed = 5
-[terrain]
-kind = "flat"
-size_m = [300.0, 300.0]
-[platform]
-altitude_m = 50.0
-speed_mps = 10.0
-length_m = 10.0
-start_m = [-60.0, 0.0]
-[radar]
-snr_db = 30.0
-[tracing]
-paths_per_pulse = 64
-"""
 BEAM = "radar.antenna.beamwidth_deg"
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    path = tmp_path_factory.mktemp("sweep") / "small.toml"
-    path.write_text(SMALL)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +22,6 @@ def flown(small):
     plan = plan_sweep(small, axes, repeat=2)
     sweep = fly_sweep(plan, progress=lambda done, total: calls.append((done, total)))
     return plan, sweep, calls
-
-
-def command(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["sionna-radar", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    captured = capsys.readouterr()
-    return stop.value.code or 0, captured.out, captured.err
 
 
 @pytest.mark.parametrize(
@@ -150,10 +118,10 @@ def test_the_numeric_key_is_drawn_against():
     assert abscissa((words, Axis(key="flag", values=(True, False)))) is words
 
 
-def test_the_command_writes_table_plot_and_json(monkeypatch, capsys, small, tmp_path):
+def test_the_command_writes_table_plot_and_json(cli, small, tmp_path):
     vary = ["--vary", "processing.ranging=peak,centroid", "--vary", f"{BEAM}=2"]
-    code, out, err = command(monkeypatch, capsys, "sweep", small, *vary, "--repeat", 2, "-o", tmp_path / "out")
-    assert code == 0, err
+    done = cli("sweep", small, *vary, "--repeat", 2, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
     assert {p.name for p in (tmp_path / "out").rglob("*") if p.is_file()} == {
         "sweep.json",
         "table.csv",
@@ -167,15 +135,15 @@ def test_the_command_writes_table_plot_and_json(monkeypatch, capsys, small, tmp_
     for row, case in zip(table, document["cases"], strict=True):
         assert float(row["rms_m"]) == pytest.approx(case["statistics"]["rms_m"]["mean"])
         assert float(row["rms_m_spread"]) == pytest.approx(case["statistics"]["rms_m"]["spread"])
-        assert f"{float(row['rms_m']):.3f}" in out
+        assert f"{float(row['rms_m']):.3f}" in done.stdout
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
         assert [row["run_seed"] for row in csv.DictReader(file)] == ["5", "6", "5", "6"]
 
 
-def test_bad_input_is_one_error_and_nothing_written(monkeypatch, capsys, small, tmp_path):
-    code, out, err = command(monkeypatch, capsys, "sweep", small, "--vary", f"{BEAM}=2,-4", "-o", tmp_path / "out")
-    assert code == 2
-    assert out == ""
-    assert err.count("error:") == 1
-    assert "radar.antenna.beamwidth_deg" in err
+def test_bad_input_is_one_error_and_nothing_written(cli, small, tmp_path):
+    done = cli("sweep", small, "--vary", f"{BEAM}=2,-4", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("error:") == 1
+    assert "radar.antenna.beamwidth_deg" in done.stderr
     assert not (tmp_path / "out").exists()
