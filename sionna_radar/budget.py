@@ -7,12 +7,13 @@ square of several draws, constant ones by the worse of both signs.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from sionna_radar.flight.grades import GRADES, Grade
 from sionna_radar.remapping import RecordedSurvey, record_survey
-from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.navigation import NavigationTable
 
@@ -222,11 +223,7 @@ def write(budget: Budget, directory: Path) -> list[Path]:
     """
     from sionna_radar.report.budget_figures import draw_all
 
-    def fill(folder: Path) -> None:
-        write_text(folder / MARKER, strict_json(budget.summary()))
-        draw_all(budget, folder / "figures")
-
-    return write_folder(directory, MARKER, fill)
+    return write_study(directory, MARKER, budget.summary(), partial(draw_all, budget))
 
 
 def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:

@@ -27,7 +27,7 @@ from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.raster import Raster
-from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
 from sionna_radar.sensors import SawtoothRadar, engine_inputs, tracer_with
 from sionna_radar.survey import BLOCK_SIZE, fly, grid_dem
@@ -330,11 +330,7 @@ def write(check: CrossCheck, directory: Path) -> list[Path]:
     """
     from sionna_radar.report.crosscheck_figures import draw_all
 
-    def fill(folder: Path) -> None:
-        write_text(folder / MARKER, strict_json(check.summary()))
-        draw_all(check, folder / "figures")
-
-    return write_folder(directory, MARKER, fill)
+    return write_study(directory, MARKER, check.summary(), partial(draw_all, check))
 
 
 def _ratio_db(gamma: float, sionna: float) -> float:

@@ -10,6 +10,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, NoReturn
@@ -20,7 +21,7 @@ from jaxtyping import Float
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.mapping.compare import DemError
 from sionna_radar.preparation import prepare
-from sionna_radar.report.folder import strict_json, write_folder, write_text
+from sionna_radar.report.folder import write_study
 from sionna_radar.report.summary import versions
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.survey import BLOCK_SIZE, run
@@ -342,10 +343,5 @@ def write(sweep: Sweep, directory: Path) -> list[Path]:
     """
     from sionna_radar.report.sweep_figures import draw_all
 
-    def fill(folder: Path) -> None:
-        write_text(folder / MARKER, strict_json(summary(sweep)))
-        write_text(folder / "table.csv", table_csv(sweep))
-        write_text(folder / "runs.csv", runs_csv(sweep))
-        draw_all(sweep, folder / "figures")
-
-    return write_folder(directory, MARKER, fill)
+    tables = {"table.csv": table_csv(sweep), "runs.csv": runs_csv(sweep)}
+    return write_study(directory, MARKER, summary(sweep), partial(draw_all, sweep), tables)

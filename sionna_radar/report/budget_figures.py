@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from sionna_radar.budget import Budget, Limit
+from sionna_radar.report.figure_files import save_figures
 
-DPI = 150
 # Okabe and Ito
 STYLES = {
     "constant": ("#0072b2", "o", "Constant"),
@@ -22,10 +22,7 @@ QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": 
 
 def draw_all(budget: Budget, directory: Path) -> list[Path]:
     """Draw the figure into a directory as PNG, and return the files."""
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / "budget.png"
-    draw(budget).savefig(path, dpi=DPI)
-    return [path]
+    return save_figures(budget, {"budget": draw}, directory)
 
 
 def draw(budget: Budget) -> Figure:

@@ -1,6 +1,5 @@
 """Figures of a cross-check of the two engines, for print, in the style of the survey's figures."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,9 @@ from matplotlib.figure import Figure
 
 from sionna_radar.crosscheck import CrossCheck
 from sionna_radar.raster import Raster
+from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.maps import EMPTY
 
-DPI = 150
-EMPTY = "0.82"
 HEIGHTS, ERRORS = "viridis", "RdBu_r"
 ORANGE, BLUE, GREY = "#e69f00", "#0072b2", "0.45"  # Okabe and Ito
 MAP_BOX_IN = (4.0, 4.0)
@@ -22,16 +21,7 @@ MAP_BOX_IN = (4.0, 4.0)
 
 def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
     """Draw every figure into a directory as PNG, and return the files."""
-    figures: dict[str, Callable[[CrossCheck], Figure]] = {
-        "power": power,
-        "ranges": ranges,
-        "dems": dems,
-    }
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = [directory / f"{name}.png" for name in figures]
-    for path, draw in zip(paths, figures.values(), strict=True):
-        draw(check).savefig(path, dpi=DPI)
-    return paths
+    return save_figures(check, {"power": power, "ranges": ranges, "dems": dems}, directory)
 
 
 def power(check: CrossCheck) -> Figure:

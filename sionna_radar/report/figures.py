@@ -21,11 +21,11 @@ from matplotlib.patheffects import withStroke
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
+from sionna_radar.report.figure_files import save_figures
 from sionna_radar.report.maps import EMPTY, colour_bar, empty_patch, finish_map, show_raster
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey import ChirpRecord, Survey
 
-DPI = 150
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000
 MAX_SHADED_CELLS = 1_000
@@ -47,11 +47,7 @@ def draw_all(survey: Survey, directory: Path) -> list[Path]:
     }
     if survey.chirp is None:
         del figures["chirp"]
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = [directory / f"{name}.png" for name in figures]
-    for path, draw in zip(paths, figures.values(), strict=True):
-        draw(survey).savefig(path, dpi=DPI)
-    return paths
+    return save_figures(survey, figures, directory)
 
 
 # --------------------------------------------------------------------------------------- environment

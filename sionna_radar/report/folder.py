@@ -7,7 +7,7 @@ failure, a full disk or an interrupt leaves an earlier result as it was.
 import json
 import math
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,43 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
         message = f"output = {directory} cannot be written ({error}); free some space or name another folder"
         raise OutputError(message) from error
     return sorted(path for path in directory.rglob("*") if path.is_file())
+
+
+def write_study(
+    directory: Path,
+    marker: str,
+    document: dict[str, Any],
+    draw: Callable[[Path], object],
+    tables: Mapping[str, str] | None = None,
+) -> list[Path]:
+    """Write the numbers of a study, its tables and its figures as `write_folder` does, and return the files.
+
+    Parameters
+    ----------
+    directory:
+        Where the results go; an earlier result there is replaced as a whole.
+    marker:
+        File of the numbers, as strict JSON; a number that does not exist becomes null.
+    document:
+        The numbers.
+    draw:
+        Draws the figures into the folder it is given, `figures`.
+    tables:
+        Texts of further files by their names.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written.
+
+    """
+
+    def fill(folder: Path) -> None:
+        for name, text in {marker: strict_json(document), **(tables or {})}.items():
+            write_text(folder / name, text)
+        draw(folder / "figures")
+
+    return write_folder(directory, marker, fill)
 
 
 def write_text(path: Path, text: str) -> None:

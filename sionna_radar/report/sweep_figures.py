@@ -1,6 +1,5 @@
 """The figure of a sweep: the error of the DEM against what was varied, with the spread over the runs."""
 
-from collections.abc import Callable
 from itertools import cycle
 from numbers import Real
 from pathlib import Path
@@ -11,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
 
+from sionna_radar.report.figure_files import save_figures
 from sionna_radar.sweep import Axis, Case, Sweep, label
 
-DPI = 150
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "black")  # Okabe and Ito
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = {
@@ -27,12 +26,7 @@ MAX_LEGEND = 14
 
 def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
     """Draw the figure into a directory as PNG, and return the file."""
-    figures: dict[str, Callable[[Sweep], Figure]] = {"sweep": errors}
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = [directory / f"{name}.png" for name in figures]
-    for path, draw in zip(paths, figures.values(), strict=True):
-        draw(sweep).savefig(path, dpi=DPI)
-    return paths
+    return save_figures(sweep, {"sweep": errors}, directory)
 
 
 def errors(sweep: Sweep) -> Figure:
