@@ -19,7 +19,6 @@ from sionna_radar.report.folder import check_output
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey import Survey
-    from sionna_radar.sweep import Case
 
 DEMO = "san_francisco"
 
@@ -118,7 +117,6 @@ def budget(
     from sionna_radar import budget as study
     from sionna_radar.flight.grades import GRADES, load_grades
     from sionna_radar.report.budget_table import print_budget
-    from sionna_radar.report.folder import check_output
 
     _log_to_stderr(quiet)
     checked = _load(scenario, _overrides(set_, seed))
@@ -345,14 +343,6 @@ def _print_result(survey: "Survey", output: Path, files: int) -> None:
         table.add_row(name, value)
     Console(highlight=False).print(table)
     typer.echo(f"{files} files in {output}")
-
-
-def _with_spread(case: "Case", statistic: str) -> str:
-    mean, spread = case.mean(statistic), case.spread(statistic)
-    if statistic == "coverage":
-        return f"{mean:.1%}" if spread != spread else f"{mean:.1%} ±{spread:.1%}"
-    sign = "+" if statistic in ("min_m", "max_m", "mean_m") else ""
-    return f"{mean:{sign}.3f}" if spread != spread else f"{mean:{sign}.3f} ±{spread:.3f}"
 
 
 @contextmanager

@@ -2,6 +2,9 @@
 
 import math
 
+import numpy as np
+from jaxtyping import Float
+
 
 def from_db(value_db: float) -> float:
     """Return the power ratio of a value in dB."""
@@ -11,3 +14,8 @@ def from_db(value_db: float) -> float:
 def to_db(ratio: float) -> float:
     """Return a power ratio in dB; a ratio of zero gives minus infinity."""
     return 10.0 * math.log10(ratio) if ratio > 0 else -math.inf
+
+
+def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return power ratios in dB; NaN for one that is not positive."""
+    return 10.0 * np.log10(np.where(ratio > 0, ratio, np.nan))

@@ -78,20 +78,12 @@ def prepare(
         _check_nominal_range(scenario, chirp)
     track = plan_track(scenario.platform)
     built = build_scene(scenario, _window(track, chirp.max_range_m))
-    _check_track(scenario, track, built)
+    _check_track(track, built)
     trajectory = plan_trajectory(scenario.platform, track, built.ground_m)
     schedule = _schedule(scenario, trajectory, scan, navigation)
     _check_pulses(schedule, scenario)
     looks = _look(schedule, built)
     _check_geometry(looks, schedule, built, chirp)
-    reference = plane_echo(
-        antenna,
-        # The noise is set against the co-polar echo, whatever the receiver's polarisation.
-        as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
-        chirp.wavelength_m,
-        scenario.platform.altitude_m,
-        np.deg2rad(scenario.radar.scan.incidence_deg),
-    )
     return Preparation(
         scenario=scenario,
         chirp=chirp,
@@ -101,8 +93,20 @@ def prepare(
         built=built,
         grid=_dem_grid(scenario, looks),
         transmit_power_w=transmit_power_w(scenario.radar),
-        noise_power_w=noise_power(scenario.radar, chirp, reference),
+        noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=scenario.dem.max_gap_m or _sampling_gap(scenario),
+    )
+
+
+def _reference_echo(scenario: Scenario, antenna: Antenna, chirp: Chirp, built: BuiltScene) -> float:
+    """Return the echo of level ground at the flight's height, over the sent power: what `radar.snr_db` counts from."""
+    return plane_echo(
+        antenna,
+        # The noise is set against the co-polar echo, whatever the receiver's polarisation.
+        as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
+        chirp.wavelength_m,
+        scenario.platform.altitude_m,
+        np.deg2rad(scenario.radar.scan.incidence_deg),
     )
 
 
@@ -162,7 +166,7 @@ def _check_nominal_range(scenario: Scenario, chirp: Chirp) -> None:
         raise ScenarioError([Problem("radar.samples_per_chirp", message)])
 
 
-def _check_track(scenario: Scenario, track: Track, built: BuiltScene) -> None:
+def _check_track(track: Track, built: BuiltScene) -> None:
     along = track.point(np.linspace(0.0, track.length_m, 200))
     outside = np.isnan(built.ground_m(along))
     if outside.any():

@@ -5,12 +5,13 @@ the cruise's start and end. Phases: take-off and landing (vertical, near the gro
 to and from the cruise height), cruise (along the track).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
 
 from sionna_radar.scenario.platform import Platform
@@ -107,7 +108,6 @@ def plan_trajectory(
     """
     start_ground = float(ground_m(track.waypoints_m[:1])[0])
     height = _cruise_height(platform, track, ground_m, start_ground)
-    cruise_s = track.length_m / platform.speed_mps
     if platform.profile == "cruise":
         before, after = [], []
     else:
@@ -115,7 +115,15 @@ def plan_trajectory(
         end_ground = float(ground_m(track.waypoints_m[-1:])[0])
         end_height = float(height(np.array([track.length_m]))[0])
         after = _mirrored(_vertical_phases(platform, end_ground, end_height, landing=True))
-    return _assemble(platform, track, height, before, cruise_s, after)
+    legs = _Legs(
+        track=track,
+        speed_mps=platform.speed_mps,
+        cruise_height=height,
+        before=tuple(before),
+        cruise_duration_s=track.length_m / platform.speed_mps,
+        after=tuple(after),
+    )
+    return Trajectory(position=legs.position, velocity=legs.velocity, euler=legs.euler, phases=legs.phases)
 
 
 @dataclass(frozen=True)
@@ -127,10 +135,77 @@ class _VerticalPhase:
     height: PPoly
 
 
-def _cruise_height(
-    platform: Platform, track: Track, ground_m: Callable, start_ground: float
-) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
-    """Return the height of the cruise against the distance along the track; it has a derivative."""
+@dataclass(frozen=True, kw_only=True)
+class _Legs:
+    """The whole flight: vertical phases, the cruise along the track, vertical phases."""
+
+    track: Track
+    speed_mps: float
+    cruise_height: PPoly
+    before: tuple[_VerticalPhase, ...]
+    cruise_duration_s: float
+    after: tuple[_VerticalPhase, ...]
+
+    @cached_property
+    def phases(self) -> tuple[tuple[Phase, float, float], ...]:
+        """Each phase with its start and end."""
+        durations = [
+            *((p.phase, p.duration_s) for p in self.before),
+            (Phase.CRUISE, self.cruise_duration_s),
+            *((p.phase, p.duration_s) for p in self.after),
+        ]
+        ends = np.cumsum([duration for _, duration in durations])
+        starts = np.concatenate([[0.0], ends[:-1]])
+        return tuple(
+            (phase, float(start), float(end)) for (phase, _), start, end in zip(durations, starts, ends, strict=True)
+        )
+
+    def position(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return positions in the world frame."""
+        distance = self._along(time_s)
+        height = self.cruise_height(distance)
+        for part, inside, since_s in self._vertical(time_s):
+            height[inside] = part.height(since_s)
+        return np.column_stack([self.track.point(distance), height])
+
+    def velocity(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return velocities in the world frame."""
+        distance = self._along(time_s)
+        cruising = self._phase_of(time_s) == len(self.before)
+        horizontal = self.track.direction(distance) * (self.speed_mps * cruising)[:, None]
+        vertical = self.cruise_height.derivative()(distance) * self.speed_mps * cruising
+        for part, inside, since_s in self._vertical(time_s):
+            vertical[inside] = part.height.derivative()(since_s)
+        return np.column_stack([horizontal, vertical])
+
+    def euler(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return roll, pitch and heading."""
+        east, north = self.track.direction(self._along(time_s)).T
+        heading = np.arctan2(east, north)
+        return np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
+
+    def _phase_of(self, time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        ends = [end for _, _, end in self.phases]
+        return np.minimum(np.searchsorted(ends, time_s, side="right"), len(ends) - 1)
+
+    def _along(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return distances along the track."""
+        _, start, _ = self.phases[len(self.before)]
+        return np.clip((time_s - start) * self.speed_mps, 0.0, self.track.length_m)
+
+    def _vertical(
+        self, time_s: Float[np.ndarray, " n"]
+    ) -> Iterator[tuple[_VerticalPhase, Bool[np.ndarray, " n"], Float[np.ndarray, " inside"]]]:
+        """Yield each vertical phase, the times that lie in it, and how long after its start they do."""
+        found = self._phase_of(time_s)
+        for index, part in enumerate((*self.before, None, *self.after)):
+            if part is not None:
+                inside = found == index
+                yield part, inside, time_s[inside] - self.phases[index][1]
+
+
+def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_ground: float) -> PPoly:
+    """Return the height of the cruise against the distance along the track."""
     if platform.height == "level":
         level = start_ground + platform.altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
@@ -181,58 +256,3 @@ def _mirrored(phases: Sequence[_VerticalPhase]) -> list[_VerticalPhase]:
         height.c[-1] += float(p.height(p.duration_s))
         mirrored.append(_VerticalPhase(p.phase, p.duration_s, height))
     return mirrored
-
-
-def _assemble(
-    platform: Platform,
-    track: Track,
-    cruise_height: Callable,
-    before: list[_VerticalPhase],
-    cruise_duration: float,
-    after: list[_VerticalPhase],
-) -> Trajectory:
-    durations = [
-        *((p.phase, p.duration_s) for p in before),
-        (Phase.CRUISE, cruise_duration),
-        *((p.phase, p.duration_s) for p in after),
-    ]
-    ends = np.cumsum([duration for _, duration in durations])
-    starts = np.concatenate([[0.0], ends[:-1]])
-    cruise_index = len(before)
-    verticals = dict(enumerate(before)) | {cruise_index + 1 + i: p for i, p in enumerate(after)}
-    climb_slope = cruise_height.derivative()  # type: ignore[attr-defined]
-
-    def phase_of(time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        return np.minimum(np.searchsorted(ends, time_s, side="right"), len(ends) - 1)
-
-    def along(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        return np.clip((time_s - starts[cruise_index]) * platform.speed_mps, 0.0, track.length_m)
-
-    def position(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        distance, phase = along(time_s), phase_of(time_s)
-        height = cruise_height(distance)
-        for index, vertical in verticals.items():
-            inside = phase == index
-            height[inside] = vertical.height(time_s[inside] - starts[index])
-        return np.column_stack([track.point(distance), height])
-
-    def velocity(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        distance, phase = along(time_s), phase_of(time_s)
-        cruising = phase == cruise_index
-        horizontal = track.direction(distance) * (platform.speed_mps * cruising)[:, None]
-        vertical = climb_slope(distance) * platform.speed_mps * cruising
-        for index, part in verticals.items():
-            inside = phase == index
-            vertical[inside] = part.height.derivative()(time_s[inside] - starts[index])
-        return np.column_stack([horizontal, vertical])
-
-    def euler(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        east, north = track.direction(along(time_s)).T
-        heading = np.arctan2(east, north)
-        return np.column_stack([np.zeros_like(heading), np.zeros_like(heading), heading])
-
-    phases = tuple(
-        (phase, float(start), float(end))
-        for (phase, _), start, end in zip(durations, starts, ends, strict=True)
-    )
-    return Trajectory(position=position, velocity=velocity, euler=euler, phases=phases)

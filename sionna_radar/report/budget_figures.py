@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from sionna_radar.budget import Budget, Limit
+from sionna_radar.report.colours import BLUE, ORANGE, RED
 from sionna_radar.report.figure_files import save_figures
 
-# Okabe and Ito
 STYLES = {
-    "constant": ("#0072b2", "o", "Constant"),
-    "white": ("#e69f00", "s", "White, standard deviation"),
-    "markov": ("#d55e00", "D", "Gauss-Markov, standard deviation"),
+    "constant": (BLUE, "o", "Constant"),
+    "white": (ORANGE, "s", "White, standard deviation"),
+    "markov": (RED, "D", "Gauss-Markov, standard deviation"),
 }
 QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
 
@@ -67,7 +67,7 @@ def _draw_limits(axes: Axes, limits: list[Limit], unit: str) -> None:
 def _draw_grades(axes: Axes, budget: Budget) -> None:
     names = ["exact pose", *(grade.name for grade in budget.grades)]
     sizes = [budget.rms_m, *(grade.rms_m for grade in budget.grades)]
-    axes.barh(range(len(names)), sizes, color=["0.6", *["#0072b2"] * len(budget.grades)], height=0.6)
+    axes.barh(range(len(names)), sizes, color=["0.6", *[BLUE] * len(budget.grades)], height=0.6)
     for row, size in enumerate(sizes):
         if math.isfinite(size):
             axes.annotate(f"{size:.2f} m", (size, row), xytext=(4, 0), textcoords="offset points", va="center")

@@ -10,12 +10,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar.crosscheck import CrossCheck
+from sionna_radar.decibel import decibels
 from sionna_radar.raster import Raster
+from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
 from sionna_radar.report.figure_files import save_figures
-from sionna_radar.report.maps import EMPTY
+from sionna_radar.report.maps import show_raster
 
-HEIGHTS, ERRORS = "viridis", "RdBu_r"
-ORANGE, BLUE, GREY = "#e69f00", "#0072b2", "0.45"  # Okabe and Ito
+GREY = "0.45"
 MAP_BOX_IN = (4.0, 4.0)
 
 
@@ -30,7 +31,7 @@ def power(check: CrossCheck) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     incidence_deg = np.rad2deg(check.sionna.incidence_rad)
     for run, colour, size, name in ((check.sionna, BLUE, 5.0, "Sionna"), (check.gamma, ORANGE, 2.0, "Gamma")):
-        upper.plot(incidence_deg, _decibels(run.power), ls="", marker="o", ms=size, mew=0, color=colour, label=name)
+        upper.plot(incidence_deg, decibels(run.power), ls="", marker="o", ms=size, mew=0, color=colour, label=name)
     upper.set_ylabel("Power of an echo (dB rel. to sent)")
     upper.set_title("Power before interference", fontsize="medium")
     upper.legend(frameon=False)
@@ -96,15 +97,7 @@ def dems(check: CrossCheck) -> Figure:
 
 
 def _map(axes: Axes, raster: Raster, colours: str, scale: Normalize, label: str) -> None:
-    axes.set_facecolor(EMPTY)
-    axes.imshow(
-        np.ma.masked_invalid(raster.height_m),
-        origin="lower",
-        extent=raster.grid.extent_m,
-        cmap=colours,
-        norm=scale,
-        interpolation="nearest",
-    )
+    show_raster(axes, raster, colours, scale)
     axes.set(xlabel="East (m)", ylabel="North (m)")
     axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, extend="both", label=label, shrink=0.8)
 
@@ -129,7 +122,3 @@ def _limit(values: Float[np.ndarray, " n"]) -> float:
     """Return the size that 99 values in 100 stay within: a few outliers must not bleach a figure."""
     known = np.abs(values[np.isfinite(values)])
     return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
-
-
-def _decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return 10 * np.log10(np.where(ratio > 0, ratio, np.nan))

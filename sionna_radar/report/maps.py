@@ -1,6 +1,7 @@
-"""Parts of maps: rasters, axes with a north arrow, colour bars."""
+"""Parts of maps: their size and bounds, rasters, axes with a north arrow, colours and their bars."""
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -10,8 +11,33 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.raster import Raster
+from sionna_radar.report.colours import EMPTY, HEIGHTS
 
-EMPTY = "0.82"
+BOX_IN = (5.8, 4.8)  # largest width and height of a map on its own
+MAX_ASPECT = 3.0
+
+
+def map_size(bounds: tuple[float, float, float, float], box_in: tuple[float, float] = BOX_IN) -> tuple[float, float]:
+    """Return the size in inches of a map that fits the box."""
+    width_m, height_m = bounds[1] - bounds[0], bounds[3] - bounds[2]
+    scale = min(box_in[0] / width_m, box_in[1] / height_m)
+    return width_m * scale, height_m * scale
+
+
+def map_bounds(
+    extent_m: tuple[float, float, float, float], position_m: Float[np.ndarray, "n 3"]
+) -> tuple[float, float, float, float]:
+    """Return the edges (west, east, south, north) of a map of a grid and some positions."""
+    west, east, south, north = extent_m
+    if len(position_m):
+        pad = 0.03 * max(east - west, north - south)
+        low, high = position_m.min(axis=0) - pad, position_m.max(axis=0) + pad
+        west, east = min(west, low[0]), max(east, high[0])
+        south, north = min(south, low[1]), max(north, high[1])
+    # A strip gets room at its sides: a sliver of a map has no place for its ticks and its colour bar.
+    shortest = max(east - west, north - south) / MAX_ASPECT
+    across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
+    return float(west - across), float(east + across), float(south - along), float(north + along)
 
 
 def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> None:
@@ -19,9 +45,7 @@ def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> N
     axes.set_facecolor(EMPTY)
     height = np.ma.masked_invalid(raster.height_m)
     # Smoothing would let colours bleed into empty cells.
-    axes.imshow(
-        height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest"
-    )
+    axes.imshow(height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest")
 
 
 def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str) -> None:
@@ -50,9 +74,7 @@ def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str
     )
 
 
-def colour_bar(
-    axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither"
-) -> None:
+def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither") -> None:
     """Put a colour bar beside a map that is so many inches wide."""
     # An inset keeps the height of its map, which the layout engine's own bars do not where scales are equal.
     inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
@@ -62,3 +84,23 @@ def colour_bar(
 def empty_patch() -> Patch:
     """Return the legend entry of empty cells."""
     return Patch(facecolor=EMPTY, edgecolor="0.4", label="No height: shadow or no echo")
+
+
+def height_limits(*rasters: Raster) -> tuple[float, float]:
+    """Return the lowest and the highest of all heights, in metres, some way apart."""
+    heights = np.concatenate([r.height_m[r.filled] for r in rasters])
+    if len(heights) == 0:
+        return 0.0, 1.0
+    low, high = float(heights.min()), float(heights.max())
+    # A level surface needs a scale too.
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+def height_colours(limits: tuple[float, float]) -> ScalarMappable:
+    """Return the colours of heights between two limits, for a colour bar."""
+    return ScalarMappable(Normalize(*limits), HEIGHTS)
+
+
+def dot_size(map_in: tuple[float, float], count: int) -> float:
+    """Return the size of a dot, in points, at which that many leave most of a map to be seen."""
+    return float(np.clip(72 * np.sqrt(map_in[0] * map_in[1] / max(count, 1)) / 8, 0.75, 2.5))

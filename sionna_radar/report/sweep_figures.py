@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
 
+from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.figure_files import save_figures
 from sionna_radar.sweep import Axis, Case, Sweep, label
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "black")  # Okabe and Ito
+COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = {
     "rms_m": "RMS error (m)",

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.raster import Grid, Raster
-from sionna_radar.report import figures
+from sionna_radar.report import environment_figure, figures
 from sionna_radar.survey import Survey
 
 DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
@@ -98,7 +98,7 @@ def test_boresight_meets_a_slope_where_geometry_says() -> None:
     pose = Pose(
         position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn
     )
-    hits = figures._meet_ground(pose, slope)
+    hits = environment_figure._meet_ground(pose, slope)
     # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the raster's edge, nothing.
     np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=0.2)
     np.testing.assert_allclose(hits[:3, 2], 0.1 * hits[:3, 0], atol=0.2)
