@@ -32,11 +32,9 @@ angle = np.deg2rad(scenario.radar.scan.incidence_deg)
 position = survey.points.position_m
 
 # %%
-# Truth on the axis: the first surface it meets. Along the axis, range and height differ by the cosine of 46.5 deg.
+# Truth on the axis: the first surface it meets.
 radar_x = survey.points.origin_m[:, 0]
 meets_roof = radar_x + np.tan(angle) * (HEIGHT_M - ROOF_M) <= EDGE_M
-axis_z = np.where(meets_roof, ROOF_M, 0.0)
-axis_x = radar_x + np.tan(angle) * (HEIGHT_M - axis_z)
 # The error h of the paper: the placed height against the surface that lies under the placed point.
 below = np.where(position[:, 0] <= EDGE_M, ROOF_M, 0.0)
 error = position[:, 2] - below

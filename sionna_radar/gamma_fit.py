@@ -55,7 +55,10 @@ class GammaFit:
 
 
 def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material best between two incidence angles."""
+    """Return the constant gamma that fits a material best between two incidence angles.
+
+    Raises ScenarioError for a span that is none, or a material that scatters nothing there.
+    """
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is no span of incidence; give 0 <= from < to < 90"
         raise ScenarioError([Problem("--from-deg", message)], "command line")
@@ -78,7 +81,10 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
 
 
 def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarisation."""
+    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarisation.
+
+    Raises ScenarioError for a material that the scenario does not have, and as `fit_gamma` does.
+    """
     tables = scenario.all_materials
     if name not in tables:
         message = f"{name!r} is no material of the scenario; use one of {', '.join(sorted(tables))}"

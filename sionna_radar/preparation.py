@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.errors import Problem, ScenarioError
@@ -110,9 +110,7 @@ def _reference_echo(scenario: Scenario, antenna: Antenna, chirp: Chirp, built: B
     )
 
 
-def _schedule(
-    scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None
-) -> PulseSchedule:
+def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation: Navigation | None) -> PulseSchedule:
     rate_hz, errors = scenario.radar.chirp_rate_hz, scenario.platform.navigation
     return schedule_pulses(
         trajectory,
@@ -227,7 +225,7 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
         raise ScenarioError(problems)
 
 
-def _over_hole(looks: _Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> np.ndarray:
+def _over_hole(looks: _Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " look"]:
     """Tell which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
     down = np.minimum(looks.direction[:, 2], -1e-6)
     reach = (low[2] - looks.origin_m[:, 2]) / down

@@ -214,7 +214,10 @@ def grid_dem(points: Points, ready: Preparation) -> Raster:
 
 
 def map_points(points: Points, profiles: Profiles | None, ready: Preparation) -> Raster:
-    """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles."""
+    """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles.
+
+    Raises ScenarioError where another method has none.
+    """
     method = ready.scenario.dem.method
     if method == "linear":
         return grid_dem(points, ready)

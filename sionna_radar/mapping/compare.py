@@ -31,7 +31,10 @@ class DemError:
 
 
 def difference(dem: Raster, truth: Raster) -> Raster:
-    """Return DEM minus truth on their common grid."""
+    """Return DEM minus truth on their common grid.
+
+    Raises ValueError where their grids differ.
+    """
     if dem.grid != truth.grid:
         message = f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other"
         raise ValueError(message)

@@ -157,7 +157,7 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
 def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]) -> Cut:
     """Return a cut from measured power against the angle from boresight, in increasing order.
 
-    Angles outside the measurement get the power of its nearest end.
+    Angles outside the measurement get the power of its nearest end. Raises ValueError for angles out of order.
     """
     if np.any(np.diff(angle_rad) <= 0):
         message = "angle_rad must increase from sample to sample; sort the cut"

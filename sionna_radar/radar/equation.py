@@ -1,6 +1,7 @@
 """The radar equation over an extended plane, by quadrature over the beam."""
 
 import numpy as np
+from jaxtyping import Float
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -54,6 +55,7 @@ def two_way_beam_sr(antenna: Antenna) -> float:
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
 
 
-def _equal_shares(cut: Cut) -> np.ndarray:
+def _equal_shares(cut: Cut) -> Float[np.ndarray, " node"]:
+    """Return direction cosines that split what the cut receives into equal shares."""
     shares = (np.arange(NODES) + 0.5) / NODES
     return np.interp(shares, cut.two_way_distribution, cut.cosine)

@@ -58,7 +58,10 @@ def draw_all(survey: Survey, directory: Path) -> list[Path]:
 
 
 def chirp(survey: Survey) -> Figure:
-    """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections."""
+    """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
+
+    Raises ValueError for a survey whose sensor has no chirps.
+    """
     record = survey.chirp
     if record is None:
         message = "the survey's sensor has no chirps to draw"

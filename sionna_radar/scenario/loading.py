@@ -18,7 +18,10 @@ REMEDIES = {
 
 
 def scenes_directory() -> Path:
-    """Return the folder of shipped scenarios: inside the wheel, or beside the package in a checkout."""
+    """Return the folder of shipped scenarios: inside the wheel, or beside the package in a checkout.
+
+    Raises InputFileError where the installation lacks it.
+    """
     package = Path(__file__).resolve().parents[1]
     for candidate in (package / "scenes", package.parent / "scenes"):
         if candidate.is_dir():
@@ -59,7 +62,10 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
 
 
 def find_scenario(path_or_name: str | Path) -> Path:
-    """Return the file of a scenario given by path or by shipped name; an existing file wins."""
+    """Return the file of a scenario given by path or by shipped name; an existing file wins.
+
+    Raises InputFileError where there is neither.
+    """
     path = Path(path_or_name)
     if path.is_file():
         return path
@@ -74,7 +80,14 @@ def find_scenario(path_or_name: str | Path) -> Path:
 
 
 def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenario:
-    """Validate a scenario given as nested tables; all problems are reported at once."""
+    """Validate a scenario given as nested tables; all problems are reported at once.
+
+    Raises
+    ------
+    ScenarioError
+        The scenario is wrong; every problem is listed with its dotted key, value and remedy.
+
+    """
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
@@ -83,7 +96,10 @@ def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenari
 
 
 def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
-    """Read `KEY=VALUE` assignments; a value is TOML, and a bare word is a string."""
+    """Read `KEY=VALUE` assignments; a value is TOML, and a bare word is a string.
+
+    Raises ScenarioError for an assignment without a key or an equals sign.
+    """
     overrides: dict[str, Any] = {}
     for assignment in assignments:
         key, separator, text = assignment.partition("=")

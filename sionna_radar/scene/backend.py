@@ -78,6 +78,12 @@ def load_mitsuba() -> Any:
     """Import Mitsuba with a variant that Sionna RT runs on, and return the module.
 
     The variant is CUDA where a GPU is usable, else LLVM; SIONNA_RADAR_VARIANT overrides the choice.
+
+    Raises
+    ------
+    BackendError
+        SIONNA_RADAR_VARIANT names no variant, no libLLVM serves, or Dr.Jit was imported before one was chosen.
+
     """
     wanted = os.environ.get(VARIANT_VARIABLE)
     if wanted and wanted not in VARIANTS:
@@ -157,7 +163,10 @@ class BackendReport:
 
 
 def describe_backend() -> BackendReport:
-    """Load the backend, trace one ray on it, and report what it is."""
+    """Load the backend, trace one ray on it, and report what it is.
+
+    Raises BackendError where it does not load or traces wrongly.
+    """
     mi = load_mitsuba()
     import drjit as dr
 

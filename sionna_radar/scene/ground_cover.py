@@ -64,7 +64,16 @@ def cover_ground(
 def classes_at(
     cover: CoverRaster, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
-    """Return the class value of the cell that each point of the plan lies in; NO_CLASS beyond the raster."""
+    """Return the class value of the cell that each point of the plan lies in; NO_CLASS beyond the raster.
+
+    Raises
+    ------
+    InputFileError
+        The raster cannot be read, or lies nowhere over the points.
+    ScenarioError
+        Only one of the raster and the terrain has a place on the Earth.
+
+    """
     try:
         with rasterio.open(cover.path) as source:
             x, y = _in_crs_of(source, point_m, georeference)

@@ -9,7 +9,7 @@ MathWorks documents its implementation of the same model for 1 to 18 GHz only: d
 
 import csv
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,8 +69,7 @@ class TableBackscatter:
     """sigma0 given at some incidence angles, interpolated in dB without overshoot (monotone cubic, PCHIP).
 
     Outside the table the value at its nearer end is held: terrain has facets at every angle, and a survey
-    should not stop for one of them; `covers` tells how far the table reaches. At and beyond 90 deg the
-    surface faces away and sigma0 is zero.
+    should not stop for one of them. At and beyond 90 deg the surface faces away and sigma0 is zero.
     """
 
     incidence_rad: tuple[float, ...]
@@ -103,28 +102,6 @@ class TableBackscatter:
         rows = _read_rows(path)
         angles_deg, levels_db = zip(*rows, strict=True)
         return cls(incidence_rad=tuple(np.radians(angles_deg).tolist()), sigma0_db=tuple(levels_db))
-
-    @classmethod
-    def sampled(
-        cls, sigma0: Callable[[np.ndarray], np.ndarray], *, max_incidence_rad: float, samples: int
-    ) -> "TableBackscatter":
-        """Return a table of a slower model's `sigma0` at evenly spaced angles from nadir."""
-        angles = np.linspace(0.0, max_incidence_rad, samples)
-        with np.errstate(divide="ignore"):
-            levels_db = 10.0 * np.log10(sigma0(angles))
-        if not np.all(np.isfinite(levels_db)):
-            message = (
-                f"max_incidence_rad = {max_incidence_rad:g} reaches angles where the model's sigma0 is zero; "
-                "sample fewer"
-            )
-            raise ValueError(message)
-        return cls(incidence_rad=tuple(angles.tolist()), sigma0_db=tuple(levels_db.tolist()))
-
-    def covers(self, incidence_rad: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return which angles lie inside the table, where nothing is extrapolated."""
-        angle = np.abs(incidence_rad)
-        inside: Bool[np.ndarray, " n"] = (angle >= self.incidence_rad[0]) & (angle <= self.incidence_rad[-1])
-        return inside
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""

@@ -29,15 +29,10 @@ class Hits:
         return np.isfinite(self.distance_m)
 
 
-def mitsuba_mesh(surface: Surface, bsdf: Any = None) -> Any:
+def mitsuba_mesh(surface: Surface) -> Any:
     """Return a surface as a Mitsuba mesh with flat faces."""
     mi = load_mitsuba()
-    properties = mi.Properties()
-    if bsdf is not None:
-        properties["mesh_bsdf"] = bsdf
-    mesh = mi.Mesh(
-        surface.name, len(surface.vertices_m), len(surface.faces), props=properties, has_vertex_normals=False
-    )
+    mesh = mi.Mesh(surface.name, len(surface.vertices_m), len(surface.faces), has_vertex_normals=False)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = mi.Float(surface.vertices_m.astype(np.float32).ravel())
     parameters["faces"] = mi.UInt32(surface.faces.astype(np.uint32).ravel())
@@ -65,8 +60,6 @@ class RayCaster:
         mi = load_mitsuba()
         import drjit as dr
 
-        if len(origin_m) == 0:  # Dr.Jit has no answer for none
-            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64))
         found = self.intersect(self.prepare(origin_m, direction))
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)

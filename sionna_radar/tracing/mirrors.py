@@ -33,6 +33,8 @@ SAME_CORNER_M = 1e-3
 SAME_PLANE = 1e-9
 # The float32 of the ray caster.
 TOUCHING_M = 0.02
+# Nearer mirrors are not looked for, so that small facets need not be kept.
+LEAST_RANGE_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,16 +146,11 @@ def _planes(edge_number: Int[np.ndarray, " n"], normal: Float[np.ndarray, "face 
 
 
 class MirrorTracer:
-    """Traces the mirror reflections of a scene.
+    """Traces the mirror reflections of a scene."""
 
-    least_range_m: nearer mirrors are not looked for, so that small facets need not be kept.
-    """
-
-    def __init__(
-        self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster, least_range_m: float = 1.0
-    ) -> None:
+    def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        least_m = float(self._fresnel_radius_m(np.array([least_range_m]))[0])
+        least_m = float(self._fresnel_radius_m(np.array([LEAST_RANGE_M]))[0])
         self._patches: list[Patch] = []
         for number, surface in enumerate(scene.surfaces):
             mirror = as_radar_material(scene.materials[surface.material]).mirror

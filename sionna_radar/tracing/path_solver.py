@@ -4,6 +4,7 @@ It shoots its rays over the whole sphere, so a pencil beam gets few of them; its
 """
 
 import numpy as np
+from jaxtyping import Float, UInt32
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
@@ -80,6 +81,8 @@ class PathSolverEngine:
             surface=self._sionna.surface_of_shape[shape],
         )
 
-    def _normals(self, shape: np.ndarray, primitive: np.ndarray) -> np.ndarray:
+    def _normals(
+        self, shape: UInt32[np.ndarray, " path"], primitive: UInt32[np.ndarray, " path"]
+    ) -> Float[np.ndarray, "path 3"]:
         mesh = dr.reinterpret_array(mi.MeshPtr, mi.UInt32(shape))
         return np.asarray(mesh.face_normal(mi.UInt32(primitive)).numpy()).T

@@ -6,7 +6,7 @@ incidence t stands for the solid angle A cos t / r^2. Ranges, and with them phas
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
@@ -57,7 +57,9 @@ class PersistentEngine:
         row, which = (np.concatenate(column) for column in zip(*parts, strict=True))
         return self._table(pulses, row, which)
 
-    def _seen(self, pulses: Pulses, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _seen(
+        self, pulses: Pulses, rows: Int[np.ndarray, " chunk"]
+    ) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]]:
         """Return pulse row and scatterer of the pairs that lie in the beam and see each other."""
         pose = pulses.true
         beam, which = self._scatterers.cells.in_beams(pose.position_m[rows], pose.R_world_antenna[rows], self._reach)
@@ -76,7 +78,7 @@ class PersistentEngine:
         seen = (in_beam & ~self._sionna.rt_scene.mi_scene.ray_test(ray, in_beam)).numpy()
         return rows[beam[seen]], which[seen]
 
-    def _table(self, pulses: Pulses, row: np.ndarray, which: np.ndarray) -> Paths:
+    def _table(self, pulses: Pulses, row: Int[np.ndarray, " pair"], which: Int[np.ndarray, " pair"]) -> Paths:
         pose, points = pulses.true, self._scatterers
         away = points.position_m[which] - pose.position_m[row]
         range_m = np.linalg.norm(away, axis=1)
@@ -94,11 +96,17 @@ class PersistentEngine:
             surface=points.surface[which],
         )
 
-    def _gains(self, pulses: Pulses, row: np.ndarray, which: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    def _gains(
+        self,
+        pulses: Pulses,
+        row: Int[np.ndarray, " pair"],
+        which: Int[np.ndarray, " pair"],
+        probability: Float[np.ndarray, " pair"],
+    ) -> Complex[np.ndarray, " pair"]:
         points = self._scatterers
         device_row, device_which = mi.UInt32(row.astype(np.uint32)), mi.UInt32(which.astype(np.uint32))
         if len(row) == 0:
-            return np.zeros(0)
+            return np.zeros(0, dtype=np.complex64)
         shape = self._sionna.shape_of_surface[points.surface[which]].astype(np.uint32)
         buffer = diffuse_buffer(
             device_row,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.scene.model import Scene
@@ -167,13 +167,17 @@ def _area(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
     return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
 
 
-def _touching(corner: Float[np.ndarray, "face 3 3"], region_m: Float[np.ndarray, "2 3"] | None) -> np.ndarray:
+def _touching(
+    corner: Float[np.ndarray, "face 3 3"], region_m: Float[np.ndarray, "2 3"] | None
+) -> Bool[np.ndarray, " face"]:
     if region_m is None:
         return np.ones(len(corner), dtype=bool)
     return np.all((corner.max(axis=1) >= region_m[0]) & (corner.min(axis=1) <= region_m[1]), axis=1)
 
 
-def _by_area(area: Float[np.ndarray, " face"], per_m2: float, generator: np.random.Generator) -> np.ndarray:
+def _by_area(
+    area: Float[np.ndarray, " face"], per_m2: float, generator: np.random.Generator
+) -> Int[np.ndarray, " scatterer"]:
     """Return the triangle of each scatterer: equal steps through the area, one random start."""
     edge = np.cumsum(area) * per_m2
     step = np.arange(int(edge[-1] + generator.random())) + generator.random()

@@ -46,7 +46,7 @@ MARSHALL_PALMER_EXPONENT = -0.21
 
 
 def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
-    """Return the Marshall-Palmer drops of a rain rate, which must be positive.
+    """Return the Marshall-Palmer drops of a rain rate; ValidityError for one that is not positive.
 
     An average over many rains, which at 10 mm/h carries 16 % more water to the ground than that.
     At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
