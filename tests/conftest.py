@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.flight.pulses import Pose, Pulses
@@ -15,6 +16,10 @@ from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.terrain import mesh_of
 
 GAMMA = 0.01
+
+# How long an example takes says more of the machine than of the code.
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 def make_chirp(**changes: object) -> Chirp:
