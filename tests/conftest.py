@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from sionna_radar.cli import main
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
@@ -34,6 +35,10 @@ snr_db = 30.0
 [tracing]
 paths_per_pulse = 64
 """
+
+# How long an example takes says more of the machine than of the code.
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")
 
 
 def make_chirp(**changes: object) -> Chirp:

@@ -176,11 +176,12 @@ class SmallPerturbation(RoughTable):
 class IntegralEquation(RoughTable):
     """The integral-equation model, single scattering; `fresnel_angle` is where its reflection is taken.
 
-    At "nadir", which "auto" takes for rougher surfaces, its sigma0 grows without bound toward grazing.
+    "transition" goes from "incidence" to "nadir" as the surface gets rougher. At "nadir" sigma0 grows without bound
+    toward grazing.
     """
 
     model: Literal["integral_equation"]
-    fresnel_angle: Literal["auto", "incidence", "nadir"] = "auto"
+    fresnel_angle: Literal["transition", "incidence", "nadir"] = "transition"
 
 
 class SionnaItu(Table):

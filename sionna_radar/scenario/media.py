@@ -64,6 +64,13 @@ class Vegetation(Table):
     water_fraction: NonNegative
 
 
+class Asphalt(Table):
+    """A dry asphalt road; the number of the mix is its largest grain in millimetres."""
+
+    kind: Literal["asphalt"]
+    mix: Literal["AC11DS", "SMA8S", "SMA11S"]
+
+
 class BuildingMedium(Table):
     """A material of ITU-R P.2040-3, Table 3."""
 
@@ -84,6 +91,6 @@ class BuildingMedium(Table):
 
 
 Medium = Annotated[
-    Soil | Water | Ice | DrySnow | WetSnow | Vegetation | BuildingMedium,
+    Soil | Water | Ice | DrySnow | WetSnow | Vegetation | Asphalt | BuildingMedium,
     Discriminator("kind"),
 ]

@@ -1,8 +1,9 @@
 """The permittivity of a scenario's medium at the carrier."""
 
-from sionna_radar.scenario.media import BuildingMedium, DrySnow, Ice, Medium, Soil, Vegetation, Water
+from sionna_radar.scenario.media import Asphalt, BuildingMedium, DrySnow, Ice, Medium, Soil, Vegetation, Water
 from sionna_radar.scene.permittivity import (
     SOURCES,
+    asphalt_permittivity,
     building_permittivity,
     dry_snow_permittivity,
     ice_permittivity,
@@ -27,6 +28,8 @@ def permittivity_of(medium: Medium, carrier_hz: float) -> complex:
             return ice_permittivity(carrier_hz, **given)
         case DrySnow():
             return dry_snow_permittivity(carrier_hz, **given)
+        case Asphalt():
+            return asphalt_permittivity(carrier_hz, **given)
         case Vegetation():
             return vegetation_permittivity(carrier_hz, **given)
     return wet_snow_permittivity(carrier_hz, **given)

@@ -14,6 +14,9 @@ Where the numbers come from (all read while this file was written):
 * The measured bands: Hallikainen and others, "Microwave Dielectric Behavior of Wet Soil, Part I" (abstract:
   1.4 to 18 GHz) and "Microwave Dielectric Spectrum of Vegetation, Part I" (abstract: 0.2 to 20 GHz).
 * ITU-R P.2040-3, Table 3, as shipped in sionna-rt 2.2.0 (`sionna/rt/radio_materials/itu.py`).
+* Kurz, Stuelzebach, Pfeiffer, van Driesten and Biebl, "Road Surface Characteristics for the Automotive 77 GHz
+  Band", Adv. Radio Sci. 19 (2021) 165-172: abstract read there, the numbers in the authors' own data files
+  (github LudwigFriedmann/OpenMATERIAL, `materials/data/*_permittivity.gltf`: 76-81 GHz, 280 K, 45 deg).
 
 `SOURCES` says for each function over which band its formula is published and over which band the
 measurements behind it were made, where that is known. At 77 GHz soil and vegetation are inside the first but
@@ -85,6 +88,16 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
             measured_hz=(0.2e9, 20e9),
             note="published to 1000 GHz, measured to 20 GHz: an extrapolation at 77 GHz; leaf, not canopy",
         ),
+        "asphalt": Source(
+            document="Kurz and others 2021 (doi 10.5194/ars-19-165-2021), data in OpenMATERIAL",
+            published_hz=(76e9, 81e9),
+            measured_hz=(76e9, 81e9),
+            note=(
+                "measured at 77 GHz, from the power reflected at 45 deg by Fresnel's equations: an effective real "
+                "permittivity that holds the loss and the texture of the road; P.2040-3 has 4.83 - j1.09 if carried "
+                "on from 40 GHz"
+            ),
+        ),
     }
 )
 
@@ -120,6 +133,10 @@ _BUILDING: Mapping[str, _BuildingRow] = MappingProxyType(
 )
 
 BUILDING_MATERIALS: tuple[str, ...] = tuple(_BUILDING)
+
+
+# Real permittivity of dry road surfaces at 76 to 81 GHz: asphalt concrete and stone mastic asphalt, by grain in mm.
+_ASPHALT: Mapping[str, float] = MappingProxyType({"AC11DS": 8.6, "SMA8S": 10.4, "SMA11S": 8.3})
 
 
 def _require(field: str, value: float, lowest: float, highest: float, remedy: str) -> None:
@@ -332,6 +349,22 @@ def vegetation_permittivity(frequency_hz: float, *, temperature_c: float, water_
     real = dry + free * water.real + bound * (2.9 + 55.0 * (1.0 + root) / denominator)
     loss = free * (-water.imag + 22.86 / f) + bound * 55.0 * root / denominator
     return complex(real, -loss)
+
+
+def asphalt_permittivity(frequency_hz: float, *, mix: str) -> complex:
+    """Return the effective permittivity of a dry asphalt road, 76 to 81 GHz (Kurz and others 2021).
+
+    `mix` is "AC11DS" (asphalt concrete), "SMA8S" or "SMA11S" (stone mastic asphalt), the number being the
+    largest grain in millimetres. It was found from the power reflected at 45 deg, so it is real: loss and
+    texture are in it, not apart.
+    """
+    source = SOURCES["asphalt"]
+    _require("frequency_hz", frequency_hz, *source.published_hz, "give a measured complex permittivity instead")
+    real = _ASPHALT.get(mix)
+    if real is None:
+        message = f"mix = {mix!r} is unknown; use one of {', '.join(_ASPHALT)}"
+        raise ValueError(message)
+    return complex(real)
 
 
 def building_permittivity(material: str, frequency_hz: float) -> complex:

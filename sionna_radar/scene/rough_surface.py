@@ -17,8 +17,9 @@ Permittivities follow exp(+j w t): eps' - j eps''.
 Sources read while this was written:
 
 * IEM: Fung, Li and Chen, IEEE TGRS 30 (1992) 356-369, eqs. 44, 45, 82, 91 and 95, through SMRT's
-  `smrt/interface/iem_fung92.py`, whose own regression values the tests repeat; its switch of Fresnel
-  coefficient through `iem_fung92_brogioni10.py` (Brogioni and others, IJRS 2010).
+  `smrt/interface/iem_fung92.py`, whose own regression values the tests repeat. The transition of its
+  Fresnel coefficient: Wu, Chen, Shi and Fung, IEEE TGRS 39 (2001) 2040-2050, abstract; equations through CReSIS's
+  `iemb.m` (from Fung and Chen, "Microwave Scattering and Emission Models for Users", 2010).
 * Small perturbation: Ulaby, Moore and Fung, "Microwave Remote Sensing" II pp. 949-966, and Ruck, "Radar Cross
   Section Handbook" 2 pp. 703-718, through a public transcription (`smallPerturbation.m`).
 * Geometrical optics: Ulaby, Moore and Fung II pp. 925-936, through `physicalOpticsLargeUlaby.m` and SMRT's
@@ -29,7 +30,7 @@ Sources read while this was written:
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -37,7 +38,7 @@ from scipy.constants import speed_of_light
 
 Polarization = Literal["V", "H"]
 Correlation = Literal["gaussian", "exponential"]
-FresnelAngle = Literal["auto", "incidence", "nadir"]
+FresnelAngle = Literal["transition", "incidence", "nadir"]
 
 # The series in the roughness needs about (2 k s)^2 terms; far above this height geometrical optics holds.
 MAX_RELATIVE_HEIGHT = 20.0
@@ -256,19 +257,20 @@ class IntegralEquation:
     """Single-scattering integral-equation model (IEM) of Fung, Li and Chen (1992), co-polar backscatter.
 
     `fresnel_angle` is where the Fresnel coefficient is taken: at the angle of "incidence" (slightly rough
-    surfaces), at "nadir" (very rough ones), or "auto", which goes from the first to the second where
-    k s k L exceeds |sqrt(eps)| (Brogioni and others 2010; the step is abrupt).
+    surfaces), at "nadir" (very rough ones, far from grazing, where it grows without bound), or "transition",
+    which goes from the first to the second as the roughness grows and back to the first toward grazing
+    (Wu, Chen, Shi and Fung 2001).
     """
 
     surface: RoughSurface
     polarization: Polarization = "V"
-    fresnel_angle: FresnelAngle = "auto"
+    fresnel_angle: FresnelAngle = "transition"
 
     def __post_init__(self) -> None:
         _check_polarization(self.polarization)
         _check_series(self.surface)
-        if self.fresnel_angle not in ("auto", "incidence", "nadir"):
-            message = f"fresnel_angle = {self.fresnel_angle!r} is unknown; use 'auto', 'incidence' or 'nadir'"
+        if self.fresnel_angle not in get_args(FresnelAngle):
+            message = f"fresnel_angle = {self.fresnel_angle!r} is unknown; use 'transition', 'incidence' or 'nadir'"
             raise ValueError(message)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -295,8 +297,7 @@ class IntegralEquation:
     ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Return the Kirchhoff and complementary field coefficients (Fung and others 1992)."""
         eps = self.surface.permittivity
-        at = np.ones_like(cosine) if self._reflects_at_nadir() else cosine
-        reflection = fresnel_reflection(eps, at, self.polarization)
+        reflection = self._reflection(cosine)
         sine_squared = 1.0 - cosine**2
         tangent_squared = sine_squared / cosine**2
         common = sine_squared / cosine * (1.0 + reflection) ** 2
@@ -305,10 +306,43 @@ class IntegralEquation:
             return 2.0 * reflection / cosine, common * bracket
         return -2.0 * reflection / cosine, -common * (eps - 1.0) / cosine**2
 
-    def _reflects_at_nadir(self) -> bool:
-        if self.fresnel_angle == "auto":
-            return self._exceeds_incidence_limit()
-        return self.fresnel_angle == "nadir"
+    def _reflection(self, cosine: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
+        eps = self.surface.permittivity
+        at_incidence = fresnel_reflection(eps, cosine, self.polarization)
+        at_nadir = fresnel_reflection(eps, np.ones_like(cosine), self.polarization)
+        match self.fresnel_angle:
+            case "incidence":
+                return at_incidence
+            case "nadir":
+                return at_nadir
+        return at_incidence + (at_nadir - at_incidence) * self._share_of_nadir(cosine)
+
+    def _share_of_nadir(self, cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return 1 - S / S0 of Wu and others (2001): 0 for a smooth surface or at grazing, 1 for a very rough one.
+
+        S is the share of the complementary field in the backscatter when the coefficient is the nadir one, S0
+        its limit for a vanishing roughness.
+        """
+        surface, eps = self.surface, self.surface.permittivity
+        nadir = complex(fresnel_reflection(eps, np.ones(1), "V")[0])
+        sine_squared = 1.0 - cosine**2
+        refracted = np.sqrt(eps - sine_squared + 0j)
+        # Both fields by the reflection at nadir, which the ratio cancels.
+        complementary = 8.0 * nadir * sine_squared * (cosine + refracted) / (cosine * refracted)
+        kirchhoff = 2.0 / cosine
+        cross = np.real(complementary) * kirchhoff
+        depth = (surface.relative_height * cosine) ** 2
+        # The sums of depth^n / n! spectrum over (1, 2^n, 4^n), each by exp(-depth), as Poisson weights.
+        alone, once, twice = np.zeros((3, len(cosine)))
+        for order, spectrum in _spectra(surface, cosine):
+            alone += spectrum * _poisson(order, depth)
+            once += spectrum * _poisson(order, 2.0 * depth)
+            twice += spectrum * _poisson(order, 4.0 * depth)
+        share = np.abs(complementary) ** 2 / 4.0 * alone
+        limit = np.abs(complementary + 4.0 * kirchhoff) ** 2
+        whole = share + cross * once + kirchhoff**2 * np.exp(depth) * twice
+        # Where the spectrum has underflown there is no backscatter to share.
+        return 1.0 - np.divide(limit * alone / 4.0, whole, out=np.ones_like(whole), where=whole > 0)
 
     def _exceeds_incidence_limit(self) -> bool:
         surface = self.surface

@@ -22,15 +22,18 @@ class Atmosphere:
 
     def __init__(self, weather: Weather, antenna: Antenna, chirp: Chirp, seed: int) -> None:
         self._weather, self._antenna = weather, antenna
-        raining = weather.rain_rate_mm_per_h > 0
+        # Drops are taken for spheres, which keep the polarisation: a cross-polar receiver does not see them.
+        raining = weather.rain_rate_mm_per_h > 0 and antenna.receives == "co"
         self._rain = RainEcho(weather, antenna, chirp, seed) if raining else None
 
+    def with_rain(self, paths: Paths, pulses: Pulses) -> Paths:
+        """Return a block's diffuse paths and the echo of the rain in front of them."""
+        return paths if self._rain is None else Paths.concatenate([paths, self._rain.trace(pulses, paths)])
+
     def through(self, paths: Paths, pulses: Pulses) -> Paths:
-        """Return a block's paths as they come through the weather, with the rain's; clear air changes nothing."""
+        """Return a block's paths with the loss on their way; clear air changes nothing."""
         if self._weather.clear:
             return paths
-        if self._rain is not None:
-            paths = Paths.concatenate([paths, self._rain.trace(pulses, paths)])
         loss = self.attenuation_db_per_km(pulses.true)[np.searchsorted(pulses.index, paths.pulse)]
         left = two_way_attenuation(paths.delay_s * (speed_of_light / 2), loss)
         return dataclasses.replace(paths, gain=paths.gain * np.sqrt(left))

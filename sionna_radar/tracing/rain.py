@@ -57,7 +57,7 @@ class RainEcho:
     def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
         """Return the tones of a block of pulses, sorted by pulse, those of a pulse by range.
 
-        surfaces: the paths of the block, which end the rain.
+        surfaces: the diffuse paths of the block, which end the rain; a mirror's would outweigh its place in the beam.
         """
         share = self._in_air(pulses, surfaces)
         row, cell = np.nonzero(share > LEAST_SHARE)

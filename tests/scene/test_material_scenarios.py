@@ -124,6 +124,7 @@ def test_what_makes_no_sense_is_refused_by_its_key(table, key):
         ({**SOIL, "temperature_c": -5.0}, "temperature_c"),
         ({"kind": "soil"}, None),
         ({"kind": "asphalt_concrete"}, ""),
+        ({"kind": "asphalt", "mix": "tar"}, "mix"),
         ({"kind": "water", "temperature_c": 90.0}, "temperature_c"),
         ({"kind": "vegetation", "temperature_c": 10.0, "water_fraction": 0.8}, "water_fraction"),
         ({"kind": "wet_snow", "temperature_c": 0.0, "dry_density_g_cm3": 2.0, "liquid_fraction": 0.1}, "density"),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sionna_radar.scene.permittivity import (
     BUILDING_MATERIALS,
     SOURCES,
+    asphalt_permittivity,
     building_permittivity,
     dry_snow_permittivity,
     ice_permittivity,
@@ -21,6 +22,7 @@ from sionna_radar.scene.permittivity import (
     water_permittivity,
     wet_snow_permittivity,
 )
+from sionna_radar.scene.rough_surface import fresnel_reflection
 
 CARRIER_HZ = 77e9
 LOAM = {"sand_percent": 40.0, "clay_percent": 20.0, "specific_gravity": 2.65}
@@ -210,6 +212,29 @@ def test_metal_is_a_conductor():
 def test_building_materials_are_refused_outside_their_band(material):
     with pytest.raises(ValueError, match=rf"frequency_hz = 7.7e\+10 .*{material}.*measured"):
         building_permittivity(material, CARRIER_HZ)
+
+
+@pytest.mark.parametrize(("mix", "real"), [("AC11DS", 8.6), ("SMA8S", 10.4), ("SMA11S", 8.3)])
+def test_asphalt_is_as_measured_at_77_ghz(mix, real):
+    # OpenMATERIAL materials/data/<mix>_permittivity.gltf: 76-81 GHz, 45 deg (Kurz and others 2021).
+    assert asphalt_permittivity(CARRIER_HZ, mix=mix) == real
+
+
+def test_asphalt_is_refused_outside_the_measured_band():
+    for frequency_hz in (24e9, 94e9, math.nan):
+        with pytest.raises(ValueError, match=r"frequency_hz = .* is outside 7.6e\+10 to 8.1e\+10; give a measured"):
+            asphalt_permittivity(frequency_hz, mix="SMA8S")
+    with pytest.raises(ValueError, match="mix = 'tar' is unknown; use one of AC11DS, SMA8S, SMA11S"):
+        asphalt_permittivity(CARRIER_HZ, mix="tar")
+
+
+def test_concrete_reflects_as_measured_on_a_road():
+    # The same campaign found 4.64 on concrete plates and 4.34 on a broom finish; P.2040-3 has 5.24.
+    ours = building_permittivity("concrete", CARRIER_HZ)
+    cosine = np.cos([math.radians(45.0)])
+    for measured in (4.64, 4.34):
+        ratio = abs(fresnel_reflection(ours, cosine, "H") / fresnel_reflection(measured, cosine, "H"))[0]
+        assert 20 * math.log10(ratio) == pytest.approx(0.0, abs=1.1)
 
 
 def test_an_unknown_building_material_names_the_known_ones():

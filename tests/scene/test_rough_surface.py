@@ -86,6 +86,47 @@ def test_iem_becomes_geometrical_optics_for_a_very_rough_surface(polarization):
     np.testing.assert_allclose(db(iem), db(optics), atol=0.1)
 
 
+def share_of_nadir_written_plainly(ground, angle):
+    """Sum the series of Wu and others (2001) term by term, as `iemb.m` of the CReSIS toolbox does."""
+    cs, s, eps = math.cos(angle), math.sin(angle), ground.permittivity
+    depth = (ground.relative_height * cs) ** 2
+    nadir = (np.sqrt(eps) - 1) / (np.sqrt(eps) + 1)
+    ft = 8 * nadir**2 * s**2 * (cs + np.sqrt(eps - s**2)) / (cs * np.sqrt(eps - s**2))
+    top = bottom = 0.0
+    for n in range(1, 40):
+        term = depth**n / math.factorial(n) * ground.spectrum(n, np.array([2 * ground.wavenumber * s]))[0]
+        top += 0.25 * abs(ft) ** 2 * term
+        bottom += term * abs(ft / 2 + 2 ** (n + 1) * nadir / cs * math.exp(-depth)) ** 2
+    return 1 - top / bottom * abs(1 + 8 * nadir / (cs * ft)) ** 2
+
+
+@pytest.mark.parametrize("correlation", ["gaussian", "exponential"])
+@pytest.mark.parametrize(("ks", "kl"), [(0.1, 1.0), (0.7, 4.0), (1.5, 6.0)])
+@pytest.mark.parametrize("incidence_deg", [3.0, 40.0, 75.0, 89.0])
+@pytest.mark.parametrize("polarization", ["V", "H"])
+def test_the_fresnel_coefficient_of_iem_goes_from_incidence_to_nadir(correlation, ks, kl, incidence_deg, polarization):
+    ground, angle = surface(ks, kl, correlation), math.radians(incidence_deg)
+    share = share_of_nadir_written_plainly(ground, angle)
+    at_incidence = fresnel_reflection(ground.permittivity, np.cos([angle]), polarization)
+    at_nadir = fresnel_reflection(ground.permittivity, np.ones(1), polarization)
+    model = IntegralEquation(surface=ground, polarization=polarization)
+    used = model._reflection(np.cos([angle]))
+    assert used == pytest.approx(at_incidence + share * (at_nadir - at_incidence), rel=1e-9)
+
+
+@pytest.mark.parametrize("polarization", ["V", "H"])
+@pytest.mark.parametrize(("ks", "kl"), [(0.5, 3.0), (1.0, 10.0), (2.5, 12.0)])
+def test_iem_falls_toward_grazing_however_rough_the_surface(polarization, ks, kl):
+    angles = np.radians([85.0, 88.0, 89.5])
+    for correlation in ("gaussian", "exponential"):
+        ground = surface(ks, kl, correlation)
+        falling = db(IntegralEquation(surface=ground, polarization=polarization).sigma0(angles))
+        assert np.all(np.diff(falling) < -2.0)
+    # A coefficient taken at nadir does not vanish there and lets sigma0 grow without bound.
+    nadir = IntegralEquation(surface=ground, polarization=polarization, fresnel_angle="nadir").sigma0(angles)
+    assert np.all(np.diff(db(nadir)) > 10.0)
+
+
 def test_physical_optics_becomes_geometrical_optics_near_nadir():
     rough = surface(8.0, 60.0)
     angles = np.radians([0.0, 5.0])

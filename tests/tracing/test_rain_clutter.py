@@ -5,9 +5,11 @@ import pytest
 from scipy.stats import kstest
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.preparation import prepare
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario
+from sionna_radar.sensors import build_tracer
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.survey import run
 from sionna_radar.tracing.atmosphere import Atmosphere
@@ -66,7 +68,7 @@ def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, chirp_of, look
     chirp = chirp_of(sampling=sampling, samples=1024 if sampling == "real" else 512)
     pulses = looking(400, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0))
     atmosphere = Atmosphere(weather, pencil, chirp, 5)
-    beat = synthesise(atmosphere.through(NOTHING, pulses), pulses, chirp)
+    beat = synthesise(atmosphere.through(atmosphere.with_rain(NOTHING, pulses), pulses), pulses, chirp)
     analyser = SpectrumAnalyser(chirp, "hann", 1)
     # A cell of the spectrum sums to its power times the window's noise bandwidth.
     bandwidth = chirp.samples * np.sum(analyser.window**2)
@@ -170,3 +172,38 @@ def test_a_roof_ends_the_rain_for_its_share_of_the_beam(surface_of, scene_of, an
     cells = slice(round(33.0 / rain.cell_m), round(48.0 / rain.cell_m))
     found = np.sum(np.abs(tones.gain[between]) ** 2) / (200 * rain.cell_power[cells].sum())
     assert found == pytest.approx(0.5, abs=0.03)
+
+
+def rain_over_a_platform(material: dict, **antenna):
+    """Trace 16 chirps straight down through rain on a wide platform 6 m high, and return the rain and the rest."""
+    scenario = load_scenario(
+        "roof_edge",
+        {
+            "platform.altitude_m": 30.0,
+            "radar.scan": {"mode": "fixed", "incidence_deg": 0.0},
+            "radar.antenna": {"beamwidth_deg": 8.0, **antenna},
+            "weather.rain_rate_mm_per_h": RATE,
+            "materials.building": material,
+            "buildings": [{"position_m": [0.0, 0.0], "size_m": [60.0, 2.0, 6.0]}],
+        },
+    )
+    ready = prepare(scenario)
+    paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(16)))
+    rain = paths.surface == RAIN
+    return paths.delay_s[rain], paths.gain[rain], paths.gain[~rain]
+
+
+def test_a_mirror_does_not_hide_the_rain_beside_it():
+    rough = {"model": "lambertian", "nadir_sigma0_db": -15.0}
+    smooth = {**rough, "specular": True, "medium": {"kind": "metal"}, "rms_height_m": 1e-5}
+    delay, gain, others = rain_over_a_platform(rough)
+    beside_mirror = rain_over_a_platform(smooth)
+    assert np.abs(beside_mirror[2]).max() > 10 * np.abs(others).max()
+    np.testing.assert_array_equal(beside_mirror[0], delay)
+    np.testing.assert_allclose(beside_mirror[1], gain, rtol=1e-6)
+
+
+def test_a_cross_polar_receiver_sees_no_spheres():
+    rough = {"model": "lambertian", "nadir_sigma0_db": -15.0, "cross_polar_db": -10.0}
+    assert len(rain_over_a_platform(rough)[0]) > 0
+    assert len(rain_over_a_platform(rough, receive_polarization="cross")[0]) == 0
