@@ -19,7 +19,6 @@ from sionna_radar.report.folder import check_output
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey import Survey
-    from sionna_radar.sweep import Case
 
 DEMO = "san_francisco"
 
@@ -142,6 +141,8 @@ def plan(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
     ] = Path("plan.toml"),
+    position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
+    heading: Annotated[float, typer.Option(help="The area, turned so far clockwise about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
     speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
     incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
@@ -151,14 +152,17 @@ def plan(
     most_rpm: Annotated[float, typer.Option(help="Fastest turn of the antenna.")] = 600.0,
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
-    """Plan a flight that covers an area centred on the origin, and write it as a scenario."""
+    """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
+    from sionna_radar.plan_check import check_plan
     from sionna_radar.planning import Wanted, plan_flight, planned_scenario
-    from sionna_radar.report.plan_table import parse_area, print_plan
+    from sionna_radar.report.plan_table import parse_pair, print_check, print_plan
     from sionna_radar.scenario import to_toml
 
     wanted = Wanted(
-        size_m=parse_area(area),
+        size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
         sampling_m=sampling,
+        position_m=parse_pair("--position", position, ",", "EAST,NORTH, e.g. 120,-40"),
+        heading_deg=heading,
         altitude_m=altitude,
         speed_mps=speed,
         incidence_deg=incidence,
@@ -170,13 +174,16 @@ def plan(
     )
     taken = _load(base, {}) if base else None
     planned = plan_flight(wanted, taken)
-    text = to_toml(planned_scenario(planned, taken))
+    scenario = planned_scenario(planned, taken)
+    checked = check_plan(planned, scenario)
+    text = to_toml(scenario)
     try:
         output.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         message = f"output = {output} cannot be written ({error.strerror}); name another file"
         raise OutputError(message) from error
     print_plan(planned)
+    print_check(checked)
     typer.echo(f"scenario in {output}")
 
 
@@ -345,14 +352,6 @@ def _print_result(survey: "Survey", output: Path, files: int) -> None:
         table.add_row(name, value)
     Console(highlight=False).print(table)
     typer.echo(f"{files} files in {output}")
-
-
-def _with_spread(case: "Case", statistic: str) -> str:
-    mean, spread = case.mean(statistic), case.spread(statistic)
-    if statistic == "coverage":
-        return f"{mean:.1%}" if spread != spread else f"{mean:.1%} ±{spread:.1%}"
-    sign = "+" if statistic in ("min_m", "max_m", "mean_m") else ""
-    return f"{mean:{sign}.3f}" if spread != spread else f"{mean:{sign}.3f} ±{spread:.3f}"
 
 
 @contextmanager

@@ -31,6 +31,7 @@ ORDER = (
     ("survey",),
     ("remapping",),
     ("planning",),
+    ("plan_check",),
     ("report", "crosscheck", "sweep", "budget"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
