@@ -132,6 +132,29 @@ def budget(
 
 
 @app.command()
+def image(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
+    from sionna_radar import image as imaging
+    from sionna_radar.report.image_table import print_image
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, _overrides(set_, seed))
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_image", imaging.MARKER)
+    with _progress(quiet) as progress:
+        result = imaging.fly_images(checked, progress=progress)
+    written = imaging.write(result, directory)
+    if not quiet:
+        print_image(result)
+        typer.echo(f"{len(written)} files in {directory}")
+
+
+@app.command()
 def plan(
     area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
     sampling: Annotated[float, typer.Option(metavar="M", help="Farthest that neighbouring echoes may lie apart.")],

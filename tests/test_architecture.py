@@ -32,7 +32,7 @@ ORDER = (
     ("remapping",),
     ("planning",),
     ("plan_check",),
-    ("report", "crosscheck", "sweep", "budget"),
+    ("report", "crosscheck", "sweep", "budget", "image"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}

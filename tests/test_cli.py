@@ -256,6 +256,20 @@ def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
     assert not (tmp_path / "other").exists()
 
 
+def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
+    sparse = ("--set", "platform.length_m=7", "--set", "platform.start_m=[-3.0, 0.0]")
+    done = cli("image", "slar", "-o", tmp_path / "out", *sparse, "--set", "tracing.scatterers_per_m2=5")
+    assert done.returncode == 0, done.stderr
+    assert "SAR, theory" in done.stdout
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert written == {"image.json", "scenario.toml", "slar.nc", "sar.nc", "figures/slar.png", "figures/sar.png"}
+    refused = cli("image", small, "-o", tmp_path / "other")
+    assert refused.returncode == 2
+    assert "radar.scan.mode: 'whisk_broom' does not look to the side" in refused.stderr
+    assert refused.stderr.count("error:") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "small.toml"]
+
+
 def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
     file = tmp_path / "plan.toml"
     done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
