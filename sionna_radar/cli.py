@@ -18,7 +18,6 @@ from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
-    from sionna_radar.survey import Survey
 
 DEMO = "san_francisco"
 
@@ -327,6 +326,7 @@ def _fly(
     scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
 ) -> None:
     from sionna_radar.report.products import MARKER, write_products
+    from sionna_radar.report.survey_table import print_survey
     from sionna_radar.survey import BLOCK_SIZE, run
 
     _log_to_stderr(quiet)
@@ -336,7 +336,8 @@ def _fly(
         survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
     written = write_products(survey, directory)
     if not quiet:
-        _print_result(survey, output, len(written))
+        print_survey(survey)
+        typer.echo(f"{len(written)} files in {output}")
 
 
 def _load(scenario: str, overrides: dict[str, object]) -> "Scenario":
@@ -350,31 +351,6 @@ def _overrides(assignments: list[str] | None, seed: int | None) -> dict[str, obj
 
     overrides = parse_overrides(assignments or [])
     return overrides if seed is None else {**overrides, "seed": seed}
-
-
-def _print_result(survey: "Survey", output: Path, files: int) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    error, timing = survey.dem_error, survey.timing_s
-    flown = survey.schedule.trajectory.cruise_s()
-    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
-    rows = {
-        "pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}",
-        "DEM cells, coverage": f"{error.count:,}, {error.coverage:.1%} of the lit ground",
-    }
-    if error.count:
-        rows |= {
-            "elevation error RMS": f"{error.rms_m:.3f} m",
-            "mean, standard deviation": f"{error.mean_m:+.3f} m, {error.std_m:.3f} m",
-            "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
-            "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
-        }
-    rows["time"] = f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight"
-    for name, value in rows.items():
-        table.add_row(name, value)
-    Console(highlight=False).print(table)
-    typer.echo(f"{files} files in {output}")
 
 
 @contextmanager
