@@ -19,7 +19,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scenario.models import FlatTerrain, HillsTerrain
+from sionna_radar.scenario.models import FlatTerrain
 
 # The beam must not be wider on the ground than this many ground samples.
 BEAM_SAMPLES = 2.0
@@ -41,7 +41,7 @@ class Wanted:
     position_m: the area's centre, east and north.
     heading_deg: direction of the area's second side, clockwise from north.
     sampling_m: farthest that neighbouring echoes may lie apart.
-    overlap: share of a swath that the next line flies again.
+    overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
     greatest_slope_deg: steepest slope that must not fall into a shadow.
     """
 
@@ -179,8 +179,8 @@ def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
         "half_swath_deg": math.degrees(plan.half_swath_rad),
         "rotation_rpm": plan.rotation_rpm,
     }
-    if isinstance(base.terrain, FlatTerrain | HillsTerrain):
-        # These are centred on the origin, wherever the area is.
+    if isinstance(base.terrain, FlatTerrain):
+        # A plane is a plane whatever its size; hills of another size would be other hills.
         reach = 2 * (np.abs(np.array(plan.waypoints_m)).max(axis=0) + 1.2 * plan.reach_m + 10.0)
         data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
     data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
@@ -247,10 +247,8 @@ def _lines(
     right, forward = wanted.size_m
     along, across = max(right, forward), min(right, forward)
     swath = 2 * altitude * math.tan(half_swath)
-    count = max(1, math.ceil((across - wanted.overlap * swath) / (swath * (1 - wanted.overlap)) - 1e-9))
-    spacing = (across - swath) / (count - 1) if count > 1 else swath * (1 - wanted.overlap)
-    if count > 1:
-        spacing = min(max(spacing, 0.0), swath * (1 - wanted.overlap))
+    count = math.ceil(across / (swath * (1 - wanted.overlap)) - 1e-9)
+    spacing = across / count
     offset = spacing * (np.arange(count) - (count - 1) / 2)
     # The beam meets the ground ahead: farthest at the edges of the swath, nearest in its middle.
     near, far = altitude * math.tan(incidence), altitude * math.tan(incidence) / math.cos(half_swath)

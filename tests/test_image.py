@@ -11,6 +11,8 @@ from sionna_radar.errors import ScenarioError
 from sionna_radar.image import MARKER, fly_images, write
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.point_response import Point, Widths, alone, measured_in_patch
+from sionna_radar.raster import Georeference
+from sionna_radar.report.image_products import write_slar
 from sionna_radar.report.image_table import print_image
 from sionna_radar.scenario import parse_scenario
 
@@ -92,6 +94,17 @@ def test_the_files_hold_the_point_where_it_stands(folder, imagery):
     assert names["slant_range"][column] == pytest.approx(np.hypot(GROUND, 28.0), abs=0.1)
     assert names["east"][row] == pytest.approx(EAST, abs=0.4)
     np.testing.assert_allclose(names["radar_height"], 28.0)
+
+
+def test_the_files_of_a_place_on_the_earth_hold_its_coordinates(imagery, tmp_path):
+    place = Georeference(crs_wkt="PROJCS[...]", origin_m=(500_000.0, 5_000_000.0, 300.0))
+    write_slar(tmp_path / "slar.nc", dataclasses.replace(imagery, georeference=place))
+    with netcdf_file(tmp_path / "slar.nc", mmap=False) as file:
+        assert file.crs_wkt == b"PROJCS[...]"
+        east, north = (file.variables[name][:].copy() for name in ("east", "north"))
+        assert file.variables["east"].long_name == b"map easting"
+    np.testing.assert_allclose(east, 500_000.0 - 4.5 + imagery.slant.along_m, atol=0.02)
+    np.testing.assert_allclose(north, 5_000_000.0, atol=1e-6)
 
 
 def test_the_numbers_are_written_and_printed(folder, imagery, capsys):

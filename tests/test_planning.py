@@ -110,19 +110,21 @@ def test_what_the_terrain_takes_from_a_plan_is_told():
 def test_a_plan_over_hills_holds_too():
     base = load_scenario("hills", {"terrain.spacing_m": 2.0})
     plan = plan_flight(Wanted(size_m=(60.0, 40.0), sampling_m=3.0, position_m=(20.0, 10.0), heading_deg=30.0), base)
-    check = check_plan(plan, planned_scenario(plan, base))
-    assert check.coverage > 0.99
+    scenario = planned_scenario(plan, base)
+    assert scenario.terrain == base.terrain
+    assert check_plan(plan, scenario).coverage > 0.99
 
 
 def test_lines_overlap_as_asked():
     plan = plan_flight(Wanted(size_m=(300.0, 100.0), sampling_m=3.0, altitude_m=20.0, half_swath_deg=45.0))
     assert plan.swath_m == pytest.approx(40.0)
-    assert plan.line_spacing_m <= 0.8 * plan.swath_m
-    assert (plan.lines - 1) * plan.line_spacing_m + plan.swath_m >= 100.0 - 1e-9
-    assert plan.lines == 3
+    # Three lines of 32 m each would not do; four are 25 m apart, and reach 7.5 m beyond the border on each side.
+    assert plan.lines == 4
+    assert plan.line_spacing_m == pytest.approx(25.0)
+    assert (plan.lines - 1) * plan.line_spacing_m + plan.swath_m == pytest.approx(115.0)
     lines = np.array(plan.waypoints_m).reshape(-1, 2, 2)
     headings = np.sign(lines[:, 1, 0] - lines[:, 0, 0])
-    np.testing.assert_array_equal(headings, [1, -1, 1])
+    np.testing.assert_array_equal(headings, [1, -1, 1, -1])
     legs = np.linalg.norm(np.diff(np.array(plan.waypoints_m), axis=0), axis=1)
     assert plan.flight_s == pytest.approx(legs.sum() / 10)
 

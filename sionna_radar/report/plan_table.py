@@ -60,7 +60,7 @@ def print_check(check: PlanCheck) -> None:
     console.print(table)
     if check.coverage < 1:
         console.print(
-            "not all of the area is sampled as wanted: the terrain is no level ground; plan a finer --sampling, more "
-            "--overlap, a greater --slope, or set platform.height = 'terrain_following' in the base",
+            "not all of the area is sampled as wanted, for the terrain is no level ground; plan with a greater --slope "
+            "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
             soft_wrap=True,
         )
