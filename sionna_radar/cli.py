@@ -180,6 +180,7 @@ def plan(
     from sionna_radar.report.plan_table import parse_pair, print_check, print_plan
     from sionna_radar.scenario import to_toml
 
+    _log_to_stderr(quiet=False)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
         sampling_m=sampling,

@@ -101,10 +101,12 @@ def test_the_files_of_a_place_on_the_earth_hold_its_coordinates(imagery, tmp_pat
     write_slar(tmp_path / "slar.nc", dataclasses.replace(imagery, georeference=place))
     with netcdf_file(tmp_path / "slar.nc", mmap=False) as file:
         assert file.crs_wkt == b"PROJCS[...]"
-        east, north = (file.variables[name][:].copy() for name in ("east", "north"))
+        east, north, height = (file.variables[name][:].copy() for name in ("east", "north", "radar_height"))
+        assert file.ground_height_m == pytest.approx(300.0)
         assert file.variables["east"].long_name == b"map easting"
     np.testing.assert_allclose(east, 500_000.0 - 4.5 + imagery.slant.along_m, atol=0.02)
     np.testing.assert_allclose(north, 5_000_000.0, atol=1e-6)
+    np.testing.assert_allclose(height, 328.0)
 
 
 def test_the_numbers_are_written_and_printed(folder, imagery, capsys):

@@ -18,8 +18,9 @@ from sionna_radar.scene.model import Target
 # Half extent of what a target is measured in, in its theoretical widths, and the samples in each.
 PATCH_WIDTHS = 3.0
 SAMPLES_PER_WIDTH = 8
-# A target is measured that stands so far above the median around it.
-LEAST_CONTRAST = 10.0
+# A target is measured that stands so far above the median around it. Speckle, exponential about 1.44 times its median,
+# does so once in 2^30 cells.
+LEAST_CONTRAST = 30.0
 # Swerling's cases that change from pulse to pulse: their images have no width of their own.
 UNSTEADY = (2, 4)
 

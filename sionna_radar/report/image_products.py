@@ -98,7 +98,8 @@ def write_slar(path: Path, imagery: Imagery) -> None:
         _axis(file, "along", image.along_m, "place along the track from the first pulse")
         _axis(file, "slant_range", image.range_m, "slant range, corrected for Doppler")
         _variable(file, "power", image.power, ("along", "slant_range"), "W", "received power, mean of a stretch")
-        _variable(file, "radar_height", image.height_m, ("along",), "m", "mean height of the radar, as measured")
+        height = image.height_m + _origin_m(imagery)[2]
+        _variable(file, "radar_height", height, ("along",), "m", "mean height of the radar, as measured")
         _places(file, imagery, track, row=0)
 
 
@@ -120,21 +121,24 @@ def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
     file.history = f"simulated with seed {imagery.scenario.seed}"
     file.scenario = to_toml(imagery.scenario)
     file.side = imagery.strip.side
-    file.ground_height_m = imagery.strip.height_m
+    file.ground_height_m = imagery.strip.height_m + _origin_m(imagery)[2]
     if imagery.georeference:
         file.crs_wkt = imagery.georeference.crs_wkt
 
 
 def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | None = None) -> None:
     """Write the map coordinates of all pixels, or of one row of them."""
-    origin = imagery.georeference.origin_m if imagery.georeference else (0.0, 0.0, 0.0)
-    place = grid.position_m[..., :2] + np.array(origin[:2])
+    place = grid.position_m[..., :2] + np.array(_origin_m(imagery)[:2])
     dimensions: tuple[str, ...] = ("ground_range", "along")
     if row is not None:
         place, dimensions = place[row], dimensions[1:]
     frame = "map" if imagery.georeference else "local"
     for number, name in enumerate(("east", "north")):
         _variable(file, name, place[..., number], dimensions, "m", f"{frame} {name}ing")
+
+
+def _origin_m(imagery: Imagery) -> tuple[float, float, float]:
+    return imagery.georeference.origin_m if imagery.georeference else (0.0, 0.0, 0.0)
 
 
 def _axis(file: netcdf_file, name: str, values: np.ndarray, meaning: str) -> None:
