@@ -18,7 +18,6 @@ from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
-    from sionna_radar.survey import Survey
 
 DEMO = "san_francisco"
 
@@ -131,6 +130,29 @@ def budget(
 
 
 @app.command()
+def image(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
+    from sionna_radar import image as imaging
+    from sionna_radar.report.image_table import print_image
+
+    _log_to_stderr(quiet)
+    checked = _load(scenario, _overrides(set_, seed))
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_image", imaging.MARKER)
+    with _progress(quiet) as progress:
+        result = imaging.fly_images(checked, progress=progress)
+    written = imaging.write(result, directory)
+    if not quiet:
+        print_image(result)
+        typer.echo(f"{len(written)} files in {directory}")
+
+
+@app.command()
 def plan(
     area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
     sampling: Annotated[float, typer.Option(metavar="M", help="Farthest that neighbouring echoes may lie apart.")],
@@ -140,6 +162,8 @@ def plan(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
     ] = Path("plan.toml"),
+    position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
+    heading: Annotated[float, typer.Option(help="The area, turned so far clockwise about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
     speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
     incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
@@ -149,14 +173,18 @@ def plan(
     most_rpm: Annotated[float, typer.Option(help="Fastest turn of the antenna.")] = 600.0,
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
-    """Plan a flight that covers an area centred on the origin, and write it as a scenario."""
+    """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
+    from sionna_radar.plan_check import check_plan
     from sionna_radar.planning import Wanted, plan_flight, planned_scenario
-    from sionna_radar.report.plan_table import parse_area, print_plan
+    from sionna_radar.report.plan_table import parse_pair, print_check, print_plan
     from sionna_radar.scenario import to_toml
 
+    _log_to_stderr(quiet=False)
     wanted = Wanted(
-        size_m=parse_area(area),
+        size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
         sampling_m=sampling,
+        position_m=parse_pair("--position", position, ",", "EAST,NORTH, e.g. 120,-40"),
+        heading_deg=heading,
         altitude_m=altitude,
         speed_mps=speed,
         incidence_deg=incidence,
@@ -168,13 +196,16 @@ def plan(
     )
     taken = _load(base, {}) if base else None
     planned = plan_flight(wanted, taken)
-    text = to_toml(planned_scenario(planned, taken))
+    scenario = planned_scenario(planned, taken)
+    checked = check_plan(planned, scenario)
+    text = to_toml(scenario)
     try:
         output.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         message = f"output = {output} cannot be written ({error.strerror}); name another file"
         raise OutputError(message) from error
     print_plan(planned)
+    print_check(checked)
     typer.echo(f"scenario in {output}")
 
 
@@ -295,6 +326,7 @@ def _fly(
     scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
 ) -> None:
     from sionna_radar.report.products import MARKER, write_products
+    from sionna_radar.report.survey_table import print_survey
     from sionna_radar.survey import BLOCK_SIZE, run
 
     _log_to_stderr(quiet)
@@ -304,7 +336,8 @@ def _fly(
         survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
     written = write_products(survey, directory)
     if not quiet:
-        _print_result(survey, output, len(written))
+        print_survey(survey)
+        typer.echo(f"{len(written)} files in {output}")
 
 
 def _load(scenario: str, overrides: dict[str, object]) -> "Scenario":
@@ -318,31 +351,6 @@ def _overrides(assignments: list[str] | None, seed: int | None) -> dict[str, obj
 
     overrides = parse_overrides(assignments or [])
     return overrides if seed is None else {**overrides, "seed": seed}
-
-
-def _print_result(survey: "Survey", output: Path, files: int) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    error, timing = survey.dem_error, survey.timing_s
-    flown = survey.schedule.trajectory.cruise_s()
-    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
-    rows = {
-        "pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}",
-        "DEM cells, coverage": f"{error.count:,}, {error.coverage:.1%} of the lit ground",
-    }
-    if error.count:
-        rows |= {
-            "elevation error RMS": f"{error.rms_m:.3f} m",
-            "mean, standard deviation": f"{error.mean_m:+.3f} m, {error.std_m:.3f} m",
-            "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
-            "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
-        }
-    rows["time"] = f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight"
-    for name, value in rows.items():
-        table.add_row(name, value)
-    Console(highlight=False).print(table)
-    typer.echo(f"{files} files in {output}")
 
 
 @contextmanager

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain
+from sionna_radar.scenario.terrain import FlatTerrain
 
 # The beam must not be wider on the ground than this many ground samples.
 BEAM_SAMPLES = 2.0
@@ -36,14 +37,18 @@ RUN_OUT_SAMPLES = 2.0
 class Wanted:
     """What is to be mapped, and what the platform and the radar can do.
 
-    size_m: the area's extent east and north, centred on the origin.
+    size_m: the area's extent to the right of its heading and along it: east and north while it heads north.
+    position_m: the area's centre, east and north.
+    heading_deg: direction of the area's second side, clockwise from north.
     sampling_m: farthest that neighbouring echoes may lie apart.
-    overlap: share of a swath that the next line flies again.
+    overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
     greatest_slope_deg: steepest slope that must not fall into a shadow.
     """
 
     size_m: tuple[float, float]
     sampling_m: float
+    position_m: tuple[float, float] = (0.0, 0.0)
+    heading_deg: float = 0.0
     altitude_m: float | None = None
     speed_mps: float = 10.0
     incidence_deg: float = 45.0
@@ -52,6 +57,13 @@ class Wanted:
     greatest_slope_deg: float = 20.0
     most_rotation_rpm: float = 600.0
     most_chirp_rate_hz: float = 5000.0
+
+    def to_world(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Return places counted from the area's centre, to the right of its heading and along it, as east, north."""
+        heading = math.radians(self.heading_deg)
+        right = np.array([math.cos(heading), -math.sin(heading)])
+        along = np.array([math.sin(heading), math.cos(heading)])
+        return np.array(self.position_m) + place_m[:, :1] * right + place_m[:, 1:] * along
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +179,8 @@ def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
         "half_swath_deg": math.degrees(plan.half_swath_rad),
         "rotation_rpm": plan.rotation_rpm,
     }
-    if isinstance(base.terrain, FlatTerrain | HillsTerrain):
+    if isinstance(base.terrain, FlatTerrain):
+        # A plane is a plane whatever its size; hills of another size would be other hills.
         reach = 2 * (np.abs(np.array(plan.waypoints_m)).max(axis=0) + 1.2 * plan.reach_m + 10.0)
         data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
     data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
@@ -187,6 +200,9 @@ def _check(wanted: Wanted) -> None:
             ("half-swath", wanted.half_swath_deg, 0.0, 85.0),
             ("overlap", wanted.overlap, -1e-9, 0.9),
             ("slope", wanted.greatest_slope_deg, -1e-9, 80.0),
+            ("position, east", wanted.position_m[0], -1e5, 1e5),
+            ("position, north", wanted.position_m[1], -1e5, 1e5),
+            ("heading", wanted.heading_deg, -360.0, 360.0),
         )
         if not least < value < most
     ]
@@ -228,13 +244,11 @@ def _lines(
     wanted: Wanted, altitude: float, incidence: float, half_swath: float
 ) -> tuple[float, tuple[tuple[float, float], ...]]:
     """Return the distance of the lines and their ends in the order flown, along the longer side of the area."""
-    east, north = wanted.size_m
-    along, across = max(east, north), min(east, north)
+    right, forward = wanted.size_m
+    along, across = max(right, forward), min(right, forward)
     swath = 2 * altitude * math.tan(half_swath)
-    count = max(1, math.ceil((across - wanted.overlap * swath) / (swath * (1 - wanted.overlap)) - 1e-9))
-    spacing = (across - swath) / (count - 1) if count > 1 else swath * (1 - wanted.overlap)
-    if count > 1:
-        spacing = min(max(spacing, 0.0), swath * (1 - wanted.overlap))
+    count = math.ceil(across / (swath * (1 - wanted.overlap)) - 1e-9)
+    spacing = across / count
     offset = spacing * (np.arange(count) - (count - 1) / 2)
     # The beam meets the ground ahead: farthest at the edges of the swath, nearest in its middle.
     near, far = altitude * math.tan(incidence), altitude * math.tan(incidence) / math.cos(half_swath)
@@ -244,8 +258,8 @@ def _lines(
     for number, side in enumerate(offset):
         way = 1 if number % 2 == 0 else -1
         for end in ends:
-            waypoints.append((float(way * end), float(side)) if east >= north else (float(side), float(way * end)))
-    return float(spacing), tuple(waypoints)
+            waypoints.append((way * end, side) if right >= forward else (side, way * end))
+    return float(spacing), tuple((float(x), float(y)) for x, y in wanted.to_world(np.array(waypoints)))
 
 
 def _default_base() -> Scenario:

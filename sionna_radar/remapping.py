@@ -16,7 +16,7 @@ from sionna_radar.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.sensors import Sensor, build_sensor
-from sionna_radar.survey import BLOCK_SIZE, Recording, grid_dem, place, record, true_surface
+from sionna_radar.survey import BLOCK_SIZE, Recording, map_points, place, record, true_surface
 
 # Poses alone are small; mapping takes many at once.
 MAPPED_AT_ONCE = 4096
@@ -37,9 +37,16 @@ class RecordedSurvey:
         return place(self.recording.echoes, self.sensor, schedule, block_size=MAPPED_AT_ONCE)
 
     def dem_error(self, navigation: Navigation | None) -> DemError:
-        """Return the error of the DEM made with a navigation system."""
-        # Plain gridding: a map that models whole echoes would have to be made anew for each navigation.
-        dem = grid_dem(self.points(navigation), self.ready)
+        """Return the error of the DEM made with a navigation system, by the scenario's own `dem.method`.
+
+        Raises
+        ------
+        ScenarioError
+            The method models whole echoes, and the sensor brings none.
+
+        """
+        ready = replace(self.ready, schedule=replace(self.ready.schedule, navigation=navigation))
+        dem = map_points(self.points(navigation), self.recording.profiles, ready)
         return summarise(difference(dem, self.truth), self.recording.lit & self.truth.filled)
 
     def navigation(self, table: NavigationTable, seed: int | None = None) -> Navigation | None:

@@ -31,7 +31,8 @@ ORDER = (
     ("survey",),
     ("remapping",),
     ("planning",),
-    ("report", "crosscheck", "sweep", "budget"),
+    ("plan_check",),
+    ("report", "crosscheck", "sweep", "budget", "image"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -206,11 +207,26 @@ def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
     assert not (tmp_path / "other").exists()
 
 
+def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
+    sparse = ("--set", "platform.length_m=7", "--set", "platform.start_m=[-3.0, 0.0]")
+    done = cli("image", "slar", "-o", tmp_path / "out", *sparse, "--set", "tracing.scatterers_per_m2=5")
+    assert done.returncode == 0, done.stderr
+    assert "SAR, theory" in done.stdout
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert written == {"image.json", "scenario.toml", "slar.nc", "sar.nc", "figures/slar.png", "figures/sar.png"}
+    refused = cli("image", small, "-o", tmp_path / "other")
+    assert refused.returncode == 2
+    assert "radar.scan.mode: 'whisk_broom' does not look to the side" in refused.stderr
+    assert refused.stderr.count("error:") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out", "small.toml"]
+
+
 def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
     file = tmp_path / "plan.toml"
     done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
     assert done.returncode == 0, done.stderr
     assert "altitude" in done.stdout
+    assert "100.00% of the area" in done.stdout
     flown = cli("run", file, "-o", tmp_path / "out", "-q", "--set", "sensor=lidar")
     assert flown.returncode == 0, flown.stderr
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -226,6 +242,9 @@ def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
         ("--area", "40", "--sampling", "4"),
         ("--area", "40x30", "--sampling", "0"),
         ("--area", "40xa", "--sampling", "4"),
+        ("--area", "40x30", "--sampling", "4", "--position", "12"),
+        ("--area", "40x30", "--sampling", "4", "--heading", "720"),
+        ("--area", "40x30", "--sampling", "4", "--base", "jacksboro", "--position", "90000,0"),
     ],
 )
 def test_a_plan_of_nothing_is_refused(cli, tmp_path, options):
@@ -233,6 +252,18 @@ def test_a_plan_of_nothing_is_refused(cli, tmp_path, options):
     assert done.returncode == 2
     assert done.stderr.startswith("error:")
     assert not (tmp_path / "plan.toml").exists()
+
+
+def test_a_plan_of_an_area_elsewhere(cli, tmp_path):
+    file = tmp_path / "plan.toml"
+    options = ("--area", "40x30", "--sampling", 4, "--position", "-120,60", "--heading", "-30")
+    done = cli("plan", *options, "-o", file)
+    assert done.returncode == 0, done.stderr
+    assert "100.00% of the area" in done.stdout
+    # One line, along the longer side, which at heading -30 points 60 deg clockwise from north: over the centre.
+    start, end = np.array(tomllib.loads(file.read_text())["platform"]["waypoints_m"])
+    assert np.rad2deg(np.arctan2(*(end - start))) == pytest.approx(60.0)
+    assert np.rad2deg(np.arctan2(*((-120, 60) - start))) == pytest.approx(60.0)
 
 
 def test_a_plan_needs_a_place_to_be_written(cli, tmp_path):

@@ -9,6 +9,7 @@ import pytest
 import sionna_radar
 from sionna_radar import parse_scenario, run
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.errors import ScenarioError
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.preparation import prepare
 from sionna_radar.remapping import record_survey
@@ -107,6 +108,22 @@ def test_a_survey_mapped_again_is_the_survey_flown_with_those_errors(exact):
     navigation = survey.navigation(NavigationTable(**NOISY))
     assert survey.dem_error(navigation) == run(scenario_of(navigation=NOISY)).dem_error
     assert survey.dem_error(survey.navigation(NavigationTable(**NOISY), seed=9)) != survey.dem_error(navigation)
+
+
+def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
+    """Each navigation moves the whole echoes that the map models, as it would have in flight."""
+    shorter = HILLS["platform"] | {"length_m": 6.0}
+    data = HILLS | {"platform": shorter, "dem": {"method": "smooth"}, "tracing": {"paths_per_pulse": 64}}
+    survey = record_survey(parse_scenario(data))
+    assert survey.dem_error(None) == run(parse_scenario(data)).dem_error
+    erring = data | {"platform": shorter | {"navigation": NOISY}}
+    assert survey.dem_error(survey.navigation(NavigationTable(**NOISY))) == run(parse_scenario(erring)).dem_error
+
+
+def test_a_lidar_has_no_echoes_for_a_map_to_model():
+    survey = record_survey(scenario_of(sensor="lidar", dem={"method": "smooth"}))
+    with pytest.raises(ScenarioError, match=r"dem\.method: 'smooth' models whole echoes.*set dem\.method = 'linear'"):
+        survey.dem_error(None)
 
 
 def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():

@@ -1,8 +1,22 @@
 """Named grades of GPS/IMU, with the sources of their numbers.
 
 Every quantity is a standard deviation and is taken as a first-order Gauss-Markov error, for a filter's output
-wanders and does not jump. The sources give no correlation times: those of `NavigationTable` are our assumption.
-A horizontal figure that a source gives for both axes together is divided by sqrt(2).
+wanders and does not jump. What each number rests on:
+
+- First-hand, the maker's claim, no test: position, velocity and heading of the "consumer" and "rtk" grades (Blicube's
+  specifications of its GRTK, RMS).
+- First-hand, the maker's test, but no truth: position of the "survey" grade. It is the RMS difference between two
+  solutions computed after the flights (PP-RTX against SmartBase, 100 data sets), the better of which is thought good
+  to 1-2 cm across and 2-4 cm in height; systematic errors that both share do not show, nor does a real-time solution
+  reach this.
+- Second-hand: roll and pitch of "rtk" (the maker's claim, as a user of the sensor lists it). Roll and pitch of "survey"
+  are from a trade journal's account of sensors on a ship; an aircraft moves otherwise.
+- From notes, the source itself not at hand when this was written: attitude of "consumer" (datasheet), and the figures
+  that the trade journal gives.
+- Our assumptions: the kind of process and its correlation times, those of `NavigationTable`, which no source gives;
+  that a horizontal figure counts both axes together, hence each is 1 / sqrt(2) of it, and that a velocity holds for
+  every axis; that the heading error of two antennas falls as their distance grows; that "survey" measures velocity no
+  better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm a kilometre, is left out.
 """
 
 import tomllib
@@ -14,7 +28,7 @@ from pydantic import ValidationError
 from sionna_radar.errors import InputFileError
 from sionna_radar.scenario.navigation import NavigationTable
 
-GRTK = "Blicube GRTK, performance specifications (github.com/blikvm/ardupilot_rtk)"
+GRTK = "Blicube GRTK, the maker's performance specifications (github.com/blikvm/ardupilot_rtk)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +45,9 @@ GRADES = {
         errors=NavigationTable(
             position_markov_m=(1.06, 1.06, 2.5), velocity_markov_mps=0.03, attitude_markov_deg=(0.4, 0.4, 1.0)
         ),
-        source=f"position, velocity: {GRTK}, single point; attitude: Moog Crossbow NAV440 datasheet rev. B",
+        source=(
+            f"position, velocity: {GRTK}, single point; attitude: Moog Crossbow NAV440 datasheet rev. B, from notes"
+        ),
     ),
     # 1 cm + 1 ppm horizontal and 1.5 cm + 1 ppm vertical, heading 0.2 deg over 1 m; roll and pitch in motion 0.5 deg.
     "rtk": Grade(
@@ -40,10 +56,10 @@ GRADES = {
         ),
         source=(
             f"position, velocity, heading: {GRTK}, RTK, antennas 1 m apart; roll, pitch: Xsens MTi-30 in motion, "
-            "as quoted by github.com/deepguider/dg_cart_ros"
+            "second-hand, as listed by github.com/deepguider/dg_cart_ros"
         ),
     ),
-    # 0.021, 0.020 and 0.056 m RMS over 100 flights; roll and pitch 0.01 to 0.025 deg at moderate rates.
+    # North 0.021, east 0.020, down 0.056 m RMS over 100 data sets; roll and pitch 0.01 to 0.025 deg at moderate rates.
     "survey": Grade(
         errors=NavigationTable(
             position_markov_m=(0.020, 0.021, 0.056),
@@ -51,9 +67,9 @@ GRADES = {
             attitude_markov_deg=(0.025, 0.025, 0.1),
         ),
         source=(
-            "position: Applanix POSPac PP-RTX, airborne accuracy assessment, table 1; roll, pitch: Hydro "
-            "International, motion sensor performance (five sensors side by side); velocity, heading: "
-            f"{GRTK}, antennas 2 m apart"
+            "position: Applanix POSPac PP-RTX, airborne accuracy assessment, table 1 (differences between two "
+            "post-processed solutions); roll, pitch: Hydro International, motion sensor performance (five sensors "
+            f"side by side on a ship), from notes; velocity, heading: {GRTK}, heading scaled to antennas 2 m apart"
         ),
     ),
 }

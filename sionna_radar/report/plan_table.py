@@ -6,23 +6,24 @@ from rich.console import Console
 from rich.table import Table
 
 from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.plan_check import PlanCheck
 from sionna_radar.planning import Plan
 
 
-def parse_area(text: str) -> tuple[float, float]:
-    """Return the extent of an area written as EASTxNORTH.
+def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
+    """Return the two numbers that an option of the command line gives.
 
     Raises
     ------
     ScenarioError
-        The text is no such extent.
+        The text is no such pair.
 
     """
     try:
-        east, north = (float(part) for part in text.lower().split("x"))
+        first, second = (float(part) for part in text.lower().split(separator))
     except ValueError as error:
-        raise ScenarioError([Problem("--area", f"{text!r} is not EASTxNORTH; give e.g. 200x150")], "plan") from error
-    return east, north
+        raise ScenarioError([Problem(option, f"{text!r} is no pair of numbers; give {form}")], "plan") from error
+    return first, second
 
 
 def print_plan(plan: Plan) -> None:
@@ -42,3 +43,24 @@ def print_plan(plan: Plan) -> None:
     for name, value in rows.items():
         table.add_row(name, value)
     Console(highlight=False).print(table)
+
+
+def print_check(check: PlanCheck) -> None:
+    """Print how finely the plan samples the area over its terrain, and what helps where it does not."""
+    wanted_m = check.plan.wanted.sampling_m
+    table = Table(title="Beam axes over the terrain of the scenario", title_justify="left", show_header=False)
+    rows = {
+        f"sampled at {wanted_m:g} m or finer": f"{check.coverage:.2%} of the area",
+        "sampling of 95 % of the area": f"{check.sampling_of(0.95):.2f} m or finer",
+        "coarsest": f"{check.coarsest_m:.2f} m",
+    }
+    for name, value in rows.items():
+        table.add_row(name, value)
+    console = Console(highlight=False)
+    console.print(table)
+    if check.coverage < 1:
+        console.print(
+            "not all of the area is sampled as wanted, for the terrain is no level ground; plan with a greater --slope "
+            "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
+            soft_wrap=True,
+        )
