@@ -74,6 +74,10 @@ class Raster:
         """Cells that hold a height."""
         return np.isfinite(self.height_m)
 
+    def only(self, cells: Bool[np.ndarray, "row column"]) -> "Raster":
+        """Return the raster with all other cells emptied."""
+        return Raster(grid=self.grid, height_m=np.where(cells, self.height_m, np.nan))
+
     def at(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return bilinear heights; NaN outside the cell centres or beside an empty cell."""
         grid = self.grid

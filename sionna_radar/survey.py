@@ -17,6 +17,7 @@ from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.edges import edge_cells
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.mapping.surface_map import map_surface
@@ -59,6 +60,8 @@ class Survey:
 
     pulses, paths: how many were simulated.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
+    dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
+    off_wall_error: of lit cells farther than half a footprint from any wall; None without buildings.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
     """
@@ -72,6 +75,8 @@ class Survey:
     truth: Raster
     error: Raster
     dem_error: DemError
+    lit_error: DemError
+    off_wall_error: DemError | None
     georeference: Georeference | None
     chirp: ChirpRecord | None
     timing_s: dict[str, float]
@@ -120,7 +125,8 @@ def run(
     with watch("compare"):
         truth = true_surface(ready)
         error = difference(dem, truth)
-        dem_error = summarise(error, recording.lit & truth.filled)
+        lit = recording.lit & truth.filled
+        walls = edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], scenario.buildings)
         chirp = record_chirp(ready, carried.tracer) if isinstance(carried, SawtoothRadar | TriangularRadar) else None
     return Survey(
         scenario=scenario,
@@ -131,7 +137,9 @@ def run(
         dem=dem,
         truth=truth,
         error=error,
-        dem_error=dem_error,
+        dem_error=summarise(error, lit),
+        lit_error=summarise(error.only(lit), lit),
+        off_wall_error=summarise(error.only(lit & ~walls), lit & ~walls) if scenario.buildings else None,
         georeference=ready.built.scene.georeference,
         chirp=chirp,
         timing_s=watch.seconds(),

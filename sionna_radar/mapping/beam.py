@@ -1,9 +1,11 @@
 """The beam as a map knows it: directions in the main lobe, and the share of the echo's power between them."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse import csr_matrix
 
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -20,31 +22,51 @@ class BeamNodes:
 
     direction: unit vectors of the nodes in the antenna's frame.
     share: two-way power of the fine samples, summing to one.
+    azimuth, elevation: direction cosines of the fine samples, azimuth the slower in `share`.
     between: takes values at the nodes to the samples, bilinear in the direction cosines.
     """
 
     direction: Float[np.ndarray, "node 3"]
     share: Float[np.ndarray, " sample"]
+    azimuth: Float[np.ndarray, " u"]
+    elevation: Float[np.ndarray, " v"]
     between: csr_matrix
+
+    def two_way(self, direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
+        """Return the two-way gain over the axis' along unit vectors in the antenna's frame; 0 outside the main lobe."""
+        gain: Float[np.ndarray, ...] = self._two_way(direction[..., 1:])
+        return np.where(direction[..., 0] > 0, gain, 0.0)
+
+    @cached_property
+    def _two_way(self) -> RegularGridInterpolator:
+        gain = (self.share / self.share.max()).reshape(len(self.azimuth), len(self.elevation))
+        return RegularGridInterpolator((self.azimuth, self.elevation), gain, bounds_error=False, fill_value=0.0)
 
 
 def beam_nodes(antenna: Antenna) -> BeamNodes:
     """Return the main lobe of an antenna: finer in elevation, along which the range changes."""
-    u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
-    v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
+    u, fine_u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
+    v, fine_v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
     share = np.outer(power_u, power_v).ravel()
     return BeamNodes(
         direction=np.column_stack([np.sqrt(1 - U**2 - V**2), U, V]),
         share=share / share.sum(),
+        azimuth=fine_u,
+        elevation=fine_v,
         between=csr_matrix(np.kron(between_u, between_v)),
     )
 
 
 def _axis(
     cut: Cut, nodes: int, samples: int
-) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " sample"], Float[np.ndarray, "sample node"]]:
-    """Return the nodes of one cut, the two-way power of its samples, and the interpolation between them."""
+) -> tuple[
+    Float[np.ndarray, " node"],
+    Float[np.ndarray, " sample"],
+    Float[np.ndarray, " sample"],
+    Float[np.ndarray, "sample node"],
+]:
+    """Return the nodes of one cut, its samples, their two-way power, and the interpolation between them."""
     power = cut.voltage**4
     peak = int(np.argmax(power))
     weak = np.flatnonzero(power < LOBE_EDGE * power[peak])
@@ -57,4 +79,4 @@ def _axis(
     between[np.arange(count), below] = 1 - (place - below)
     between[np.arange(count), below + 1] = place - below
     cosine = low + place / (nodes - 1) * (high - low)
-    return np.linspace(low, high, nodes), cut.at(cosine) ** 4, between
+    return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4, between

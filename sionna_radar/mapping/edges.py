@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 
 from sionna_radar.mapping.points import Points
+from sionna_radar.raster import Grid
 from sionna_radar.scenario.objects import Building
 
 
@@ -13,6 +15,17 @@ def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, 
     """Return half the longer side of the footprint that each point's beam has on level ground."""
     down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
     return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
+
+
+def edge_cells(
+    grid: Grid, points: Points, beamwidth_rad: float, buildings: Sequence[Building]
+) -> Bool[np.ndarray, "row column"]:
+    """Tell which cells lie within half a footprint of a wall; each has the footprint of the point next to it."""
+    if len(points) == 0 or not buildings:
+        return np.zeros(grid.shape, dtype=bool)
+    nearest = KDTree(points.position_m[:, :2]).query(grid.centres_m)[1]
+    reach_m = half_footprint_m(points, beamwidth_rad)[nearest]
+    return near_walls(grid.centres_m, reach_m, buildings).reshape(grid.shape)
 
 
 def near_walls(

@@ -11,6 +11,7 @@ from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, only, refine
 from sionna_radar.mapping.smoothing import Heights, smooth
+from sionna_radar.mapping.stepped import step_surface
 from sionna_radar.raster import Grid, Raster
 from sionna_radar.tracing.main_beam import MAIN_BEAM_SHARE
 
@@ -22,14 +23,15 @@ VISIBLE_M = 0.5
 
 
 def map_surface(
-    method: Literal["smooth", "refined"], points: Points, sightings: Sightings, grid: Grid, gap_m: float
+    method: Literal["smooth", "refined", "stepped"], points: Points, sightings: Sightings, grid: Grid, gap_m: float
 ) -> Raster:
     """Return the DEM of a survey by a smoothing surface.
 
     Parameters
     ----------
     method:
-        "smooth" lays the surface through the located echoes; "refined" fits it to the whole echoes.
+        "smooth" lays the surface through the located echoes; "refined" fits it to the whole echoes; "stepped" too, but
+        lets it break at walls.
     points:
         Located echoes.
     sightings:
@@ -43,8 +45,15 @@ def map_surface(
     empty = Raster(grid=grid, height_m=np.full(grid.shape, np.nan))
     if len(sightings) < FEWEST_PULSES:
         return empty
-    surface = refine(sightings, grid) if method == "refined" else _through(points, grid)
-    seen = seen_cells(sightings, surface, grid, gap_m)
+    heard = np.ones(grid.shape, dtype=bool)
+    match method:
+        case "smooth":
+            surface = _through(points, grid)
+        case "refined":
+            surface = refine(sightings, grid)
+        case "stepped":
+            surface, heard = step_surface(sightings, points, grid)
+    seen = heard & seen_cells(sightings, surface, grid, gap_m)
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     height = surface.at(x.ravel(), y.ravel()).reshape(grid.shape)
     return Raster(grid=grid, height_m=np.where(seen, height, np.nan))

@@ -24,6 +24,8 @@ def summary(survey: Survey) -> dict[str, Any]:
         "paths": survey.paths,
         "echoes": len(survey.points),
         "dem_error": asdict(survey.dem_error),
+        "lit_error": asdict(survey.lit_error),
+        "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
         "timing_s": survey.timing_s,
         "peak_memory_mb": survey.peak_memory_mb,
         "points_sha256": survey.points.sha256(),

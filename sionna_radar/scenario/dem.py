@@ -13,10 +13,11 @@ class DemTable(Table):
     method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through
     them, each weighted by its uncertainty, under a covariance that is learned from them. "refined" goes on from
     there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
-    echoes are most likely.
+    echoes are most likely. "stepped" is for built-up ground: it first finds where the surface breaks, from what all
+    echoes say for and against every height, and maps each level by itself; set processing.echoes = "all" with it.
     """
 
-    method: Literal["linear", "smooth", "refined"] = "linear"
+    method: Literal["linear", "smooth", "refined", "stepped"] = "linear"
     spacing_m: Positive = 1.0
     max_gap_m: Positive | None = None
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

@@ -122,6 +122,8 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
         truth=truth,
         error=error,
         dem_error=summarise(error, np.ones(grid.shape, dtype=bool)),
+        lit_error=summarise(error, np.ones(grid.shape, dtype=bool)),
+        off_wall_error=None,
         georeference=None,
         chirp=make_chirp(scenario, rng),
         timing_s={"tracing": 1.5, "total": 2.25},

@@ -1,0 +1,226 @@
+"""A DEM of ground with steps in it: walls stay steep, and each level between them is mapped by itself.
+
+1. What all echoes together say for and against every height of every cell (`evidence`), and the heights that agree
+   best with it and with each other (`levels`), give a coarse map that may jump.
+2. It falls into parts where neighbours differ by more than a step. A part that enough pulses see alone is mapped from
+   their whole echoes (`refinement`); a smaller one is the plane through its coarse heights, if it is one, set by the
+   echoes on it.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.evidence import evidence_against
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.mapping.levels import choose_levels
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, only, refine
+from sionna_radar.raster import Grid
+
+# The coarse map is made in blocks of cells, each with the cells about it that its pulses reach.
+BLOCK_CELLS, MARGIN_CELLS = 120, 24
+MARGIN_M = 3.0
+MOST_LEVELS = 128
+# A step is more than so many levels, and steeper than 45 deg.
+STEP_LEVELS = 4
+FEWEST_CELLS = 6
+# A part is a plane when so many of its cells lie within half a step of it, found in a few rounds.
+PLANE_SHARE, PLANE_ROUNDS = 0.7, 4
+
+
+def step_surface(
+    sightings: Sightings, points: Points, grid: Grid
+) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
+    """Return the most probable surface that may have steps, and the cells that some echo speaks for.
+
+    Parameters
+    ----------
+    sightings:
+        Profiles and measured poses.
+    points:
+        Located echoes.
+    grid:
+        Cells of the DEM.
+
+    """
+    coarse, heard, level_m = _coarse(sightings, points, grid)
+    part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
+    whole = _whole_part(sightings, part, grid)
+    height = coarse.copy()
+    for number in np.unique(part):
+        inside, own = part == number, whole == number
+        if own.sum() >= FEWEST_PULSES:
+            height[inside] = refine(only(sightings, own), grid).height_m[inside]
+        else:
+            height[inside] = _plane(coarse, inside, level_m, points, grid)
+    return Heightfield(grid=grid, height_m=height), heard
+
+
+def _coarse(
+    sightings: Sightings, points: Points, grid: Grid
+) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"], float]:
+    """Return heights of the cells by levels, block by block, whether echoes speak for them, and the widest level."""
+    height, heard = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
+    widest = sightings.profiles.cell_m
+    axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
+            columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
+            block = _cut(grid, rows, columns)
+            near = _within(axis_m[:, :2], block, MARGIN_CELLS * grid.spacing_m)
+            here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
+            if not near.any() or len(here) < FEWEST_CELLS:
+                continue
+            base, level = _levels(here, block, sightings.profiles.cell_m)
+            found, for_it = _block(only(sightings, near), axis_m[near], block, base, level)
+            core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
+            inner = slice(row - rows.start, None), slice(column - columns.start, None)
+            height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            heard[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            widest = max(widest, float(level[1] - level[0]))
+    return height, heard, widest
+
+
+def _block(
+    sightings: Sightings,
+    axis_m: Float[np.ndarray, "pulse 3"],
+    grid: Grid,
+    base_m: Float[np.ndarray, "row column"],
+    level_m: Float[np.ndarray, " level"],
+) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
+    """Return the heights of a block, from the echoes alone and once more with what is in view, and which are heard."""
+    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m))]
+    nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
+    origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
+    in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
+    against = evidence_against(sightings, grid, base_m, level_m, in_view)
+    chosen = choose_levels(against)
+    heard = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
+    return base_m + level_m[chosen], heard
+
+
+def lowest_in_view_m(
+    height_m: Float[np.ndarray, "row column"], grid: Grid, origin_m: Float[np.ndarray, "row column 3"]
+) -> Float[np.ndarray, "row column"]:
+    """Return the height over each cell above which a place is in view from its origin, over a map."""
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    east, north, up = np.moveaxis(origin_m, -1, 0)
+    distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
+    result = np.full(grid.shape, -np.inf)
+    drop = float(np.max(up - height_m.min()))
+    steepest = float(np.max(distance)) * float(np.ptp(height_m)) / max(drop, 1e-6)
+    for away in np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m):
+        row = (y + (north - y) / distance * away - grid.south_m) / grid.spacing_m
+        column = (x + (east - x) / distance * away - grid.west_m) / grid.spacing_m
+        between = map_coordinates(height_m, [row, column], order=0, mode="nearest")
+        behind = between + (between - up) * away / np.maximum(distance - away, 1e-6)
+        result = np.where(away < distance, np.maximum(result, behind), result)
+    return result
+
+
+def _levels(
+    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
+    """Return a plane through some echoes, and levels about it that span them, a range cell apart."""
+    design = np.column_stack([np.ones(len(point_m)), point_m[:, :2]])
+    plane = np.linalg.lstsq(design, point_m[:, 2], rcond=None)[0]
+    low, high = np.percentile(point_m[:, 2] - design @ plane, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
+    spacing = max(cell_m, (high - low) / MOST_LEVELS)
+    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
+
+
+def _parts(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.ndarray, "row column"]:
+    """Return the part that each cell belongs to: neighbours in one differ by less than a step; crumbs join others."""
+    number = np.arange(height_m.size).reshape(height_m.shape)
+    along = np.abs(np.diff(height_m, axis=1)) <= step_m
+    across = np.abs(np.diff(height_m, axis=0)) <= step_m
+    start = np.concatenate([number[:, :-1][along], number[:-1][across]])
+    end = np.concatenate([number[:, 1:][along], number[1:][across]])
+    graph = coo_matrix((np.ones(len(start), dtype=bool), (start, end)), shape=(height_m.size, height_m.size))
+    label = connected_components(graph, directed=False)[1].reshape(height_m.shape)
+    crumb = np.bincount(label.ravel())[label] < FEWEST_CELLS
+    if crumb.all():
+        return np.zeros(height_m.shape, dtype=np.int64)
+    row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)
+    joined: Int[np.ndarray, "row column"] = label[row, column]
+    return joined
+
+
+def _whole_part(
+    sightings: Sightings, part: Int[np.ndarray, "row column"], grid: Grid
+) -> Int[np.ndarray, " pulse"]:
+    """Return the part of the map that the main lobe of each pulse lies in; -1 where in more than one."""
+    pose = sightings.pose
+    range_m = mean_ranges(sightings).range_m
+    place = pose.position_m + range_m[:, None] * pose.boresight
+    reach_m = range_m * sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
+    row, column, inside = _cell_of(place, grid)
+    alone = inside & (_to_border_m(part, grid)[row, column] > reach_m)
+    return np.where(alone, part[row, column], -1)
+
+
+def _plane(
+    coarse: Float[np.ndarray, "row column"],
+    inside: Bool[np.ndarray, "row column"],
+    level_m: float,
+    points: Points,
+    grid: Grid,
+) -> Float[np.ndarray, " cell"]:
+    """Return the plane through the coarse heights of a part, moved onto the echoes in it; the heights if it is none."""
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    design = np.column_stack([np.ones(int(inside.sum())), x[inside], y[inside]])
+    height, kept = coarse[inside], np.ones(int(inside.sum()), dtype=bool)
+    for _ in range(PLANE_ROUNDS):
+        fit = np.linalg.lstsq(design[kept], height[kept], rcond=None)[0]
+        kept = np.abs(height - design @ fit) <= STEP_LEVELS / 2 * level_m
+        if kept.mean() < PLANE_SHARE:
+            return height
+    row, column, on_grid = _cell_of(points.position_m, grid)
+    above = points.position_m[:, 2] - fit[0] - points.position_m[:, :2] @ fit[1:]
+    on = on_grid & inside[row, column] & (np.abs(above) < STEP_LEVELS / 2 * level_m)
+    moved: Float[np.ndarray, " cell"] = design @ fit + (float(np.median(above[on])) if on.any() else 0.0)
+    return moved
+
+
+def _to_border_m(part: Int[np.ndarray, "row column"], grid: Grid) -> Float[np.ndarray, "row column"]:
+    """Return how far each cell is from the border of its part."""
+    border = np.zeros(part.shape, dtype=bool)
+    along, across = part[:, 1:] != part[:, :-1], part[1:] != part[:-1]
+    border[:, 1:] |= along
+    border[:, :-1] |= along
+    border[1:] |= across
+    border[:-1] |= across
+    distance: Float[np.ndarray, "row column"] = distance_transform_edt(~border) * grid.spacing_m
+    return distance if border.any() else np.full(part.shape, np.inf)
+
+
+def _cell_of(
+    place_m: Float[np.ndarray, "n k"], grid: Grid
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    column = np.round((place_m[:, 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
+    row = np.round((place_m[:, 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
+    inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
+    return np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1), inside
+
+
+def _within(place_m: Float[np.ndarray, "n 2"], grid: Grid, margin_m: float) -> Bool[np.ndarray, " n"]:
+    west, east, south, north = grid.extent_m
+    x, y = place_m.T
+    inside: Bool[np.ndarray, " n"] = (x > west - margin_m) & (x < east + margin_m)
+    return inside & (y > south - margin_m) & (y < north + margin_m)
+
+
+def _cut(grid: Grid, rows: slice, columns: slice) -> Grid:
+    return Grid(
+        west_m=float(grid.x_m[columns.start]),
+        south_m=float(grid.y_m[rows.start]),
+        spacing_m=grid.spacing_m,
+        columns=columns.stop - columns.start,
+        rows=rows.stop - rows.start,
+    )
