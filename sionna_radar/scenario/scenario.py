@@ -18,7 +18,7 @@ from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
-from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain, FlatTerrain, HillsTerrain, Terrain
+from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain, FlatTerrain, FractalTerrain, HillsTerrain, Terrain
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
@@ -94,7 +94,7 @@ class Scenario(Table):
             raster = self.terrain.cover_raster
             classes = raster.classes.items() if raster else ()
             used += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
-        if isinstance(self.terrain, FlatTerrain | HillsTerrain):
+        if isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain):
             used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
         return used
 

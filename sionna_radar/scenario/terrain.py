@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
-from sionna_radar.scenario.table import Point2, Positive, Seed, Table
+from sionna_radar.scenario.table import Point2, Positive, Real, Seed, Table
 
 SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
 KEEP_SIONNA = "sionna"
@@ -39,6 +39,18 @@ class HillsTerrain(CoveredTerrain):
     spacing_m: Positive = 0.5
     filter_sigma_m: Positive = 25.0
     height_m: Positive = 8.0
+    seed: Seed = 1
+    fields: tuple[MaterialField, ...] = ()
+
+
+class FractalTerrain(CoveredTerrain):
+    """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent."""
+
+    kind: Literal["fractal"]
+    size_m: tuple[Positive, Positive] = (320.0, 320.0)
+    spacing_m: Positive = 0.5
+    hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.8
+    height_m: Positive = 10.0
     seed: Seed = 1
     fields: tuple[MaterialField, ...] = ()
 
@@ -76,7 +88,7 @@ class CityTerrain(Table):
         return self.kind.removeprefix("sionna:")
 
 
-TERRAIN_KINDS = ("flat", "hills", "jacksboro", "raster", *(f"sionna:{name}" for name in SIONNA_CITIES))
+TERRAIN_KINDS = ("flat", "hills", "fractal", "jacksboro", "raster", *(f"sionna:{name}" for name in SIONNA_CITIES))
 
 
 def _terrain_tag(value: Any) -> str | None:
@@ -89,6 +101,7 @@ def _terrain_tag(value: Any) -> str | None:
 Terrain = Annotated[
     Annotated[FlatTerrain, Tag("flat")]
     | Annotated[HillsTerrain, Tag("hills")]
+    | Annotated[FractalTerrain, Tag("fractal")]
     | Annotated[SampleTerrain, Tag("jacksboro")]
     | Annotated[RasterTerrain, Tag("raster")]
     | Annotated[CityTerrain, Tag("sionna")],

@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Georeference, Grid, Raster
-from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, RasterTerrain, SampleTerrain
+from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, RasterTerrain, SampleTerrain
 from sionna_radar.scene.cutout import Cutout
 from sionna_radar.scene.elevation_file import read_array, read_file
 
@@ -22,7 +22,7 @@ MAX_SYNTHETIC_CELLS = 16_000_000
 
 
 def load_elevation(
-    terrain: FlatTerrain | HillsTerrain | SampleTerrain | RasterTerrain,
+    terrain: FlatTerrain | HillsTerrain | FractalTerrain | SampleTerrain | RasterTerrain,
     window_m: tuple[float, float, float, float],
 ) -> tuple[Raster, Georeference | None]:
     """Return the heights of the ground, and where the local frame lies on the Earth.
@@ -39,6 +39,8 @@ def load_elevation(
             return Raster(grid=grid, height_m=np.zeros(grid.shape)), None
         case HillsTerrain():
             return _hills(terrain), None
+        case FractalTerrain():
+            return _fractal(terrain), None
         case SampleTerrain():
             return _jacksboro(terrain, window_m)
         case RasterTerrain():
@@ -73,7 +75,7 @@ def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarr
     return vertices.astype(np.float64), renumbered[faces]
 
 
-def _synthetic_grid(terrain: FlatTerrain | HillsTerrain) -> Grid:
+def _synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Grid:
     """Return the grid whose outermost centres bound the terrain, so that its mesh has the whole size."""
     # The small number keeps 1.1 / 0.1 = 11.000000000000002 from asking for a twelfth cell.
     columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
@@ -106,8 +108,27 @@ def _hills(terrain: HillsTerrain) -> Raster:
     # Wrapped, every cell averages equally many independent neighbours; a mirrored or repeated edge
     # would count some twice and make the hills rougher along the border.
     surface = gaussian_filter(noise, terrain.filter_sigma_m / terrain.spacing_m, mode="wrap")
+    return _scaled(surface, grid, terrain.height_m)
+
+
+def _fractal(terrain: FractalTerrain) -> Raster:
+    """Return white noise filtered to a power spectrum of k^-(2 H + 2), scaled to heights of 0 to `height_m`.
+
+    The variance of differences over d is then the integral of (1 - J0(k d)) k^-(2 H + 2) k dk, which goes like d^2H.
+    The surface repeats beyond its borders.
+    """
+    grid = _synthetic_grid(terrain)
+    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    wavenumber = np.hypot(np.fft.fftfreq(grid.rows)[:, None], np.fft.rfftfreq(grid.columns)[None])
+    wavenumber[0, 0] = np.inf  # no mean
+    surface = np.fft.irfft2(np.fft.rfft2(noise) * wavenumber ** -(terrain.hurst + 1), s=grid.shape)
+    return _scaled(surface, grid, terrain.height_m)
+
+
+def _scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: float) -> Raster:
+    """Return a surface shifted and scaled to heights of 0 to `height_m`."""
     lowest, highest = surface.min(), surface.max()
-    return Raster(grid=grid, height_m=(surface - lowest) * (terrain.height_m / (highest - lowest)))
+    return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
 
 
 def _jacksboro(

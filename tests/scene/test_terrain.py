@@ -3,10 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import CRS, Transformer
+from scipy.special import j0
 
 from sionna_radar.errors import ScenarioError
 from sionna_radar.raster import Grid, Raster
-from sionna_radar.scenario.terrain import FlatTerrain, HillsTerrain, SampleTerrain
+from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.terrain import load_elevation, mesh_of
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)
@@ -55,6 +56,22 @@ def test_hills_have_the_correlation_of_their_filter():
     lag = 7
     correlation = (height[:, lag:] * height[:, :-lag]).mean() / (height**2).mean()
     assert correlation == pytest.approx(np.exp(-((lag * 2.0) ** 2) / (4 * 10.0**2)), abs=0.03)
+
+
+@pytest.mark.parametrize("hurst", [0.3, 0.6, 0.9])
+def test_fractal_ground_is_self_affine(hurst):
+    variance = np.zeros(2)
+    for seed in range(6):
+        ground = FractalTerrain(kind="fractal", hurst=hurst, size_m=(511.0, 511.0), spacing_m=1.0, seed=seed)
+        height = load_elevation(ground, WINDOW)[0].height_m
+        assert (height.min(), height.max()) == pytest.approx((0.0, 10.0))
+        scale = np.std(height)
+        for place, lag in enumerate((5, 20)):
+            variance[place] += np.mean(((height[lag:] - height[:-lag]) / scale) ** 2)
+    # Between the wavenumbers of the size and of the cell.
+    k = np.geomspace(2 * np.pi / 511, np.pi, 4000)
+    expected = [np.trapezoid((1 - j0(k * lag)) * k ** -(2 * hurst + 1), k) for lag in (5, 20)]
+    assert variance[1] / variance[0] == pytest.approx(expected[1] / expected[0], rel=0.1)
 
 
 def test_hills_are_alike_at_the_border_and_in_the_middle():
