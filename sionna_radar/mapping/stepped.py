@@ -29,8 +29,7 @@ MOST_LEVELS = 128
 # A step is more than so many levels, and steeper than 45 deg.
 STEP_LEVELS = 4
 FEWEST_CELLS = 6
-# A part is a plane when so many of its cells lie within half a step of it, found in a few rounds.
-PLANE_SHARE, PLANE_ROUNDS = 0.7, 4
+PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
 
 
 def step_surface(
@@ -51,13 +50,17 @@ def step_surface(
     coarse, heard, level_m = _coarse(sightings, points, grid)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
-    height = coarse.copy()
+    height, alone = coarse.copy(), np.zeros(grid.shape, dtype=bool)
     for number in np.unique(part):
-        inside, own = part == number, whole == number
+        own = whole == number
         if own.sum() >= FEWEST_PULSES:
+            inside = part == number
             height[inside] = refine(only(sightings, own), grid).height_m[inside]
-        else:
-            height[inside] = _plane(coarse, inside, level_m, points, grid)
+            alone |= inside
+    spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
+    for number in np.unique(part[~alone]):
+        inside = part == number
+        height[inside] = _plane(coarse, inside, spread_m, points, grid)
     return Heightfield(grid=grid, height_m=height), heard
 
 
@@ -168,24 +171,34 @@ def _whole_part(
 def _plane(
     coarse: Float[np.ndarray, "row column"],
     inside: Bool[np.ndarray, "row column"],
-    level_m: float,
+    spread_m: float,
     points: Points,
     grid: Grid,
 ) -> Float[np.ndarray, " cell"]:
     """Return the plane through the coarse heights of a part, moved onto the echoes in it; the heights if it is none."""
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     design = np.column_stack([np.ones(int(inside.sum())), x[inside], y[inside]])
-    height, kept = coarse[inside], np.ones(int(inside.sum()), dtype=bool)
+    height = coarse[inside]
+    # Heights beside a step lean toward the other side.
+    deep = distance_transform_edt(inside)[inside] > BESIDE_CELLS
+    deep = deep if deep.sum() >= FEWEST_CELLS else np.ones(len(height), dtype=bool)
+    kept = deep
     for _ in range(PLANE_ROUNDS):
         fit = np.linalg.lstsq(design[kept], height[kept], rcond=None)[0]
-        kept = np.abs(height - design @ fit) <= STEP_LEVELS / 2 * level_m
-        if kept.mean() < PLANE_SHARE:
+        rest = height - design @ fit
+        if _spread(rest[deep]) > 2 * spread_m:
             return height
+        kept = deep & (np.abs(rest) <= OUTLIER_SPREADS * spread_m)
     row, column, on_grid = _cell_of(points.position_m, grid)
     above = points.position_m[:, 2] - fit[0] - points.position_m[:, :2] @ fit[1:]
-    on = on_grid & inside[row, column] & (np.abs(above) < STEP_LEVELS / 2 * level_m)
+    on = on_grid & inside[row, column] & (np.abs(above) < OUTLIER_SPREADS * spread_m)
     moved: Float[np.ndarray, " cell"] = design @ fit + (float(np.median(above[on])) if on.any() else 0.0)
     return moved
+
+
+def _spread(values: Float[np.ndarray, " n"]) -> float:
+    """Return the standard deviation that the middle half of some values, about zero, would have if normal."""
+    return 1.4826 * float(np.median(np.abs(values))) if len(values) else 0.0
 
 
 def _to_border_m(part: Int[np.ndarray, "row column"], grid: Grid) -> Float[np.ndarray, "row column"]:

@@ -5,23 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sionna_radar.detection.profiles import Profiles
-from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
-from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
 from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.refinement import mean_ranges, refine
 from sionna_radar.mapping.smoothing import Heights, smooth
 from sionna_radar.mapping.surface_map import seen_cells
-from sionna_radar.radar.antenna import Antenna, taylor_cut
-from sionna_radar.radar.chirp import Chirp
 from sionna_radar.raster import Grid
 
-CELL_M = 0.3
-CELLS = 500
-CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=1024)
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
 
@@ -35,48 +26,8 @@ def over(grid: Grid, height) -> Heightfield:
     return Heightfield(grid=grid, height_m=height(x, y) + 0.0 * x)
 
 
-def sightings_of(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int = 5) -> Sightings:
-    """Look 45 deg forward from lines 5 m apart; each profile is exponential about the mean of 20,000 rays."""
-    cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
-    beam = beam_nodes(Antenna(cut, cut))
-    scan, start = (a.ravel() for a in np.meshgrid(np.deg2rad(np.arange(-24, 25, 3.0)), np.arange(0, 41, 5.0)))
-    R = R_WORLD_NED @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ whisk_broom_from_antenna(np.pi / 4, scan)
-    position = np.column_stack([start, np.zeros_like(start), np.full_like(start, 50.0)])
-    pose = Pose(position_m=position, velocity_mps=np.zeros_like(position), R_world_antenna=R)
-    rng = np.random.default_rng(seed)
-    power = np.zeros((len(scan), CELLS))
-    u, v = rng.uniform(-1.2, 1.2, (2, 20_000)) * np.deg2rad(beamwidth_deg)
-    share = (cut.at(u) * cut.at(v)) ** 4
-    local = np.column_stack([np.sqrt(1 - u**2 - v**2), u, v])
-    for row in range(len(scan)):
-        hit = surface.first_hit(np.broadcast_to(position[row], local.shape), local @ R[row].T, 300.0)
-        met = np.isfinite(hit)
-        cell = np.round(hit[met] / CELL_M).astype(int)
-        mean = np.bincount(cell, share[met] / hit[met] ** 2, CELLS)[:CELLS]
-        power[row] = rng.exponential(size=CELLS) * (1e6 * mean / share.sum() + 1e-6)
-    profiles = Profiles(
-        pulse=np.arange(len(scan)),
-        first=np.zeros(len(scan), dtype=int),
-        start=np.arange(len(scan) + 1) * CELLS,
-        power=power.ravel().astype(np.float32),
-        noise=np.full(len(scan), 1e-6),
-        cell_m=CELL_M,
-    )
-    response = np.array([0.0, 1.0, 0.0])
-    return Sightings(
-        profiles=profiles,
-        pose=pose,
-        chirp=CHIRP,
-        beam=beam,
-        response=response,
-        looks_per_cell=1.0,
-        doppler=0.0,
-        reach_m=150.0,
-    )
-
-
 @pytest.fixture(scope="module")
-def hilly() -> Sightings:
+def hilly(sightings_of) -> Sightings:
     return sightings_of(over(WIDE, hills))
 
 

@@ -1,0 +1,169 @@
+"""Maps with steps: evidence against closed forms, levels against a plain search, and a box seen by brute force."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
+from sionna_radar.mapping.heightfield import Heightfield
+from sionna_radar.mapping.levels import CHANGE, JUMP, choose_levels
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.refinement import mean_ranges
+from sionna_radar.mapping.stepped import lowest_in_view_m, step_surface
+from sionna_radar.raster import Grid
+
+WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
+MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)
+BOX = (62.0, 78.0, -8.0, 8.0, 6.0)
+
+
+def on_box(x, y):
+    west, east, south, north, _ = BOX
+    return (x > west) & (x < east) & (y > south) & (y < north)
+
+
+def box_over(grid: Grid) -> Heightfield:
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    return Heightfield(grid=grid, height_m=np.where(on_box(x, y), BOX[4], 0.0))
+
+
+def flat(grid: Grid) -> Heightfield:
+    return Heightfield(grid=grid, height_m=np.zeros(grid.shape))
+
+
+@pytest.fixture(scope="module")
+def level(sightings_of):
+    return sightings_of(flat(WIDE))
+
+
+def located(sightings) -> Points:
+    """Place the mean ranges of all echoes on the axis."""
+    pose, range_m = sightings.pose, mean_ranges(sightings).range_m
+    count = len(range_m)
+    return Points(
+        pulse=np.arange(count), number=np.zeros(count, dtype=int),
+        position_m=pose.position_m + range_m[:, None] * pose.boresight, origin_m=pose.position_m,
+        range_m=range_m, range_sigma_m=np.full(count, 0.2), power=np.ones(count), snr_db=np.full(count, 30.0),
+    )  # fmt: skip
+
+
+def cost_of_row(cost, levels) -> float:
+    step = np.abs(np.diff(levels))
+    return cost[np.arange(len(levels)), levels].sum() + CHANGE * (step == 1).sum() + JUMP * (step > 1).sum()
+
+
+def test_levels_of_a_row_are_those_of_a_plain_search():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        cost = rng.uniform(0, 12, (5, 4))
+        best = min(product(range(4), repeat=5), key=lambda levels: cost_of_row(cost, np.array(levels)))
+        # The other six directions see single cells, which weigh a row of heights as much as it weighs itself.
+        chosen = choose_levels(cost[None].astype(np.float32))[0]
+        ends = [
+            min(cost_of_row(cost, np.array(row)) for row in product(range(4), repeat=5) if row[2] == level)
+            for level in range(4)
+        ]
+        total = np.array(ends) + 7 * cost[2]
+        assert total[chosen[2]] <= total.min() + 4.0
+        if chosen[2] != best[2]:
+            assert total[chosen[2]] <= total[best[2]] + 4.0
+
+
+def test_a_step_stays_and_noise_goes():
+    rng = np.random.default_rng(1)
+    truth = np.where(np.arange(30) < 15, 3, 12) * np.ones((20, 1), dtype=int)
+    level = np.arange(18)
+    cost = np.minimum(1.5 * np.abs(level - truth[..., None]), 6.0) + rng.uniform(0, 2, (20, 30, 18))
+    deaf = rng.random((20, 30)) < 0.3
+    cost[deaf] = 0.0
+    chosen = choose_levels(cost.astype(np.float32))
+    beside = np.isin(np.arange(30), (14, 15)) & np.ones((20, 1), dtype=bool)
+    assert np.abs(chosen - truth)[~beside].max() <= 2
+    assert np.mean(chosen[~beside] == truth[~beside]) > 0.6
+    assert np.mean(np.abs(chosen - truth)[beside] < 3) > 0.85
+
+
+def test_of_equal_levels_the_highest_is_chosen():
+    cost = np.full((6, 6, 9), 5.0, dtype=np.float32)
+    cost[..., 2:5] = 0.0
+    assert np.all(choose_levels(cost) == 4)
+
+
+def test_air_speaks_against_itself_and_ground_for_itself(level):
+    """Over level ground nothing comes from above it, and the echoes are what its patches bring."""
+    sightings = level
+    level_m = np.arange(-4.0, 10.0, 0.5)
+    against = evidence_against(sightings, MAP, np.zeros(MAP.shape), level_m)
+    ground = against[..., np.argmin(np.abs(level_m))]
+    air = against[..., level_m > 4.0]
+    assert np.mean(ground < 0) > 0.9
+    assert np.mean(air > 3) > 0.9
+    assert np.median(air) > 10
+
+
+def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
+    """Far above the ground all cells hold the noise n, where the weakest patch would bring m."""
+    sightings = level
+    spot = Grid(west_m=50.0, south_m=0.0, spacing_m=1.0, columns=2, rows=2)
+    against = evidence_against(sightings, spot, np.zeros(spot.shape), np.array([12.0]))[0, 0, 0]
+    profiles = sightings.profiles
+    whole = []
+    for pulse in range(len(sightings)):
+        above = np.maximum(profiles.values(pulse) - 30 * profiles.noise[pulse], 0.0)
+        whole.append(above @ above / above.sum() / 2)
+    weakest = LEAST_SHARE * np.percentile(whole, 5)
+    expected = 0.0
+    away = np.array([50.0, 0.0, 12.0]) - sightings.pose.position_m
+    range_m = np.linalg.norm(away, axis=1)
+    for pulse in range(len(sightings)):
+        local = sightings.pose.R_world_antenna[pulse].T @ away[pulse] / range_m[pulse]
+        gain = sightings.beam.two_way(local[None])[0]
+        noise = profiles.noise[pulse]
+        cell = round(range_m[pulse] / profiles.cell_m)
+        power = max(profiles.values(pulse)[cell - 1 : cell + 2].max(), noise)
+        ratio = min(power / (noise + weakest * gain), 1.0)
+        expected -= np.log(ratio) - ratio + 1
+    assert expected > 5
+    assert against == pytest.approx(expected, rel=0.02)
+
+
+def test_what_is_in_view_behind_a_wall_is_a_triangle():
+    """A wall of height h at d from the track hides heights below h - (H - h) s / d at s behind it."""
+    grid = Grid(west_m=0.0, south_m=-2.0, spacing_m=0.5, columns=160, rows=9)
+    x, _ = np.meshgrid(grid.x_m, grid.y_m)
+    height = np.where(np.abs(x - 30) < 0.3, 8.0, 0.0)
+    origin = np.broadcast_to([0.0, 0.0, 50.0], (*grid.shape, 3))
+    lowest = lowest_in_view_m(height, grid, origin)
+    for behind in (1.0, 3.0, 5.0):
+        column = round((30 + behind) / 0.5)
+        assert lowest[4, column] == pytest.approx(8 - 42 * behind / 30, abs=0.8)
+    assert np.all(lowest[:, 50] < 0)
+
+
+@pytest.mark.parametrize("brightness", [1.0, 60.0])
+def test_a_box_keeps_its_walls_and_its_levels(sightings_of, brightness):
+    def bright(hit_m):
+        return np.where(hit_m[:, 2] > 0.5, brightness, 1.0)
+
+    sightings = sightings_of(box_over(WIDE), 2.0, bright=bright)
+    surface, heard = step_surface(sightings, located(sightings), MAP)
+    x, y = np.meshgrid(MAP.x_m, MAP.y_m)
+    west, east, south, north, height = BOX
+    roof = (x > west + 2) & (x < east - 2) & (y > south + 2) & (y < north - 2)
+    ahead = x < west - 2.5
+    assert np.all(heard[roof])
+    assert np.median(np.abs(surface.height_m[roof] - height)) < 0.15
+    assert np.sqrt(np.mean((surface.height_m[ahead] - 0.0) ** 2)) < 0.1
+    # The wall that faces the radar stands where it is to a cell, at its ends to a footprint.
+    rows = np.abs(MAP.y_m) < 5
+    first = np.array([MAP.x_m[np.argmax(row > height / 2)] for row in surface.height_m[rows]])
+    assert np.median(np.abs(first - west)) <= 1.0
+    assert np.all(np.abs(first - west) <= 3.5)
+
+
+def test_nothing_heard_makes_no_map(level):
+    sightings = level
+    silent = Grid(west_m=500.0, south_m=500.0, spacing_m=1.0, columns=8, rows=8)
+    _, heard = step_surface(sightings, located(sightings), silent)
+    assert not heard.any()
