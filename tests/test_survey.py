@@ -48,6 +48,18 @@ def test_the_block_size_changes_no_bit(survey, block_size):
     assert (other.pulses, other.paths) == (survey.pulses, survey.paths)
 
 
+@pytest.mark.parametrize("method", ["refined", "stepped"])
+def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_navigation(method):
+    keys = {"dem__method": method, "processing__echoes": "all", "platform__length_m": 10.0, "dem__spacing_m": 2.0}
+    one, other = run(scenario_of(**keys)), run(scenario_of(**keys), block_size=17)
+    np.testing.assert_array_equal(other.dem.height_m, one.dem.height_m)
+    # A navigation that places the radar half a metre too high lifts the whole map by that.
+    lifted = run(scenario_of(**keys, platform__navigation={"position_constant_m": [0.0, 0.0, 0.5]}))
+    moved = lifted.dem.height_m - one.dem.height_m
+    assert np.nanmedian(moved) == pytest.approx(0.5, abs=0.02)
+    assert np.mean(np.abs(moved - 0.5)[np.isfinite(moved)] < 0.1) > 0.9
+
+
 def test_a_second_run_is_the_same_and_another_seed_is_not(survey):
     assert run(scenario_of()).points.sha256() == survey.points.sha256()
     assert run(scenario_of(seed=5)).points.sha256() != survey.points.sha256()
