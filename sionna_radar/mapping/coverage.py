@@ -42,15 +42,21 @@ class Illumination:
 
         """
         lit = np.isfinite(self._origin_m[..., 0])
-        reach = int(np.ceil(gap_m / 2 / self._grid.spacing_m))
-        offset = np.arange(-reach, reach + 1)
-        disk = offset[:, None] ** 2 + offset[None] ** 2 <= reach**2
-        padded = np.pad(lit, reach)
-        closed = binary_closing(padded, disk)[reach : reach + lit.shape[0], reach : reach + lit.shape[1]]
-        gap = np.flatnonzero(closed & ~lit & surface.filled)
+        gap = np.flatnonzero(closed(lit, gap_m, self._grid.spacing_m) & ~lit & surface.filled)
         if len(gap):
             nearest = distance_transform_edt(~lit, return_distances=False, return_indices=True)
             row, column = nearest.reshape(2, -1)[:, gap]
             point = np.column_stack([self._grid.centres_m[gap], surface.height_m.ravel()[gap]])
             lit.ravel()[gap] = visible(self._origin_m[row, column], point)
         return lit
+
+
+def closed(
+    cells: Bool[np.ndarray, "row column"], gap_m: float, spacing_m: float
+) -> Bool[np.ndarray, "row column"]:
+    """Return some cells with the gaps between them closed that are narrower than `gap_m`."""
+    reach = int(np.ceil(gap_m / 2 / spacing_m))
+    offset = np.arange(-reach, reach + 1)
+    disk = offset[:, None] ** 2 + offset[None] ** 2 <= reach**2
+    result: Bool[np.ndarray, "row column"] = binary_closing(np.pad(cells, reach), disk)
+    return result[reach : reach + cells.shape[0], reach : reach + cells.shape[1]]

@@ -1,10 +1,11 @@
 """A DEM of ground with steps in it: walls stay steep, and each level between them is mapped by itself.
 
 1. What all echoes together say for and against every height of every cell (`evidence`), and the heights that agree
-   best with it and with each other (`levels`), give a coarse map that may jump.
+   best with it and with each other (`levels`), give a coarse map that may jump. What this map shows to be in plain
+   view is then known to hide nothing, and it is made once more.
 2. It falls into parts where neighbours differ by more than a step. A part that enough pulses see alone is mapped from
-   their whole echoes (`refinement`); a smaller one is the plane through its coarse heights, if it is one, set by the
-   echoes on it.
+   their whole echoes (`refinement`). This tells how far coarse heights spread; a smaller part whose heights spread
+   about a plane no more than twice as far is that plane, set by the echoes on it.
 """
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import evidence_against
 from sionna_radar.mapping.heightfield import Heightfield
@@ -33,7 +35,7 @@ PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
 
 
 def step_surface(
-    sightings: Sightings, points: Points, grid: Grid
+    sightings: Sightings, points: Points, grid: Grid, gap_m: float
 ) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
     """Return the most probable surface that may have steps, and the cells that some echo speaks for.
 
@@ -45,23 +47,28 @@ def step_surface(
         Located echoes.
     grid:
         Cells of the DEM.
+    gap_m:
+        Widest gap, within a part, that is filled between cells that echoes speak for.
 
     """
     coarse, heard, level_m = _coarse(sightings, points, grid)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
-    height, alone = coarse.copy(), np.zeros(grid.shape, dtype=bool)
+    height, alone, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), heard.copy()
     for number in np.unique(part):
+        inside = part == number
+        window = _window(inside)
+        filled[window] |= inside[window] & closed((heard & inside)[window], gap_m, grid.spacing_m)
         own = whole == number
         if own.sum() >= FEWEST_PULSES:
-            inside = part == number
-            height[inside] = refine(only(sightings, own), grid).height_m[inside]
+            mapped = refine(only(sightings, own), _cut(grid, *window)).height_m
+            height[window] = np.where(inside[window], mapped, height[window])
             alone |= inside
     spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
     for number in np.unique(part[~alone]):
         inside = part == number
         height[inside] = _plane(coarse, inside, spread_m, points, grid)
-    return Heightfield(grid=grid, height_m=height), heard
+    return Heightfield(grid=grid, height_m=height), filled
 
 
 def _coarse(
@@ -76,11 +83,13 @@ def _coarse(
             rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
             columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
             block = _cut(grid, rows, columns)
-            near = _within(axis_m[:, :2], block, MARGIN_CELLS * grid.spacing_m)
             here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
-            if not near.any() or len(here) < FEWEST_CELLS:
+            if len(here) < FEWEST_CELLS:
                 continue
             base, level = _levels(here, block, sightings.profiles.cell_m)
+            near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
+            if not near.any():
+                continue
             found, for_it = _block(only(sightings, near), axis_m[near], block, base, level)
             core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
             inner = slice(row - rows.start, None), slice(column - columns.start, None)
@@ -189,6 +198,8 @@ def _plane(
         if _spread(rest[deep]) > 2 * spread_m:
             return height
         kept = deep & (np.abs(rest) <= OUTLIER_SPREADS * spread_m)
+        if kept.sum() < FEWEST_CELLS:
+            return height
     row, column, on_grid = _cell_of(points.position_m, grid)
     above = points.position_m[:, 2] - fit[0] - points.position_m[:, :2] @ fit[1:]
     on = on_grid & inside[row, column] & (np.abs(above) < OUTLIER_SPREADS * spread_m)
@@ -220,6 +231,22 @@ def _cell_of(
     row = np.round((place_m[:, 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
     inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
     return np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1), inside
+
+
+def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
+    """Tell which pulses' axes come near the cells of a grid between two heights."""
+    position, axis = sightings.pose.position_m, sightings.pose.boresight
+    near = np.zeros(len(sightings), dtype=bool)
+    for height_m in (low_m, high_m):
+        reach = np.clip((height_m - position[:, 2]) / np.minimum(axis[:, 2], -0.05), 0.0, sightings.reach_m)
+        near |= _within((position + reach[:, None] * axis)[:, :2], grid, MARGIN_CELLS * grid.spacing_m)
+    return near
+
+
+def _window(inside: Bool[np.ndarray, "row column"]) -> tuple[slice, slice]:
+    """Return the rows and columns that hold some cells."""
+    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def _within(place_m: Float[np.ndarray, "n 2"], grid: Grid, margin_m: float) -> Bool[np.ndarray, " n"]:

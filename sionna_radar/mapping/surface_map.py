@@ -52,7 +52,7 @@ def map_surface(
         case "refined":
             surface = refine(sightings, grid)
         case "stepped":
-            surface, heard = step_surface(sightings, points, grid)
+            surface, heard = step_surface(sightings, points, grid, gap_m)
     seen = heard & seen_cells(sightings, surface, grid, gap_m)
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     height = surface.at(x.ravel(), y.ravel()).reshape(grid.shape)
