@@ -1,6 +1,7 @@
 """Scenes, pulses, antennas and the command line, which the tests of several stages share."""
 
 import sys
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,8 @@ snr_db = 30.0
 paths_per_pulse = 64
 """
 
+# The workers share the cores; they and the programs they start take this over.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # How long an example takes says more of the machine than of the code.
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")

@@ -1,4 +1,4 @@
-"""The speed ratios, run on their own: `pytest -m benchmark`."""
+"""The speed ratios, run on their own: `pytest -m benchmark -n 0`."""
 
 import pytest
 

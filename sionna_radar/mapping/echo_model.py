@@ -28,6 +28,8 @@ FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 # Of exponential powers one in 3000 exceeds 8 means: what does is no terrain, and counts no more than that.
 HIGHEST_RATIO = 8.0
+# Of noise alone one cell in 10^13 exceeds this many of its means.
+OUT_OF_NOISE = 30.0
 STEEPEST = 0.05
 LEVEL_ITERATIONS = 12
 FEWEST_CELLS = 2
@@ -157,11 +159,9 @@ class EchoModel:
         spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
-        above = np.maximum(power - 30 * profiles.noise[pulse], 0.0)
-        if not shape.any() or not above.any():
+        top = echo_level(power, float(profiles.noise[pulse]))
+        if not shape.any() or top == 0:
             return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
-        # E[P^2] = 2 mu^2: the level of the box of the echo's power.
-        top = float(above @ above / above.sum() / 2)
         level, mean, weight = _fit_level(power, shape, profiles.noise[pulse] + PEDESTAL * top, top)
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
@@ -219,6 +219,12 @@ class EchoModel:
             start = pad + self._half - offset
             spreaded += response * raw[start : start + cells]
         return spreaded * (inverse**2 * self._feet.range_per_height[pulse])
+
+
+def echo_level(power: Float[np.ndarray, " cell"], noise: float) -> float:
+    """Return the level of the box of an echo's power, from E[P^2] = 2 E[P]^2; 0 where nothing leaves the noise."""
+    above = np.maximum(power - OUT_OF_NOISE * noise, 0.0)
+    return float(above @ above / above.sum() / 2) if above.any() else 0.0
 
 
 def _fit_level(

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.echo_model import Sightings, echo_level
 from sionna_radar.raster import Grid
 
 # A step of reflectivity: 6 dB, in nepers of power.
@@ -91,7 +91,7 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings) -> _Reflectivities:
     profiles = sightings.profiles
-    level = np.array([_echo_level(profiles.values(i), profiles.noise[i]) for i in range(len(profiles))])
+    level = np.array([echo_level(profiles.values(i), float(profiles.noise[i])) for i in range(len(profiles))])
     level = level[level > 0]
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
@@ -99,12 +99,6 @@ def _reflectivities(sightings: Sightings) -> _Reflectivities:
     lowest, highest = np.log(LEAST_SHARE * low), np.log(high / LEAST_SHARE)
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
     return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), LEAST_SHARE * float(typical), span)
-
-
-def _echo_level(power: Float[np.ndarray, " cell"], noise: float) -> float:
-    """Return the level of the box of an echo's power, from E[P^2] = 2 E[P]^2."""
-    above = np.maximum(power - 30 * noise, 0.0)
-    return float(above @ above / above.sum() / 2) if above.any() else 0.0
 
 
 def _window(sightings: Sightings, pulse: int, grid: Grid, span_m: tuple[float, float]) -> tuple[slice, slice]:

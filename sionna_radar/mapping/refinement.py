@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
+from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
 from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.smoothing import Heights, Smoothed, conjugate_gradients, smooth
 from sionna_radar.raster import Grid
@@ -82,7 +82,7 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     for i in range(len(profiles)):
         power = profiles.values(i)
-        power[power < max(CELLS_BELOW_PEAK * power.max(), 30 * profiles.noise[i])] = 0.0
+        power[power < max(CELLS_BELOW_PEAK * power.max(), OUT_OF_NOISE * profiles.noise[i])] = 0.0
         cell, total = np.arange(len(power)), max(power.sum(), np.finfo(float).tiny)
         mean = power @ cell / total
         spread = power**2 @ (cell - mean) ** 2 / 2 / sightings.looks_per_cell

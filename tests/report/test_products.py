@@ -28,6 +28,8 @@ KEYS = [
     "paths",
     "echoes",
     "dem_error",
+    "lit_error",
+    "off_wall_error",
     "timing_s",
     "peak_memory_mb",
     "points_sha256",
