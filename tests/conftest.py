@@ -1,7 +1,7 @@
 """Scenes, pulses, antennas and the command line, which the tests of several stages share."""
 
-import sys
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
