@@ -22,6 +22,9 @@ def print_survey(survey: Survey) -> None:
             "NMAD, 90 % within": f"{error.nmad_m:.3f} m, {error.le90_m:.3f} m",
             "least, greatest": f"{error.min_m:+.2f} m, {error.max_m:+.2f} m",
         }
+    if survey.off_wall_error is not None and survey.off_wall_error.count:
+        rows["RMS of lit cells"] = f"{survey.lit_error.rms_m:.3f} m"
+        rows["RMS off the walls"] = f"{survey.off_wall_error.rms_m:.3f} m"
     rows["time"] = f"{timing['total']:.1f} s for {flown[1] - flown[0]:.1f} s of flight"
     for name, value in rows.items():
         table.add_row(name, value)
