@@ -182,6 +182,7 @@ class _Growing:
                 image.add(beats, measured)
 
     def imagery(self) -> Imagery:
+        """Return the images of all pulses so far, and what they resolve."""
         ready, strip = self._ready, self._strip
         middle = Point(
             along_m=strip.length_m / 2,

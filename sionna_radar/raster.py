@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import map_coordinates
 
 
@@ -47,6 +47,25 @@ class Grid:
             self.west_m + self.spacing_m * (self.columns - 1) + half,
             self.south_m - half,
             self.south_m + self.spacing_m * (self.rows - 1) + half,
+        )
+
+    def cell_of(
+        self, place_m: Float[np.ndarray, "n k"]
+    ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Return row and column of the cell nearest to each place (east, north, ...), and whether it holds it."""
+        column = np.round((place_m[:, 0] - self.west_m) / self.spacing_m).astype(np.int64)
+        row = np.round((place_m[:, 1] - self.south_m) / self.spacing_m).astype(np.int64)
+        inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
+        return np.clip(row, 0, self.rows - 1), np.clip(column, 0, self.columns - 1), inside
+
+    def cut(self, rows: slice, columns: slice) -> "Grid":
+        """Return a part of the grid; both slices have a start and a stop within it."""
+        return Grid(
+            west_m=float(self.x_m[columns.start]),
+            south_m=float(self.y_m[rows.start]),
+            spacing_m=self.spacing_m,
+            columns=columns.stop - columns.start,
+            rows=rows.stop - rows.start,
         )
 
     @staticmethod

@@ -123,7 +123,7 @@ for module in {modules}:
         if name in sys.modules:
             sys.exit(module + " loads " + name)
 """
-    run(code)
+    assert run(code) == ""
 
 
 def test_the_packages_names_are_found():

@@ -20,10 +20,7 @@ class Illumination:
 
     def add(self, hit_m: Float[np.ndarray, "hit 3"], origin_m: Float[np.ndarray, "hit 3"]) -> None:
         """Mark the cells under some hits of the main beam, sent from some places."""
-        grid = self._grid
-        column = np.round((hit_m[:, 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
-        row = np.round((hit_m[:, 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
-        inside = (column >= 0) & (column < grid.columns) & (row >= 0) & (row < grid.rows)
+        row, column, inside = self._grid.cell_of(hit_m)
         self._origin_m[row[inside], column[inside]] = origin_m[inside]
 
     def mask(self, gap_m: float, surface: Raster, visible: Visible) -> Bool[np.ndarray, "row column"]:

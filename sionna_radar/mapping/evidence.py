@@ -70,9 +70,8 @@ def evidence_against(
         height_m = base_m[rows, columns, None] + level_m
         patch = np.broadcast_arrays(grid.x_m[None, columns, None], grid.y_m[rows, None, None], height_m)
         if height_m.size:
-            seen = _seen(sightings, pulse, np.stack(patch, axis=-1), bright)
-            if in_view_m is not None:
-                seen.open[(height_m > in_view_m[rows, columns, None])[seen.where]] = True
+            in_view = height_m > (np.inf if in_view_m is None else in_view_m[rows, columns, None])
+            seen = _seen(sightings, pulse, np.stack(patch, axis=-1), in_view, bright)
             part = against[:, rows, columns]
             for number, step in enumerate(bright.step):
                 part[number][seen.where] -= seen.speaks_for(step)
@@ -142,7 +141,11 @@ class _Seen:
 
 
 def _seen(
-    sightings: Sightings, pulse: int, patch_m: Float[np.ndarray, "row column level 3"], bright: _Reflectivities
+    sightings: Sightings,
+    pulse: int,
+    patch_m: Float[np.ndarray, "row column level 3"],
+    in_view: Bool[np.ndarray, "row column level"],
+    bright: _Reflectivities,
 ) -> _Seen:
     profiles, pose = sightings.profiles, sightings.pose
     power, noise = profiles.values(pulse), float(profiles.noise[pulse])
@@ -171,5 +174,5 @@ def _seen(
         power=edged[place],
         most=np.maximum(np.maximum(cleared[place - 1], cleared[place]), cleared[place + 1]),
         own=own[place],
-        open=before < noise + bright.typical * gain[where],
+        open=in_view[where] | (before < noise + bright.typical * gain[where]),
     )

@@ -61,7 +61,7 @@ def step_surface(
         filled[window] |= inside[window] & closed((heard & inside)[window], gap_m, grid.spacing_m)
         own = whole == number
         if own.sum() >= FEWEST_PULSES:
-            mapped = refine(only(sightings, own), _cut(grid, *window)).height_m
+            mapped = refine(only(sightings, own), grid.cut(*window)).height_m
             height[window] = np.where(inside[window], mapped, height[window])
             alone |= inside
     spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
@@ -82,7 +82,7 @@ def _coarse(
         for column in range(0, grid.columns, BLOCK_CELLS):
             rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
             columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
-            block = _cut(grid, rows, columns)
+            block = grid.cut(rows, columns)
             here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
             if len(here) < FEWEST_CELLS:
                 continue
@@ -172,7 +172,7 @@ def _whole_part(
     range_m = mean_ranges(sightings).range_m
     place = pose.position_m + range_m[:, None] * pose.boresight
     reach_m = range_m * sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
-    row, column, inside = _cell_of(place, grid)
+    row, column, inside = grid.cell_of(place)
     alone = inside & (_to_border_m(part, grid)[row, column] > reach_m)
     return np.where(alone, part[row, column], -1)
 
@@ -200,7 +200,7 @@ def _plane(
         kept = deep & (np.abs(rest) <= OUTLIER_SPREADS * spread_m)
         if kept.sum() < FEWEST_CELLS:
             return height
-    row, column, on_grid = _cell_of(points.position_m, grid)
+    row, column, on_grid = grid.cell_of(points.position_m)
     above = points.position_m[:, 2] - fit[0] - points.position_m[:, :2] @ fit[1:]
     on = on_grid & inside[row, column] & (np.abs(above) < OUTLIER_SPREADS * spread_m)
     moved: Float[np.ndarray, " cell"] = design @ fit + (float(np.median(above[on])) if on.any() else 0.0)
@@ -224,15 +224,6 @@ def _to_border_m(part: Int[np.ndarray, "row column"], grid: Grid) -> Float[np.nd
     return distance if border.any() else np.full(part.shape, np.inf)
 
 
-def _cell_of(
-    place_m: Float[np.ndarray, "n k"], grid: Grid
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    column = np.round((place_m[:, 0] - grid.west_m) / grid.spacing_m).astype(np.int64)
-    row = np.round((place_m[:, 1] - grid.south_m) / grid.spacing_m).astype(np.int64)
-    inside = (row >= 0) & (row < grid.rows) & (column >= 0) & (column < grid.columns)
-    return np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1), inside
-
-
 def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
     """Tell which pulses' axes come near the cells of a grid between two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
@@ -254,13 +245,3 @@ def _within(place_m: Float[np.ndarray, "n 2"], grid: Grid, margin_m: float) -> B
     x, y = place_m.T
     inside: Bool[np.ndarray, " n"] = (x > west - margin_m) & (x < east + margin_m)
     return inside & (y > south - margin_m) & (y < north + margin_m)
-
-
-def _cut(grid: Grid, rows: slice, columns: slice) -> Grid:
-    return Grid(
-        west_m=float(grid.x_m[columns.start]),
-        south_m=float(grid.y_m[rows.start]),
-        spacing_m=grid.spacing_m,
-        columns=columns.stop - columns.start,
-        rows=rows.stop - rows.start,
-    )

@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
 from sionna_radar.mapping.heightfield import Heightfield
-from sionna_radar.mapping.levels import CHANGE, JUMP, choose_levels
+from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import mean_ranges
 from sionna_radar.mapping.stepped import lowest_in_view_m, step_surface
@@ -57,7 +57,6 @@ def test_levels_of_a_row_are_those_of_a_plain_search():
     rng = np.random.default_rng(3)
     for _ in range(20):
         cost = rng.uniform(0, 12, (5, 4))
-        best = min(product(range(4), repeat=5), key=lambda levels: cost_of_row(cost, np.array(levels)))
         # The other six directions see single cells, which weigh a row of heights as much as it weighs itself.
         chosen = choose_levels(cost[None].astype(np.float32))[0]
         ends = [
@@ -65,9 +64,7 @@ def test_levels_of_a_row_are_those_of_a_plain_search():
             for level in range(4)
         ]
         total = np.array(ends) + 7 * cost[2]
-        assert total[chosen[2]] <= total.min() + 4.0
-        if chosen[2] != best[2]:
-            assert total[chosen[2]] <= total[best[2]] + 4.0
+        assert chosen[2] == np.flatnonzero(total <= total.min() + 8 * AS_GOOD).max()
 
 
 def test_a_step_stays_and_noise_goes():

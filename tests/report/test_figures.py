@@ -36,7 +36,9 @@ def test_draw_all_writes_the_named_files(survey: Survey, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("draw", DRAWINGS)
 def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) -> None:
-    draw(empty).draw_without_rendering()
+    figure = draw(empty)
+    figure.draw_without_rendering()
+    assert figure.axes
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
