@@ -2,15 +2,8 @@
 
 Training cells lie one range cell apart on both sides of the cell under test, beyond the guard cells. Their noise
 level Z is the mean of all (CA), of the side with the greater (GO) or the smaller mean (SO), or an order statistic
-of all (OS). The cell is detected above a multiple a of Z. Noise power in a spectrum is exponential, so the
-false-alarm probability is E[exp(-a Z)], and a follows from the wanted one:
-
-- for independent cells in closed form, as in Gandhi and Kassam 1988, "Analysis of CFAR processors in
-  nonhomogeneous background";
-- but a window correlates neighbouring cells. The mean of correlated exponentials is a sum of independent ones
-  weighted by the eigenvalues e of their covariance: E[exp(-a Z)] = prod 1 / (1 + a e / N), exact for CA. For the
-  other kinds the expectation is taken over a fixed sample of training cells with that covariance, drawn with the
-  low noise at which false alarms happen and weighted back (importance sampling).
+of all (OS). The cell is detected above a multiple of Z that follows from the wanted probability of false alarm: see
+`false_alarm`.
 
 Near the ends of the spectrum, where only one side fits, that side alone serves, with a multiple of its own.
 """
@@ -21,11 +14,17 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import cholesky, toeplitz
-from scipy.optimize import brentq
-from scipy.special import logsumexp
 
-SAMPLE = 20_000
+from sionna_radar.detection.false_alarm import (
+    factor_of_greater,
+    factor_of_mean,
+    factor_of_ordered,
+    factor_of_smaller,
+    mean_ordered,
+    mean_smaller,
+    mean_weights,
+)
+
 ROWS_AT_ONCE = 64
 
 
@@ -50,28 +49,39 @@ class Cfar:
     @cached_property
     def both_sides_factor(self) -> float:
         """Multiple of the noise level where both sides fit."""
-        if self.kind == "CA":
-            return self._mean_factor(sides=2)
-        if self.kind == "SO":
-            # Either side is the smaller with equal chance; it alone is then drawn low.
-            lag, log_weight = self._training_sample(side=0, sides=1)
-            lead, _ = self._training_sample(side=1, sides=None)
-            smaller = lag.mean(axis=1) < lead.mean(axis=1)
-            return self._sampled_factor(lag.mean(axis=1), np.where(smaller, log_weight + np.log(2), -np.inf))
-        (lag, lag_weight), (lead, lead_weight) = (self._training_sample(side, sides=2) for side in (0, 1))
-        if self.kind == "OS":
-            level = _ranked(np.concatenate([lag, lead], axis=1), self.rank)
-        else:
-            level = np.maximum(lag.mean(axis=1), lead.mean(axis=1))
-        return self._sampled_factor(level, lag_weight + lead_weight)
+        match self.kind:
+            case "CA":
+                return factor_of_mean(self._weights, 2, self.false_alarm_probability)
+            case "GO":
+                return factor_of_greater(self._weights, self.false_alarm_probability)
+            case "SO":
+                return factor_of_smaller(self._weights, self.false_alarm_probability)
+            case "OS":
+                return self._ordered_factor(sides=2)
 
     @cached_property
     def one_side_factor(self) -> float:
         """Multiple of the noise level where a single side fits."""
         if self.kind == "OS":
-            cells, log_weight = self._training_sample(side=0, sides=1)
-            return self._sampled_factor(_ranked(cells, self.rank), log_weight)
-        return self._mean_factor(sides=1)
+            return self._ordered_factor(sides=1)
+        return factor_of_mean(self._weights, 1, self.false_alarm_probability)
+
+    @cached_property
+    def both_sides_mean(self) -> float:
+        """Mean noise level, over the noise power, where both sides fit: SO reads low, GO and a high rank read high."""
+        if self.kind == "CA":
+            return 1.0
+        if self.kind == "OS":
+            return mean_ordered(self.correlation, self.training, 2, _place(self.rank, 2 * self.training))
+        smaller = mean_smaller(self.correlation, self.training)
+        return smaller if self.kind == "SO" else 2 - smaller
+
+    @cached_property
+    def one_side_mean(self) -> float:
+        """Mean noise level, over the noise power, where a single side fits."""
+        if self.kind == "OS":
+            return mean_ordered(self.correlation, self.training, 1, _place(self.rank, self.training))
+        return 1.0
 
     def threshold(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
         """Return what each cell must exceed; infinite where no side fits."""
@@ -148,57 +158,20 @@ class Cfar:
                 level[rows, use] = _ranked(power[rows][:, index], self.rank)
         return level
 
-    def _mean_factor(self, sides: int) -> float:
-        """Return the multiple of the mean over one or two independent sides."""
-        eigenvalue = np.linalg.eigvalsh(self._covariance())
-        count = sides * self.training
+    @property
+    def _weights(self) -> Float[np.ndarray, " cell"]:
+        return mean_weights(self.correlation, self.training)
 
-        def log_miss(factor: float) -> float:
-            log_probability = -sides * np.log1p(factor * eigenvalue / count).sum()
-            return float(log_probability - np.log(self.false_alarm_probability))
+    def _ordered_factor(self, sides: int) -> float:
+        place = _place(self.rank, sides * self.training)
+        return factor_of_ordered(self.correlation, self.training, sides, place, self.false_alarm_probability)
 
-        return float(brentq(log_miss, 0.0, 1e9, xtol=1e-10, rtol=1e-12))
 
-    def _sampled_factor(self, level: Float[np.ndarray, " sample"], log_weight: Float[np.ndarray, " sample"]) -> float:
-        def log_miss(factor: float) -> float:
-            log_probability = logsumexp(log_weight - factor * level) - np.log(len(level))
-            return float(log_probability - np.log(self.false_alarm_probability))
-
-        highest = 1.0
-        while log_miss(highest) > 0:
-            highest *= 2
-        return float(brentq(log_miss, 0.0, highest, xtol=1e-10))
-
-    def _covariance(self) -> Float[np.ndarray, "cell cell"]:
-        """Return the covariance of the powers' underlying fields over one side."""
-        lags = np.zeros(self.training)
-        known = self.correlation[: self.training]
-        lags[: len(known)] = known
-        return toeplitz(lags)
-
-    def _training_sample(
-        self, side: int, sides: int | None
-    ) -> tuple[Float[np.ndarray, "sample cell"], Float[np.ndarray, " sample"]]:
-        """Return powers of one side's cells under noise of unit power, and the logarithms of their weights.
-
-        The noise is drawn at the power that makes false alarms of a level over so many sides; None draws it at
-        unit power. An order statistic needs only as many low cells as its rank: that share is drawn low, each
-        cell from the mixture of both powers, which also bounds the weights.
-        """
-        generator = np.random.default_rng([20170704, side])
-        field = generator.standard_normal((SAMPLE, self.training, 2)) * np.sqrt(0.5)
-        log_weight = np.zeros(SAMPLE)
-        if sides is not None:
-            share = self.rank if self.kind == "OS" else 1.0
-            drawn = self.false_alarm_probability ** (1 / (sides * self.training * share))
-            low = generator.random((SAMPLE, self.training)) < share
-            field *= np.where(low, np.sqrt(drawn), 1.0)[:, :, None]
-            power = (field**2).sum(axis=2)
-            log_weight = -np.log1p(share * (np.exp(-power * (1 / drawn - 1)) / drawn - 1)).sum(axis=1)
-        mix = cholesky(self._covariance() + 1e-12 * np.eye(self.training), lower=True)
-        return ((mix @ field) ** 2).sum(axis=2), log_weight
+def _place(rank: float, cells: int) -> int:
+    """Return which cell in increasing order stands at a rank, from 0."""
+    return max(0, int(np.ceil(rank * cells)) - 1)
 
 
 def _ranked(cells: Float[np.ndarray, "... cell"], rank: float) -> Float[np.ndarray, "..."]:
-    place = max(0, int(np.ceil(rank * cells.shape[-1])) - 1)
+    place = _place(rank, cells.shape[-1])
     return np.partition(cells, place, axis=-1)[..., place]

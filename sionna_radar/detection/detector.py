@@ -26,7 +26,10 @@ RESPONSE_CELLS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class Spectra:
-    """Power spectra of a block with what the CFAR makes of them."""
+    """Power spectra of a block with what the CFAR makes of them.
+
+    noise: estimate of the mean noise power, free of the bias of the CFAR's kind; infinite where no cell is tested.
+    """
 
     power: Float[np.ndarray, "pulse bin"]
     noise: Float[np.ndarray, "pulse bin"]
@@ -56,9 +59,10 @@ class Detector:
     def spectra(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""
         power = self.analyser.power(beat)
-        noise, both = self.cfar.noise_level(power)
+        level, both = self.cfar.noise_level(power)
         factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
-        return Spectra(power=power, noise=noise, threshold=noise * factor)
+        mean = np.where(both, self.cfar.both_sides_mean, self.cfar.one_side_mean)
+        return Spectra(power=power, noise=level / mean, threshold=level * factor)
 
     def detect(
         self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
@@ -147,7 +151,8 @@ class Detector:
         leaves a few cells of it. So cells count that stand out of the quietest training window of the pulse
         and are not far weaker than its strongest cell.
         """
-        quiet = np.min(spectra.noise, axis=1, keepdims=True) * self.cfar.both_sides_factor
+        factor = self.cfar.both_sides_factor * self.cfar.both_sides_mean
+        quiet = np.min(spectra.noise, axis=1, keepdims=True) * factor
         strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.processing.dynamic_range_db)
         return spectra.power > np.maximum(quiet, strongest)
 

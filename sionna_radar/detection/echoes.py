@@ -16,7 +16,7 @@ class Echoes:
     range_m: slant range, Doppler corrected where the processing asks for it.
     range_sigma_m: standard deviation of that range, as the estimator tells it from the echo itself.
     power: calibrated power of the echo's strongest cell; W, or the ratio to the sent power under snr_db.
-    snr_db: that power against the local noise estimate of the CFAR.
+    snr_db: that power over the mean noise power that the CFAR's training cells show, whatever the CFAR's kind.
     """
 
     pulse: Int[np.ndarray, " echo"]

@@ -53,8 +53,8 @@ def test_factors_of_the_means_for_independent_cells(training, pfa):
     n = training
     ca, go, so = (make_cfar(kind, n, pfa) for kind in ("CA", "GO", "SO"))
     assert cell_averaging(ca.both_sides_factor, 2 * n) == pytest.approx(pfa, rel=1e-6)
-    assert greatest_of(go.both_sides_factor, n) == pytest.approx(pfa, rel=0.01)
-    assert smallest_of(so.both_sides_factor, n) == pytest.approx(pfa, rel=0.01)
+    assert greatest_of(go.both_sides_factor, n) == pytest.approx(pfa, rel=1e-6)
+    assert smallest_of(so.both_sides_factor, n) == pytest.approx(pfa, rel=1e-6)
     for cfar in (ca, go, so):  # with a single side there is nothing to choose from
         assert cell_averaging(cfar.one_side_factor, n) == pytest.approx(pfa, rel=1e-6)
 
@@ -64,14 +64,14 @@ def test_factors_of_the_means_for_independent_cells(training, pfa):
 def test_factors_of_os_for_independent_cells(training, pfa):
     cfar = make_cfar("OS", training, pfa)
     both, one = int(np.ceil(0.75 * 2 * training)), int(np.ceil(0.75 * training))
-    assert ordered(cfar.both_sides_factor, 2 * training, both) == pytest.approx(pfa, rel=0.1)
-    assert ordered(cfar.one_side_factor, training, one) == pytest.approx(pfa, rel=0.1)
+    assert ordered(cfar.both_sides_factor, 2 * training, both) == pytest.approx(pfa, rel=1e-6)
+    assert ordered(cfar.one_side_factor, training, one) == pytest.approx(pfa, rel=1e-6)
 
 
 @pytest.mark.parametrize("rank", [0.5, 0.9, 1.0])
 def test_the_rank_of_os(rank):
     cfar = make_cfar("OS", 16, 1e-4, rank=rank)
-    assert ordered(cfar.both_sides_factor, 32, int(np.ceil(rank * 32))) == pytest.approx(1e-4, rel=0.05)
+    assert ordered(cfar.both_sides_factor, 32, int(np.ceil(rank * 32))) == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_correlated_cells_need_a_higher_threshold():
