@@ -108,6 +108,26 @@ class Antenna:
         return self.peak_gain * (self.azimuth.at(u) * self.elevation.at(v)) ** 2 * np.maximum(cos, 0.0)
 
     @property
+    def polarizations(self) -> tuple[str, str]:
+        """The polarisation sent and the one received, each "V" or "H"."""
+        other = {"V": "H", "H": "V"}[self.polarization]
+        return self.polarization, self.polarization if self.receives == "co" else other
+
+    @staticmethod
+    def field(direction: Float[np.ndarray, "n 3"], polarization: str) -> Float[np.ndarray, "n 3"]:
+        """Return the unit electric field sent toward unit vectors, both in the antenna's frame.
+
+        V is the meridian through the antenna's up axis, H the circle of latitude, the fields of a
+        short vertical electric dipole and of a short vertical magnetic one.
+        """
+        x, y, z = direction.T
+        zero = np.zeros(len(direction))
+        level = np.maximum(np.hypot(x, y), 1e-12)
+        if polarization == "H":
+            return np.stack([-y, x, zero], axis=1) / level[:, None]
+        return np.stack([-x * z, -y * z, level**2], axis=1) / level[:, None]
+
+    @property
     def beamwidths_rad(self) -> tuple[float, float]:
         """Measured half-power beamwidths in azimuth and elevation."""
         return self.azimuth.half_power_width_rad, self.elevation.half_power_width_rad

@@ -185,10 +185,10 @@ class IntegralEquation(RoughTable):
 
 
 class SionnaItu(Table):
-    """Sionna RT's own ITURadioMaterial: a slab that scatters the share `scattering_coefficient` of the field.
+    """A slab with the coefficients of Sionna RT's ITURadioMaterial: `scattering_coefficient` of the field scatters.
 
-    Sionna keeps field components in the world's spherical basis: straight down, a linearly polarised antenna
-    loses up to 3 dB. The materials above do not.
+    The scattering matrix is that of the materials above, which keeps the polarisation at every scan angle; Sionna's
+    own loses 4.5 to 24 dB of the co-polar echo off nadir.
     """
 
     model: Literal["sionna_itu"]

@@ -11,11 +11,20 @@ from jaxtyping import Float
 class Backscatter(Protocol):
     """A model of the monostatic backscatter of an extended surface.
 
-    A model of one's own is any object with this method.
+    A custom model is any object with this method.
     """
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area (a ratio) at incidence angles."""
+        ...
+
+
+@runtime_checkable
+class ScatteredShare(Protocol):
+    """A model that knows its scatter into all directions, not only back."""
+
+    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return scattered over incident power of the co-polar field at incidence angles."""
         ...
 
 
@@ -39,3 +48,10 @@ class LambertianBackscatter:
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
         return self.nadir_sigma0 * np.cos(incidence_rad) ** 2
+
+    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return scattered over incident power: the albedo, 1 (and a nadir sigma0 of 4, 6 dB) at most in nature.
+
+        Toward every direction sigma0 is 4 albedo cos(in) cos(out); over 4 pi cos(in), its integral is the albedo.
+        """
+        return np.full(len(incidence_rad), self.nadir_sigma0 / 4)

@@ -28,8 +28,8 @@ from sionna_radar.scene import rough_surface
 from sionna_radar.scene.backscatter import Backscatter, ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
 from sionna_radar.scene.medium import extrapolation_of, permittivity_of
-from sionna_radar.scene.radar_material import Channel, Mirror, RadarMaterial, SionnaSlab
-from sionna_radar.scene.sionna_slab import slab_material
+from sionna_radar.scene.radar_material import Channel, Mirror, RadarMaterial
+from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
 
 logger = logging.getLogger("sionna_radar")
 
@@ -81,12 +81,12 @@ def doubts(table: Material, material: RadarMaterial, carrier_hz: float) -> list[
     validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
     found += [f"outside the range of {table.model}: {text}" for text in validity()]
     angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
-    share = material.scattered_share(np.deg2rad(angle_deg)) if material.slab is None else np.zeros(1)
+    share = material.scattered_share(np.deg2rad(angle_deg))
     if share.max() > 1:
         over = angle_deg[share > 1]
         found.append(
-            f"more power than came in, {share.max():.3g} times at worst, would leave it between {over[0]} and "
-            f"{over[-1]} deg, if it scattered everywhere as strongly as straight back"
+            f"it would scatter more power than it receives, {share.max():.3g} times at worst, between {over[0]} and "
+            f"{over[-1]} deg of incidence"
         )
     return found
 

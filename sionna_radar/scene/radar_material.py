@@ -7,7 +7,7 @@ and the same for both ways:
     |  0  a_v |  + x  | s2   -j s1  |      s1, s2 = +-1, drawn for each place
 
 The second part carries the cross-polar power x^2. It is symmetric, so VH equals HV (reciprocity), and turning
-the axes only turns its phase, on average over the signs: at nadir, where the axes are arbitrary, nothing hangs
+the axes only turns its phase, on average over the signs: at nadir, where the axes are arbitrary, nothing depends
 on them. It adds x^2 to the co-polar channels too, which a_h and a_v leave room for.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.scene.backscatter import Backscatter
+from sionna_radar.scene.backscatter import Backscatter, ScatteredShare
 from sionna_radar.scene.rough_surface import coherent_power_factor, fresnel_reflection
 
 Channel = Literal["VV", "HH", "VH", "HV"]
@@ -43,16 +43,6 @@ class Mirror:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SionnaSlab:
-    """What Sionna RT's ITURadioMaterial is made from."""
-
-    itu_type: str
-    thickness_m: float
-    scattering_coefficient: float
-    xpd_coefficient: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class RadarMaterial:
     """A surface's backscatter in every channel; it is a `Backscatter` itself, of the channel in use.
 
@@ -60,7 +50,6 @@ class RadarMaterial:
     cross_polar: cross-polar sigma0 over the weaker of the two.
     channel: what the radar sends and receives (VH: receives V of a sent H; equal to HV).
     mirror: None for a surface without a specular return.
-    slab: scatter by Sionna's own material; `vertical` and `horizontal` then only describe it.
     """
 
     vertical: Backscatter
@@ -68,7 +57,6 @@ class RadarMaterial:
     cross_polar: float = 0.0
     channel: Channel = "VV"
     mirror: Mirror | None = None
-    slab: SionnaSlab | None = None
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the cross-section per unit of surface area in the channel."""
@@ -89,14 +77,19 @@ class RadarMaterial:
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power, mirror included, the larger of a sent V and H.
 
-        Sionna lets a scatterer re-radiate its field into every direction of the hemisphere alike, projected
-        across the direction: sigma0 / (4 pi cos) times the solid angle 4 pi / 3 that the projection leaves.
-        The cross-polar field is one more.
+        A model that knows where its power goes says so by a method `scattered_share` of its own. Of any other only
+        the backscatter is known: it is taken to re-radiate its field into every direction of the hemisphere alike,
+        projected across the direction, which is what the ray tracer's material does: sigma0 / (4 pi cos) times the
+        solid angle 4 pi / 3 that the projection leaves. The cross-polar field is one more.
         """
         cosine = np.maximum(np.cos(incidence_rad), 1e-9)
-        cross = self.cross_sigma0(incidence_rad)
-        strongest = np.maximum(self.vertical.sigma0(incidence_rad), self.horizontal.sigma0(incidence_rad))
-        share: Float[np.ndarray, " n"] = (strongest + cross) / (3 * cosine)
+        shares = []
+        for model in (self.vertical, self.horizontal):
+            if isinstance(model, ScatteredShare):
+                shares.append(model.scattered_share(incidence_rad) * (1 + self.cross_polar))
+            else:
+                shares.append((model.sigma0(incidence_rad) + self.cross_sigma0(incidence_rad)) / (3 * cosine))
+        share: Float[np.ndarray, " n"] = np.maximum(*shares)
         if self.mirror is not None:
             share = share + self._reflected_share(self.mirror, incidence_rad)
         return share

@@ -1,7 +1,10 @@
-"""Sionna RT's own ITU materials: where they are defined, and what they scatter back.
+"""Sionna RT's ITU materials: where they are defined, and what they scatter back.
 
 Their diffuse model gives sigma0 = 4 S^2 R^2 cos^2 (1 - K), with S the scattering coefficient, R^2 the power that
-the slab reflects at that angle and polarisation, and K the share that turns cross-polar.
+the slab reflects at that angle and polarisation, and K the share that turns cross-polar. The coefficients are
+Sionna's; the scattering matrix around them is ours (`RadarMaterial`), because Sionna's own keeps field components in
+the world's spherical basis: for a linearly polarised antenna that looks down at a scan angle it loses the co-polar
+echo, 3 dB straight down and 4.5 to 24 dB off nadir.
 """
 
 from dataclasses import dataclass
@@ -11,8 +14,21 @@ from jaxtyping import Float
 from scipy.constants import epsilon_0, speed_of_light
 
 from sionna_radar.scene.backend import load_mitsuba
-from sionna_radar.scene.radar_material import Channel, RadarMaterial, SionnaSlab
+from sionna_radar.scene.radar_material import Channel, RadarMaterial
 from sionna_radar.scene.rough_surface import Polarization, fresnel_reflection
+
+
+@dataclass(frozen=True, kw_only=True)
+class SionnaSlab:
+    """A slab of an ITU material as Sionna RT describes it.
+
+    scattering_coefficient: scattered over reflected field, S; xpd_coefficient: cross-polar share of its power, K.
+    """
+
+    itu_type: str
+    thickness_m: float
+    scattering_coefficient: float
+    xpd_coefficient: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,14 +42,19 @@ class SlabBackscatter:
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
+        sigma0: Float[np.ndarray, " n"] = 4 * self.scattered_share(incidence_rad) * np.cos(incidence_rad) ** 2
+        return sigma0
+
+    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return scattered over incident power: Lambert's law with an albedo of (1 - K) S^2 R^2."""
         cosine = np.cos(incidence_rad)
         edge = fresnel_reflection(self.permittivity, np.maximum(cosine, 0.0), self.polarization)
         depth = 2 * np.pi * self.frequency_hz / speed_of_light * self.slab.thickness_m
         delay = np.exp(-2j * depth * np.sqrt(self.permittivity - np.sin(incidence_rad) ** 2 + 0j))
         reflection = edge * (1 - delay) / (1 - edge**2 * delay)
-        share = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
-        sigma0: Float[np.ndarray, " n"] = 4 * share * np.abs(reflection) ** 2 * cosine**2
-        return sigma0
+        kept = self.slab.scattering_coefficient**2 * (1 - self.slab.xpd_coefficient)
+        share: Float[np.ndarray, " n"] = kept * np.abs(reflection) ** 2
+        return share
 
 
 def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> RadarMaterial:
@@ -54,7 +75,6 @@ def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> Ra
         horizontal=horizontal,
         cross_polar=slab.xpd_coefficient / (1 - slab.xpd_coefficient),
         channel=channel,
-        slab=slab,
     )
 
 
@@ -63,7 +83,8 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
     from sionna.rt.radio_materials.itu import ITU_MATERIALS_PROPERTIES
 
     if itu_type not in ITU_MATERIALS_PROPERTIES:
-        message = f"{itu_type!r} is no ITU material of Sionna's; use one of {', '.join(ITU_MATERIALS_PROPERTIES)}"
+        known = ", ".join(ITU_MATERIALS_PROPERTIES)
+        message = f"{itu_type!r} is not an ITU material known to Sionna RT; use one of {known}"
         raise ValueError(message)
     bands = ITU_MATERIALS_PROPERTIES[itu_type]
     ghz = frequency_hz / 1e9

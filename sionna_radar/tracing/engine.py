@@ -89,7 +89,7 @@ def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     if table.engine == "gamma":
         from sionna_radar.tracing.gamma_engine import GammaEngine
 
-        return GammaEngine(scene, antenna, chirp, seed, given.caster)
+        return GammaEngine(scene, antenna, chirp, seed, given.caster, speckle=table.speckle)
     if table.engine == "path_solver":
         from sionna_radar.tracing.path_solver import PathSolverEngine
 

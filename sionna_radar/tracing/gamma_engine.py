@@ -9,9 +9,13 @@ Footprint: the directions where the outer envelope of the two-way pattern is abo
 With side lobes of -20 dB what lies outside holds less than 0.001 dB of the echo of a uniform surface, and
 less than 0.05 dB of it where everything outside is 20 dB brighter than all inside.
 
-Facets coarse against the beam or the range cell are divided until they are fine enough. A scatterer's phase
-hangs on the seed and on the facet's place in the scene, so it is the same from pulse to pulse, and with
-delays from float64 positions the phase history of the echo is that of a real, still surface. Nearer than 7.5
+Polarisation: a facet scatters by the whole matrix of its material, in its own plane of incidence; see
+`facet_scattering`.
+
+Facets coarse against the beam or the range cell are divided until they are fine enough. With
+persistent speckle a scatterer's phase depends on the seed and on the facet's place in the scene, so it is the same
+from pulse to pulse, and with delays from float64 positions the phase history of the echo is that of a real, still
+surface; otherwise every pulse draws its own. Nearer than 7.5
 range cells over the beamwidth (64 m for 2 deg and 0.3 m) the division depends on the distance: a facet whose
 division changes takes new phases there, as another surface would.
 """
@@ -19,9 +23,10 @@ division changes takes new phases there, as another surface would.
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt64
+from jaxtyping import Bool, Complex, Float, Int, UInt64
 from scipy.constants import speed_of_light
 from scipy.spatial import KDTree
 
@@ -30,6 +35,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
 
 FOOTPRINT_DB = -50.0
@@ -49,7 +55,7 @@ RAYS_AT_ONCE = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Facets:
-    """Triangles with the identity that their phases hang on, and the surface that each belongs to."""
+    """Triangles with the identity that their phases depend on, and the surface that each belongs to."""
 
     corner_m: Float[np.ndarray, "facet 3 3"]
     identity: UInt64[np.ndarray, " facet"]
@@ -216,9 +222,12 @@ class FacetIndex:
 
 @dataclass(frozen=True, kw_only=True)
 class _Scatterers:
-    """The facets of one pulse that would echo if nothing stood before them."""
+    """The facets of one pulse that would echo if nothing stood before them.
 
-    power: Float[np.ndarray, " facet"]
+    gain: amplitude of each echo, with the phase of its scattering matrix alone.
+    """
+
+    gain: Complex[np.ndarray, " facet"]
     range_m: Float[np.ndarray, " facet"]
     away_m: Float[np.ndarray, "facet 3"]
     cos_incidence: Float[np.ndarray, " facet"]
@@ -241,6 +250,8 @@ class GammaEngine:
         Two-way level over the peak down to which the beam counts.
     beam_share, range_cells:
         Longest side of a facet, in half-power widths of the beam on the spot and in range resolutions.
+    speckle:
+        Whether the phases of the facets stay ("persistent") or every pulse draws its own ("per_pulse").
 
     """
 
@@ -255,15 +266,15 @@ class GammaEngine:
         footprint_db: float = FOOTPRINT_DB,
         beam_share: float = BEAM_SHARE,
         range_cells: float = RANGE_CELLS,
+        speckle: Literal["per_pulse", "persistent"] = "persistent",
     ) -> None:
         self._index = FacetIndex(facets_of(scene.surfaces))
         self._footprint = Footprint.of(antenna, footprint_db)
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
         self._side_per_metre = beam_share * min(antenna.beamwidths_rad)
         self._longest_side_m = range_cells * chirp.range_resolution_m
-        names = sorted({s.material for s in scene.surfaces})
-        self._backscatter = [scene.materials[name] for name in names]
-        self._material = np.array([names.index(s.material) for s in scene.surfaces])
+        self._scattering = FacetScattering(scene, antenna)
+        self._speckle = speckle
         self._key = _split_mix(np.array([seed], dtype=np.uint64), FIRST_STEP)
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -277,7 +288,7 @@ class GammaEngine:
         for row in range(len(pulses)):
             rows.append(row)
             found.append(self._scatterers(pulses.true, row))
-            if sum(len(f.power) for f in found) > RAYS_AT_ONCE:
+            if sum(len(f.gain) for f in found) > RAYS_AT_ONCE:
                 yield rows, found
                 rows, found = [], []
         if rows:
@@ -298,14 +309,21 @@ class GammaEngine:
         toward = -np.einsum("fi,fi->f", normal, away)
         facing = np.flatnonzero(toward > 0)
         away, range_m, twice_area = away[facing], range_m[facing], twice_area[facing]
-        cos = np.minimum(toward[facing] / (twice_area * range_m), 1.0)
-        gain = self._antenna.gain(away @ R_world_antenna / range_m[:, None])
-        sigma = self._sigma0(cos, facets.surface[facing]) * twice_area / 2
+        direction = away / range_m[:, None]
+        antenna_gain = self._antenna.gain(direction @ R_world_antenna)
+        amplitude = self._scattering.amplitude(
+            direction,
+            normal[facing] / twice_area[:, None],
+            facets.surface[facing],
+            facets.identity[facing],
+            R_world_antenna,
+        )
+        spread = antenna_gain * self._wavelength_m * np.sqrt(twice_area / 2) / ((4 * np.pi) ** 1.5 * range_m**2)
         return _Scatterers(
-            power=gain**2 * self._wavelength_m**2 * sigma / ((4 * np.pi) ** 3 * range_m**4),
+            gain=spread * amplitude,
             range_m=range_m,
             away_m=away,
-            cos_incidence=cos,
+            cos_incidence=np.minimum(toward[facing] / (twice_area * range_m), 1.0),
             identity=facets.identity[facing],
             surface=facets.surface[facing],
         )
@@ -337,39 +355,37 @@ class GammaEngine:
         """Return the facets whose centres lie in the footprint."""
         return facets.take(self._footprint.meets((facets.centre_m - position_m) @ R_world_antenna, 0.0))
 
-    def _sigma0(
-        self, cos_incidence: Float[np.ndarray, " facet"], surface: Int[np.ndarray, " facet"]
-    ) -> Float[np.ndarray, " facet"]:
-        incidence = np.arccos(cos_incidence)
-        material = self._material[surface]
-        sigma0 = np.zeros(len(incidence))
-        for own in (material == number for number in np.unique(material)):
-            sigma0[own] = self._backscatter[material[own][0]].sigma0(incidence[own])
-        return sigma0
-
     def _visible(self, pulses: Pulses, rows: list[int], found: list[_Scatterers]) -> Paths:
         """Return the paths of scatterers that nothing hides."""
-        row = np.repeat(np.array(rows, dtype=np.int64), [len(f.power) for f in found])
+        row = np.repeat(np.array(rows, dtype=np.int64), [len(f.gain) for f in found])
         column = {field.name: np.concatenate([getattr(f, field.name) for f in found]) for field in fields(_Scatterers)}
         origin, velocity = pulses.true.position_m[row], pulses.true.velocity_mps[row]
         point = origin + column["away_m"]
-        seen = column["power"] > 0
+        seen = column["gain"] != 0
         if seen.any():
             seen[seen] = self._caster.visible(origin[seen], point[seen], SHADOW_TOLERANCE_M)
-        phase = 2 * np.pi * _unit(column["identity"][seen] ^ self._key)
-        amplitude = np.sqrt(column["power"][seen])
-        gain = np.empty(len(phase), dtype=np.complex128)
-        gain.real, gain.imag = amplitude * np.cos(phase), amplitude * np.sin(phase)
+        phase = 2 * np.pi * self._turn(column["identity"][seen], pulses.index[row[seen]])
+        turn = np.empty(len(phase), dtype=np.complex128)
+        turn.real, turn.imag = np.cos(phase), np.sin(phase)
         range_m = column["range_m"][seen]
         return Paths(
             pulse=pulses.index[row[seen]],
             delay_s=2 * range_m / speed_of_light,
-            gain=gain,
+            gain=column["gain"][seen] * turn,
             range_rate_mps=-np.einsum("fi,fi->f", velocity[seen], column["away_m"][seen]) / range_m,
             incidence_rad=np.arccos(column["cos_incidence"][seen]),
             hit_m=point[seen],
             surface=column["surface"][seen],
         )
+
+    def _turn(
+        self, identity: UInt64[np.ndarray, " path"], pulse: Int[np.ndarray, " path"]
+    ) -> Float[np.ndarray, " path"]:
+        """Return the phase of each facet at each pulse, in turns."""
+        state = identity ^ self._key
+        if self._speckle == "per_pulse":
+            state = _split_mix(state, pulse.astype(np.uint64) + np.uint64(1))
+        return _unit(state)
 
 
 def _split_mix(state: UInt64[np.ndarray, "..."], step: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:

@@ -229,15 +229,6 @@ class SionnaScene:
 
 
 def _material(name: str, backscatter: Backscatter) -> rt.RadioMaterialBase:
-    slab = as_radar_material(backscatter).slab
-    if slab is not None:
-        return rt.ITURadioMaterial(
-            name,
-            slab.itu_type,
-            slab.thickness_m,
-            scattering_coefficient=slab.scattering_coefficient,
-            xpd_coefficient=slab.xpd_coefficient,
-        )
     properties = mi.Properties(PLUGIN)
     properties.set_id(name)
     properties["color"] = mi.ScalarColor3f(0.5, 0.5, 0.5)
