@@ -238,7 +238,7 @@ def test_scattered_power_is_what_the_material_says(name, polarization):
         stated = (own + material.cross_sigma0(incidence)) / (3 * np.cos(incidence))
         measured = scattered_share(material, incidence[0], polarization)
         assert measured == pytest.approx(stated[0], rel=0.02, abs=1e-12)
-        if name == "lambertian":  # Lambert's law is known in every direction: its albedo is a quarter of sigma0 at nadir
+        if name == "lambertian":  # known in every direction: the albedo is a quarter of sigma0 at nadir
             assert material.scattered_share(incidence)[0] == pytest.approx(1.1 * 0.3 / 4)
         else:
             assert measured <= material.scattered_share(incidence)[0] * 1.02 + 1e-12
