@@ -1,21 +1,21 @@
-"""Two engines over one survey, held against each other: the electromagnetic one and the paper's facets.
+"""Two engines compared over one survey: the electromagnetic one and the paper's facets.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
 |gain|^2 over its paths, that is before they interfere, so it bears no speckle and the engines must agree
-closely. The DEMs are made of speckled echoes, and each engine throws its own speckle: two seeds of ONE engine
-already differ. With S and S' the DEMs of the Sionna engine from two seeds, and G and G' those of the gamma
-engine, independent speckle gives
+closely. The DEMs are made of speckled echoes, and each engine draws its own speckle: two seeds of ONE engine
+already differ. So each engine flies with two seeds, all four cross pairs are compared with the two pairs of one
+engine, and `speckle_test` gives the probability that speckle alone makes such a difference. The noise of the
+receiver, the rain and the fluctuation of targets are the same in all four.
 
-    rms(S - G)^2 = (rms(S - S')^2 + rms(G - G')^2) / 2
-
-so the difference of the engines is held against that yardstick: what exceeds it is not speckle. The noise of
-the receiver, the rain and the fluctuation of targets are the same in all four.
+What the two share is not checked by this: Mitsuba's ray casting (shadows), the antenna's pattern, the models of
+backscatter, point targets, and mirror reflections, which are traced apart from both engines and added to each. Where
+a mirror outshines the diffuse echo the engines agree because it is one and the same.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from sionna_radar.raster import Raster
 from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
 from sionna_radar.sensors import SawtoothRadar, engine_inputs, tracer_with
+from sionna_radar.speckle_test import SpeckleTest, compare_speckle
 from sionna_radar.survey import BLOCK_SIZE, fly, grid_dem
 from sionna_radar.tracing.engine import Engine, build_engine
 from sionna_radar.tracing.paths import Paths
@@ -38,8 +39,13 @@ MARKER = "crosscheck.json"
 INCIDENCE_STEP_DEG = 5.0
 SPECKLE = (
     "Powers are sums of |gain|^2 over a pulse's paths, free of speckle. The DEMs are not: two seeds of one "
-    "engine already differ. dem_speckle_rms_m is the difference that independent speckle makes between the "
-    "two engines: the root of the mean square of dem_rms_of_sionna_seeds_m and dem_rms_of_gamma_seeds_m."
+    "engine already differ. dem_rms_difference_m is over all four pairs of a Sionna and a gamma run; "
+    "dem_speckle_rms_m, over the pairs of one engine, is what speckle alone makes of it; dem_probability is the "
+    "chance of such a difference by speckle alone (randomisation test over dem_tiles tiles of the map)."
+)
+SHARED = (
+    "Both engines share the ray casting, the antenna, the models of backscatter, the point targets and the mirror "
+    "reflections; the cross-check says nothing about those."
 )
 
 
@@ -50,11 +56,14 @@ class Tolerances:
     mean_power_db: size of the difference of the mean power over all pulses.
     p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within. It bears the
         sampling of the Sionna engine, which meets an edge of a building with a few hundred rays.
-    dem_factor: RMS difference of the DEMs over what speckle explains.
+    dem_false_alarm_probability: how rarely speckle alone may be called a difference of the DEMs.
+    dem_factor: RMS difference of the DEMs over what speckle explains, up to which a difference, even a certain
+        one, is too small to matter.
     """
 
     mean_power_db: float = 0.1
     p95_power_db: float = 0.5
+    dem_false_alarm_probability: float = 1e-3
     dem_factor: float = 1.25
 
 
@@ -87,10 +96,14 @@ class IncidenceBin:
 
 @dataclass(frozen=True, kw_only=True)
 class CrossCheck:
-    """Both engines' runs, each with a second seed; differences are gamma minus Sionna."""
+    """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
+
+    correlation_m: farthest that errors of a DEM belong together.
+    """
 
     scenario: Scenario
     tolerances: Tolerances
+    correlation_m: float
     sionna: EngineRun
     sionna_again: EngineRun
     gamma: EngineRun
@@ -119,16 +132,22 @@ class CrossCheck:
         """Gamma's DEM minus Sionna's."""
         return Raster(grid=self.gamma.dem.grid, height_m=self.gamma.dem.height_m - self.sionna.dem.height_m)
 
+    @cached_property
+    def dem_test(self) -> SpeckleTest:
+        """Whether the engines' DEMs differ by more than speckle."""
+        return compare_speckle(
+            (self.sionna.dem, self.sionna_again.dem), (self.gamma.dem, self.gamma_again.dem), self.correlation_m
+        )
+
     @property
     def dem_rms_difference_m(self) -> float:
-        """RMS difference of the engines' DEMs where all four are filled."""
-        return self._rms(self.gamma, self.sionna)
+        """RMS difference of the engines' DEMs, all pairs of seeds, where all four are filled."""
+        return self.dem_test.cross_rms_m
 
     @property
     def dem_speckle_rms_m(self) -> float:
         """RMS difference that independent speckle alone would make between the engines' DEMs."""
-        sionna, gamma = self._rms(self.sionna_again, self.sionna), self._rms(self.gamma_again, self.gamma)
-        return math.sqrt((sionna**2 + gamma**2) / 2)
+        return self.dem_test.speckle_rms_m
 
     @property
     def agrees(self) -> bool:
@@ -140,15 +159,23 @@ class CrossCheck:
         limits = {
             "mean_power_difference_db": (self.mean_power_difference_db, self.tolerances.mean_power_db),
             "p95_abs_power_difference_db": (self.p95_abs_power_difference_db, self.tolerances.p95_power_db),
-            "dem_rms_difference_m": (
-                self.dem_rms_difference_m,
-                self.tolerances.dem_factor * self.dem_speckle_rms_m,
-            ),
         }
-        return {
+        verdict: dict[str, dict[str, Any]] = {
             name: {"value": value, "tolerance": limit, "agrees": abs(value) <= limit}
             for name, (value, limit) in limits.items()
         }
+        test, limit = self.dem_test, self.tolerances.dem_factor * self.dem_speckle_rms_m
+        # A map of too few tiles cannot tell chance from difference; its size alone decides.
+        by_chance = test.can_reject(self.tolerances.dem_false_alarm_probability) and (
+            test.probability > self.tolerances.dem_false_alarm_probability
+        )
+        verdict["dem_rms_difference_m"] = {
+            "value": test.cross_rms_m,
+            "tolerance": limit,
+            "probability": test.probability,
+            "agrees": by_chance or test.cross_rms_m <= limit,
+        }
+        return verdict
 
     def by_incidence(self) -> list[IncidenceBin]:
         """Return the difference of power in steps of the mean local incidence."""
@@ -192,6 +219,8 @@ class CrossCheck:
             "dem_rms_difference_m": self.dem_rms_difference_m,
             "dem_mean_difference_m": self._mean(),
             "dem_speckle_rms_m": self.dem_speckle_rms_m,
+            "dem_probability": self.dem_test.probability,
+            "dem_tiles": self.dem_test.tiles,
             "dem_rms_of_sionna_seeds_m": self._rms(self.sionna_again, self.sionna),
             "dem_rms_of_gamma_seeds_m": self._rms(self.gamma_again, self.gamma),
             "dem_cells": int(self._common().sum()),
@@ -200,6 +229,7 @@ class CrossCheck:
             "tolerances": asdict(self.tolerances),
             "verdict": self.verdict(),
             "speckle": SPECKLE,
+            "shared": SHARED,
             "scenario": self.scenario.model_dump(mode="json"),
         }
         return without_nan(document)
@@ -261,7 +291,17 @@ def crosscheck(
     if not (runs["sionna"].power > 0).any():
         message = "no pulse of the survey meets a surface; there is nothing to compare"
         raise ScenarioError([Problem("terrain", message)])
-    return CrossCheck(scenario=scenario, tolerances=tolerances or Tolerances(), **runs)
+    return CrossCheck(
+        scenario=scenario, tolerances=tolerances or Tolerances(), correlation_m=_correlation_m(ready), **runs
+    )
+
+
+def _correlation_m(ready: Preparation) -> float:
+    """Return how far apart errors of the DEM still belong together: a footprint, or the gap that is filled."""
+    pose = ready.schedule.sample(1000).true
+    clearance = float(np.median(pose.position_m[:, 2] - ready.built.ground_m(pose.position_m[:, :2])))
+    footprint = clearance * max(ready.antenna.beamwidths_rad) / np.cos(np.deg2rad(ready.scenario.radar.scan.incidence_deg)) ** 2
+    return max(float(footprint), ready.max_gap_m / 2)
 
 
 def _report(progress: Callable[[int, int], None], offset: int, total: int, done: int) -> None:
@@ -274,7 +314,7 @@ def _sionna(ready: Preparation, seed: int) -> Engine:
 
 
 def _gamma(ready: Preparation, seed: int) -> Engine:
-    table = ready.scenario.tracing.model_copy(update={"engine": "gamma"})
+    table = ready.scenario.tracing.model_copy(update={"engine": "gamma", "speckle": "per_pulse"})
     return build_engine(table, replace(engine_inputs(ready), seed=seed))
 
 

@@ -77,8 +77,15 @@ def test_a_fifth_of_a_decibel_too_much_is_found_out(check):
 
 
 def test_a_dem_half_a_metre_too_high_is_found_out(check):
-    dem = replace(check.gamma.dem, height_m=check.gamma.dem.height_m + 0.5)
-    assert not replace(check, gamma=replace(check.gamma, dem=dem)).agrees
+    higher = {}
+    for name in ("gamma", "gamma_again"):
+        engine_run = getattr(check, name)
+        dem = replace(engine_run.dem, height_m=engine_run.dem.height_m + 0.5)
+        higher[name] = replace(engine_run, dem=dem)
+    assert check.dem_test.probability > 0.001
+    wrong = replace(check, **higher)
+    assert wrong.dem_test.probability <= 0.001
+    assert not wrong.agrees
 
 
 def test_a_trend_with_incidence_is_found(check):
