@@ -300,7 +300,8 @@ def _correlation_m(ready: Preparation) -> float:
     """Return how far apart errors of the DEM still belong together: a footprint, or the gap that is filled."""
     pose = ready.schedule.sample(1000).true
     clearance = float(np.median(pose.position_m[:, 2] - ready.built.ground_m(pose.position_m[:, :2])))
-    footprint = clearance * max(ready.antenna.beamwidths_rad) / np.cos(np.deg2rad(ready.scenario.radar.scan.incidence_deg)) ** 2
+    incidence_rad = np.deg2rad(ready.scenario.radar.scan.incidence_deg)
+    footprint = clearance * max(ready.antenna.beamwidths_rad) / np.cos(incidence_rad) ** 2
     return max(float(footprint), ready.max_gap_m / 2)
 
 

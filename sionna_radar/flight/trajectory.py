@@ -209,11 +209,12 @@ def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_g
     if platform.height == "level":
         level = start_ground + platform.altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
-    # The ground is averaged over follow_length_m, as a flight controller would, then splined.
+    # The ground is averaged over follow_length_m, as a flight controller would, then splined. Toward the ends of the
+    # track the average narrows and stays centred: one-sided, it would fly beside a slope, not over it.
     step = platform.follow_length_m / 10
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
-    reach = np.linspace(-platform.follow_length_m / 2, platform.follow_length_m / 2, 11)
-    inside = np.clip(distance[:, None] + reach, 0.0, track.length_m)
+    half = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
+    inside = distance[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 11)
     ground = ground_m(track.point(inside.ravel())).reshape(inside.shape)
     return CubicSpline(distance, ground.mean(axis=1) + platform.altitude_m)
 
