@@ -38,6 +38,18 @@ def test_the_engines_agree_on_hills(check):
     assert check.agrees
 
 
+def test_sampling_of_the_beam_is_not_called_a_difference(check):
+    """Every tenth pulse off by 3 dB in both seeds of the Sionna engine, each to its own side: too few rays."""
+    some = np.arange(len(check.sionna.power)) % 10 == 0
+    noisy = {
+        name: replace(getattr(check, name), power=getattr(check, name).power * np.where(some, 10**exponent, 1.0))
+        for name, exponent in (("sionna", 0.3), ("sionna_again", -0.3))
+    }
+    assert replace(check, **noisy).verdict()["p95_abs_power_difference_db"]["agrees"]
+    wrong = replace(check, sionna=noisy["sionna"], sionna_again=noisy["sionna"])
+    assert not wrong.verdict()["p95_abs_power_difference_db"]["agrees"]
+
+
 def test_the_dems_differ_by_speckle(check):
     assert check.dem_speckle_rms_m > 0.02
     assert check.dem_rms_difference_m < 1.25 * check.dem_speckle_rms_m
