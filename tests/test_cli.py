@@ -31,12 +31,12 @@ def test_run_writes_every_product(cli, small, tmp_path):
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
-        "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
+        "manifest.json", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
-        "scenario", "seed", "engine", "pulses", "paths", "echoes", "dem_error", "lit_error", "off_wall_error",
-        "timing_s", "peak_memory_mb",
+        "scenario", "replaced", "warnings", "seed", "engine", "pulses", "paths", "echoes",
+        "dem_error", "lit_error", "off_wall_error", "meaning", "timing_s", "peak_memory_mb",
         "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
@@ -201,7 +201,7 @@ def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
     assert "position, up" in done.stdout
     assert "Gauss-Markov" in done.stdout
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
-    assert written == {"budget.json", "figures/budget.png"}
+    assert written == {"manifest.json", "budget.json", "figures/budget.png"}
     refused = cli("budget", small, "-o", tmp_path / "other", "--grades", tmp_path / "none.toml")
     assert refused.returncode == 2
     assert "none.toml" in refused.stderr
@@ -214,7 +214,8 @@ def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "SAR, theory" in done.stdout
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
-    assert written == {"image.json", "scenario.toml", "slar.nc", "sar.nc", "figures/slar.png", "figures/sar.png"}
+    files = {"manifest.json", "image.json", "scenario.toml", "slar.nc", "sar.nc"}
+    assert written == files | {"figures/slar.png", "figures/sar.png"}
     refused = cli("image", small, "-o", tmp_path / "other")
     assert refused.returncode == 2
     assert "radar.scan.mode: 'whisk_broom' does not look to the side" in refused.stderr

@@ -83,10 +83,19 @@ def test_the_survey_is_told_whole(survey):
     assert survey.scenario == scenario_of()
 
 
-def test_progress_counts_every_pulse():
+def test_progress_tells_every_stage_and_counts_every_pulse():
     calls = []
-    run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda done, total: calls.append((done, total)))
-    assert calls == [(20, 50), (40, 50), (50, 50)]
+    run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda *step: calls.append(step))
+    assert calls == [
+        ("preparing", 0, 0),
+        ("preparing", 1, 1),
+        ("tracing", 0, 50),
+        ("tracing", 20, 50),
+        ("tracing", 40, 50),
+        ("tracing", 50, 50),
+        ("mapping", 0, 0),
+        ("mapping", 1, 1),
+    ]
 
 
 def test_points_lie_near_the_ground(survey):

@@ -2,17 +2,17 @@
 
 import math
 
-from rich.console import Console
 from rich.table import Table
 
 from sionna_radar.budget import Budget, Limit
+from sionna_radar.report.terminal import console
 
 KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 
 
 def print_budget(budget: Budget) -> None:
     """Print the limits of all errors, and what the grades of GPS/IMU make of the DEM."""
-    console = Console(highlight=False)
+    out = console()
     title = f"RMS {budget.rms_m:.3f} m with the exact pose; the error that alone makes it {budget.growth:.0%} more"
     limits = Table(title=title, title_justify="left")
     limits.add_column("error")
@@ -21,7 +21,7 @@ def print_budget(budget: Budget) -> None:
     for name in dict.fromkeys(limit.error.name for limit in budget.limits):
         found = {limit.error.kind: _told(limit) for limit in budget.limits if limit.error.name == name}
         limits.add_row(name, *(found.get(kind, "") for kind in ("constant", "white", "markov")))
-    console.print(limits)
+    out.print(limits)
     if not budget.grades:
         return
     grades = Table(title="All errors of a grade of GPS/IMU together", title_justify="left")
@@ -29,9 +29,9 @@ def print_budget(budget: Budget) -> None:
         grades.add_column(name, justify="left" if name == "grade" else "right")
     for grade in budget.grades:
         grades.add_row(grade.name, f"{grade.rms_m:.3f} m", f"{grade.growth:+.0%}", f"{grade.coverage:.1%}")
-    console.print(grades)
+    out.print(grades)
     for grade in budget.grades:
-        console.print(f"{grade.name}: {grade.source}", soft_wrap=True)
+        out.print(f"{grade.name}: {grade.source}", soft_wrap=True)
 
 
 def _told(limit: Limit) -> str:
