@@ -67,6 +67,7 @@ class Survey(Brief):
 
     pulses, paths: how many were simulated.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
+    lit: cells with a true height that the main beam reached.
     dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
     off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
@@ -83,6 +84,7 @@ class Survey(Brief):
     dem: Raster
     truth: Raster
     error: Raster
+    lit: Bool[np.ndarray, "row column"]
     dem_error: DemError
     lit_error: DemError
     off_wall_error: DemError | None
@@ -169,6 +171,7 @@ def run(
         dem=dem,
         truth=truth,
         error=error,
+        lit=lit,
         dem_error=summarise(error, lit),
         lit_error=summarise(error.only(lit), lit),
         off_wall_error=summarise(error.only(off_wall), off_wall) if walls else None,

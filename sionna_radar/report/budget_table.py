@@ -5,7 +5,7 @@ import math
 from rich.table import Table
 
 from sionna_radar.budget import Budget, Limit
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, number
 
 KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 
@@ -13,7 +13,10 @@ KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 def print_budget(budget: Budget) -> None:
     """Print the limits of all errors, and what the grades of GPS/IMU make of the DEM."""
     out = console()
-    title = f"RMS {budget.rms_m:.3f} m with the exact pose; the error that alone makes it {budget.growth:.0%} more"
+    title = (
+        f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
+        f"the navigation error that alone makes it {budget.growth:.0%} more"
+    )
     limits = Table(title=title, title_justify="left")
     limits.add_column("error")
     for name in KINDS.values():
@@ -28,7 +31,8 @@ def print_budget(budget: Budget) -> None:
     for name in ("grade", "RMS", "growth", "coverage"):
         grades.add_column(name, justify="left" if name == "grade" else "right")
     for grade in budget.grades:
-        grades.add_row(grade.name, f"{grade.rms_m:.3f} m", f"{grade.growth:+.0%}", f"{grade.coverage:.1%}")
+        told = number(grade.rms_m, ".3f", " m"), number(grade.growth, "+.0%"), number(grade.coverage, ".1%")
+        grades.add_row(grade.name, *told)
     out.print(grades)
     for grade in budget.grades:
         out.print(f"{grade.name}: {grade.source}", soft_wrap=True)
