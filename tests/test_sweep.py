@@ -8,7 +8,7 @@ import pytest
 
 from sionna_radar.errors import ScenarioError
 from sionna_radar.interrupts import Interrupted
-from sionna_radar.report.sweep_figures import abscissa
+from sionna_radar.report.sweep_figures import abscissa, errors
 from sionna_radar.report.sweep_table import print_sweep
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import run
@@ -225,3 +225,18 @@ def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     printed = capsys.readouterr().out
     assert "nan" not in printed
     assert "come from precipitation" in printed
+
+
+def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
+    figure = errors(flown[1])
+    figure.draw_without_rendering()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels[0] == "RMS error of lit cells (m)"
+    assert labels[3].startswith("Coverage: share of lit")
+    assert figure.axes[2].get_xlabel() == "Beamwidth (deg)"
+    assert [text.get_text() for text in figure.legends[0].texts] == ["Ranging: peak", "Ranging: centroid"]
+    # The dots of the runs are drawn beside the bar of their case.
+    dots = [line for line in figure.axes[0].lines if line.get_alpha() == 0.6]
+    assert len(dots) == 4
+    bar = figure.axes[0].transData.transform((2.0, dots[0].get_ydata()[0]))
+    assert dots[0].get_transform().transform((2.0, dots[0].get_ydata()[0]))[0] > bar[0] + 5

@@ -10,7 +10,7 @@ from matplotlib.ticker import NullFormatter
 
 from sionna_radar.budget import Budget, Limit
 from sionna_radar.report.colours import BLUE, ORANGE, RED
-from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.figure_files import ReportFigure, save_figures
 
 STYLES = {
     "constant": (BLUE, "o", "Constant"),
@@ -33,7 +33,7 @@ def draw(budget: Budget) -> Figure:
     panels = [[limit for limit in budget.limits if limit.error.unit == unit] for unit in units]
     heights = [0.9 + 0.3 * len({limit.error.name for limit in panel}) for panel in panels]
     heights += [0.9 + 0.35 * (len(budget.grades) + 1)]
-    figure = Figure(figsize=(8.5, sum(heights) + 0.8), layout="constrained")
+    figure = ReportFigure(figsize=(8.5, sum(heights) + 0.8), layout="constrained")
     axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     for panel, unit, place in zip(panels, units, axes[:-1], strict=True):
         _draw_limits(place, panel, unit)

@@ -14,7 +14,7 @@ from sionna_radar.crosscheck import INCIDENCE_STEP_DEG, CrossCheck
 from sionna_radar.decibel import decibels
 from sionna_radar.raster import Raster
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
-from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.maps import show_raster
 from sionna_radar.report.terminal import number
 
@@ -29,7 +29,7 @@ def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
 
 def power(check: CrossCheck) -> Figure:
     """Draw the power of every pulse against its incidence, of both engines, and the difference."""
-    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
+    figure = ReportFigure(figsize=(8.0, 7.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     incidence_deg = np.rad2deg(check.sionna.incidence_rad)
     rings = {"mfc": "none", "mec": BLUE, "ms": 7.0, "label": "Sionna engine"}
@@ -68,7 +68,7 @@ def power(check: CrossCheck) -> Figure:
 
 def ranges(check: CrossCheck) -> Figure:
     """Draw how the ranges of the engines differ: before speckle, and as detected beside two seeds of one."""
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    figure = ReportFigure(figsize=(9.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     paths = check.gamma.range_m - check.sionna.range_m
     _histogram(left, [(100 * paths, BLUE, "Gamma minus Sionna")], "Difference of power-weighted range", "cm")
@@ -87,7 +87,7 @@ def dems(check: CrossCheck) -> Figure:
     west, east, south, north = check.gamma.dem.grid.extent_m
     scale = min(MAP_BOX_IN[0] / (east - west), MAP_BOX_IN[1] / (north - south))
     width, height = max(scale * (east - west), 2.0), max(scale * (north - south), 1.5)
-    figure = Figure(figsize=(3 * (width + 1.6), height + 1.7), layout="constrained")
+    figure = ReportFigure(figsize=(3 * (width + 1.6), height + 1.7), layout="constrained")
     filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
     heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
     reach = _limit(rasters[2].height_m.ravel())

@@ -1,6 +1,6 @@
 """Figures of a survey, for print.
 
-Each is a plain matplotlib `Figure` outside pyplot: no window, no state shared between figures. Maps show the
+Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps show the
 local frame with equal scales; sizes follow the shape of the ground, so that a 100 m and a 2 km survey both
 fill the page. Colours are safe for colour-blind readers, and an empty cell is plain grey.
 """
@@ -23,7 +23,7 @@ from matplotlib.ticker import NullLocator
 from sionna_radar.decibel import decibels
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, POWERS, RED
 from sionna_radar.report.environment_figure import environment
-from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.maps import (
     colour_bar,
     dot_size,
@@ -73,7 +73,7 @@ def chirp(survey: Survey) -> Figure:
     if record is None:
         message = "the survey's sensor has no chirps to draw"
         raise ValueError(message)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = _exponent(np.abs(record.beat))
     parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
@@ -123,7 +123,7 @@ def power_map(survey: Survey) -> Figure:
     points = survey.points
     bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
     width, height = map_size(bounds)
-    figure = Figure(figsize=(width + 2.6, height + 1.3), layout="constrained")
+    figure = ReportFigure(figsize=(width + 2.6, height + 1.3), layout="constrained")
     axes = figure.subplots()
     power_db = decibels(points.power)
     chosen = _thinned(len(points), MAX_SCATTER)
@@ -169,7 +169,7 @@ def error_map(survey: Survey) -> Figure:
     """Draw the error of the DEM, and its histogram with the statistics."""
     bounds = map_bounds(survey.error.grid.extent_m, np.zeros((0, 3)))
     width, height = map_size(bounds)
-    figure = Figure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
+    figure = ReportFigure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
     plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
     limit = _error_limit(survey.error.height_m[survey.error.filled])
     show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
@@ -227,10 +227,10 @@ def _map_pair(
     """Return a figure of two maps, one above the other where they are wide, and their size in inches."""
     width, height = map_size(bounds, PAIRED_BOX_IN)
     if width > 1.5 * height:
-        figure = Figure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
+        figure = ReportFigure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
         top, bottom = figure.subplots(2, 1)
         return figure, (top, bottom), (width, height)
-    figure = Figure(figsize=(2 * (width + 1.9), height + 1.5), layout="constrained")
+    figure = ReportFigure(figsize=(2 * (width + 1.9), height + 1.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     return figure, (left, right), (width, height)
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocat
 from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
-from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.quantities import readable, shown
 from sionna_radar.sweep import Axis, Case, Sweep
 
@@ -45,7 +45,7 @@ def errors(sweep: Sweep) -> Figure:
     across = abscissa(sweep.axes)
     lines = _lines(sweep, across)
     statistics = _panels(sweep)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True).ravel()
     for axes, statistic in zip(panels, statistics, strict=True):
         for index, ((title, cases), (colour, marker)) in enumerate(
