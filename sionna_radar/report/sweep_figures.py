@@ -145,7 +145,7 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
     if logarithmic:
         axes.set_xscale("log")
         axes.xaxis.set_minor_locator(NullLocator())
-    if len(values) <= 8 and _apart(sorted(values), logarithmic):
+    if len(values) <= 8 and _apart(sorted(map(float, values)), logarithmic):
         axes.xaxis.set_major_locator(FixedLocator(sorted(values)))
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     elif logarithmic:
