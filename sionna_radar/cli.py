@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.errors import BackendError, KeptElsewhereError, RadarError
-from sionna_radar.interrupts import Interrupted
+from sionna_radar.interrupts import Interrupted, held_back
 from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
@@ -259,7 +259,8 @@ def sweep(
         plan = plan_sweep(scenario, axes, repeat, _overrides(set_, seed), progress)
         result = fly_sweep(plan, progress=progress)
     if any(case.runs for case in result.cases):
-        written = write_sweep(result, directory)
+        with held_back():
+            written = write_sweep(result, directory)
         if not quiet:
             print_sweep(result)
             typer.echo(f"{len(written)} files in {directory}")

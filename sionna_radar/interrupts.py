@@ -16,6 +16,8 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _received: list[int] = []
+# How many signals came in each block that holds the first of them back.
+_held_back: list[int] = []
 
 
 class Interrupted(BaseException):
@@ -25,6 +27,18 @@ class Interrupted(BaseException):
 def raise_received() -> None:
     """Raise Interrupted if a signal has come, even if its own exception was swallowed."""
     if _received:
+        raise Interrupted
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Let the first signal wait for the end of a block, such as the writing of what hours have made."""
+    _held_back.append(0)
+    try:
+        yield
+    finally:
+        came = _held_back.pop()
+    if came:
         raise Interrupted
 
 
@@ -52,4 +66,8 @@ def interrupts_told() -> Iterator[None]:
 
 def _interrupt(number: int, _: FrameType | None) -> None:
     _received.append(number)
+    if _held_back:
+        _held_back[-1] += 1
+        if _held_back[-1] == 1:
+            return
     raise Interrupted
