@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
     from sionna_radar.survey import Survey, run
 
+    __version__: str
+
 __all__ = ["Scenario", "Survey", "load_scenario", "parse_scenario", "run"]
 
 _HOMES = {
@@ -23,7 +25,14 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        # Reading the metadata takes longer than the rest of this import.
+        return import_module("importlib.metadata").version("sionna-radar")
     if name not in _HOMES:
         message = f"module {__name__!r} has no attribute {name!r}"
         raise AttributeError(message)
     return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

@@ -1,5 +1,15 @@
-"""`python -m sionna_radar` is `sionna-radar`."""
+"""`python -m sionna_radar` is `sionna-radar`; interrupts are told from before the first heavy import."""
 
-from sionna_radar.cli import main
+from sionna_radar.interrupts import interrupts_told
 
-main()
+
+def main() -> None:
+    """Run the command line."""
+    with interrupts_told():
+        from sionna_radar.cli import main as command_line
+
+        command_line()
+
+
+if __name__ == "__main__":
+    main()

@@ -18,6 +18,7 @@ from sionna_radar.survey import run
 from sionna_radar.tracing.paths import Paths
 
 STOCK_SAMPLES = 1_000_000
+RATIOS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,14 +30,19 @@ class Ratio:
     bound: float
     at_most: bool
 
+    @property
+    def kept(self) -> bool:
+        """Whether the bound is kept."""
+        return (self.value <= self.bound) == self.at_most
+
     def __str__(self) -> str:
         word = "at most" if self.at_most else "at least"
-        verdict = "ok" if (self.value <= self.bound) == self.at_most else "MISSED"
+        verdict = "ok" if self.kept else "MISSED"
         return f"{self.name:62}{self.value:12,.2f}   {word} {self.bound:,.2f}   {verdict}"
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:
-    """Yield the ratios as they are measured; `quick` takes smaller runs."""
+    """Yield the ratios, RATIOS of them, as they are measured; `quick` takes smaller runs."""
     pulses = 500 if quick else 2000
     yield _effective_path_cost(stock_pulses=2 if quick else 5)
     yield from _against_bare_rays(pulses, repeats=3 if quick else 7)

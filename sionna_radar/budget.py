@@ -5,13 +5,15 @@ square of several draws, constant ones by the worse of both signs.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from sionna_radar.flight.grades import GRADES, Grade
+from sionna_radar.notes import Brief
+from sionna_radar.progress import Progress, silent
 from sionna_radar.remapping import RecordedSurvey, record_survey
 from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
@@ -67,8 +69,11 @@ class GradeResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Budget:
-    """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly."""
+class Budget(Brief):
+    """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
+
+    rms_m: over all cells of the DEM.
+    """
 
     scenario: Scenario
     growth: float
@@ -76,6 +81,12 @@ class Budget:
     rms_m: float
     limits: tuple[Limit, ...]
     grades: tuple[GradeResult, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Budget: {self.scenario.description or 'no description'}\n  RMS error {self.rms_m:.3f} m with the exact "
+            f"pose; {len(self.limits)} limits, {len(self.grades)} grades of GPS/IMU"
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers in a form that JSON can hold; a limit that was not reached is None."""
@@ -137,7 +148,7 @@ def navigation_budget(
     repeat: int = 5,
     errors: tuple[NavigationError, ...] | None = None,
     grades: Mapping[str, Grade] = GRADES,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Budget:
     """Fly a survey once and find how large each error of its navigation may be.
 
@@ -155,7 +166,7 @@ def navigation_budget(
     errors, grades:
         The errors to look at (all), and the grades of GPS/IMU to map with.
     progress:
-        Called with the pulses flown and then the rows of the table done, and how many there are of both.
+        Called at the start of each stage and after each of its steps: the survey's, and then the rows of the table.
 
     Raises
     ------
@@ -165,16 +176,16 @@ def navigation_budget(
     """
     errors = navigation_errors() if errors is None else errors
     rows = len(errors) + len(grades)
-    survey = record_survey(scenario, progress=lambda done, total: progress(done, total + rows))
-    flown = len(survey.ready.schedule)
+    survey = record_survey(scenario, progress=progress)
+    progress("mapping", 0, rows)
     exact = survey.dem_error(None).rms_m
     limits, results = [], []
     for error in errors:
         limits.append(Limit(error=error, size=find_limit(survey, error, exact, growth, repeat)))
-        progress(flown + len(limits), flown + rows)
+        progress("mapping", len(limits), rows)
     for name, grade in grades.items():
         results.append(fly_grade(survey, name, grade, exact, repeat))
-        progress(flown + len(limits) + len(results), flown + rows)
+        progress("mapping", len(limits) + len(results), rows)
     return Budget(
         scenario=scenario, growth=growth, repeat=repeat, rms_m=exact, limits=tuple(limits), grades=tuple(results)
     )
@@ -221,7 +232,7 @@ def write(budget: Budget, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written.
+        The directory holds something else, or cannot be written; see `write_folder`.
 
     """
     from sionna_radar.report.budget_figures import draw_all

@@ -1,22 +1,26 @@
 """The command line: `sionna-radar COMMAND`.
 
-Exit codes: 0 done, 2 bad input (one clear error on standard error, nothing written), 1 anything else. The heavy
-libraries are imported inside the commands, so that `--help` answers at once.
+Exit codes: 0 done, 2 bad input (one clear error on standard error, nothing written), 130 and 143 interrupted by Ctrl-C
+or SIGTERM, 1 anything else: engines that cannot run, a missed bound of `bench`, a sweep with cells that cannot be
+flown, results that had to go elsewhere. The heavy libraries are imported inside the commands, so that `--help`
+answers at once.
 """
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sionna_radar.errors import BackendError, OutputError, RadarError
+from sionna_radar.errors import BackendError, KeptElsewhereError, RadarError
+from sionna_radar.interrupts import Interrupted, held_back
 from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
+    from sionna_radar.progress import Progress
     from sionna_radar.scenario import Scenario
 
 DEMO = "san_francisco"
@@ -51,8 +55,29 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing 
 
 def main() -> None:
     """Run the command line."""
+    from sionna_radar.report.terminal import print_on_any_encoding
+
+    print_on_any_encoding()
     with _errors_told():
         app()
+
+
+def _print_version(wanted: bool) -> bool:
+    if wanted:
+        import sionna_radar
+
+        typer.echo(f"sionna-radar {sionna_radar.__version__}")
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()
@@ -85,6 +110,7 @@ def crosscheck(
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and tell whether they agree."""
     from sionna_radar import crosscheck as check
+    from sionna_radar.report.terminal import number
 
     _log_to_stderr(quiet)
     checked = _load(scenario, _overrides(set_, seed))
@@ -95,7 +121,8 @@ def crosscheck(
     if not quiet:
         for name, part in result.verdict().items():
             word = "agrees" if part["agrees"] else "DIFFERS"
-            typer.echo(f"{name:32}{part['value']:+10.4f}   within {part['tolerance']:.4f}   {word}")
+            value = number(part["value"], "+.4f")
+            typer.echo(f"{name:32}{value:>10}   within {number(part['tolerance'], '.4f')}   {word}")
         typer.echo(f"the engines {'agree' if result.agrees else 'DIFFER'}; {len(written)} files in {directory}")
 
 
@@ -155,7 +182,7 @@ def image(
 @app.command()
 def plan(
     area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
-    sampling: Annotated[float, typer.Option(metavar="M", help="Farthest that neighbouring echoes may lie apart.")],
+    sampling: Annotated[float, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")],
     base: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
     ] = None,
@@ -163,7 +190,7 @@ def plan(
         Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
     ] = Path("plan.toml"),
     position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
-    heading: Annotated[float, typer.Option(help="The area, turned so far clockwise about its centre, deg.")] = 0.0,
+    heading: Annotated[float, typer.Option(help="Turns the area clockwise about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
     speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
     incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
@@ -176,10 +203,12 @@ def plan(
     """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
     from sionna_radar.plan_check import check_plan
     from sionna_radar.planning import Wanted, plan_flight, planned_scenario
+    from sionna_radar.report.plan_file import check_plan_file, write_plan_file
     from sionna_radar.report.plan_table import parse_pair, print_check, print_plan
     from sionna_radar.scenario import to_toml
 
     _log_to_stderr(quiet=False)
+    check_plan_file(output)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
         sampling_m=sampling,
@@ -197,13 +226,9 @@ def plan(
     taken = _load(base, {}) if base else None
     planned = plan_flight(wanted, taken)
     scenario = planned_scenario(planned, taken)
-    checked = check_plan(planned, scenario)
-    text = to_toml(scenario)
-    try:
-        output.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        message = f"output = {output} cannot be written ({error.strerror}); name another file"
-        raise OutputError(message) from error
+    with _progress(quiet=False) as progress:
+        checked = check_plan(planned, scenario, progress)
+    write_plan_file(output, to_toml(scenario))
     print_plan(planned)
     print_check(checked)
     typer.echo(f"scenario in {output}")
@@ -223,19 +248,28 @@ def sweep(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
-    from sionna_radar import sweep as study
+    from sionna_radar.report.sweep_products import MARKER, write_sweep
     from sionna_radar.report.sweep_table import print_sweep
+    from sionna_radar.sweep import fly_sweep, parse_axes, plan_sweep
 
     _log_to_stderr(quiet)
-    axes = study.parse_axes(vary)
-    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_sweep", study.MARKER)
-    plan = study.plan_sweep(scenario, axes, repeat, _overrides(set_, seed))
+    axes = parse_axes(vary)
+    directory = check_output(output or Path("results") / f"{Path(scenario).stem}_sweep", MARKER)
     with _progress(quiet) as progress:
-        result = study.fly_sweep(plan, progress=progress)
-    written = study.write(result, directory)
-    if not quiet:
-        print_sweep(result)
-        typer.echo(f"{len(written)} files in {directory}")
+        plan = plan_sweep(scenario, axes, repeat, _overrides(set_, seed), progress)
+        result = fly_sweep(plan, progress=progress)
+    if any(case.runs for case in result.cases):
+        with held_back():
+            written = write_sweep(result, directory)
+        if not quiet:
+            print_sweep(result)
+            typer.echo(f"{len(written)} files in {directory}")
+    if result.interrupted:
+        raise Interrupted
+    if result.failed:
+        failed = sum(bool(case.reason) for case in result.cases)
+        typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -292,10 +326,18 @@ def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Smaller runs, noisier ratios.")] = False,
 ) -> None:
     """Measure the speed ratios that the program promises, side by side in one run."""
-    from sionna_radar.bench import measure
+    from sionna_radar.bench import RATIOS, measure
 
-    for line in measure(quick=quick):
-        typer.echo(line)
+    missed = 0
+    with _progress(quiet=False) as progress:
+        progress("ratios", 0, RATIOS)
+        for done, ratio in enumerate(measure(quick=quick), start=1):
+            progress("ratios", done, RATIOS)
+            typer.echo(ratio)
+            missed += not ratio.kept
+    if missed:
+        typer.echo(f"{missed} of {RATIOS} bounds missed", err=True)
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -337,7 +379,9 @@ def _fly(
     written = write_products(survey, directory)
     if not quiet:
         print_survey(survey)
-        typer.echo(f"{len(written)} files in {output}")
+        typer.echo(f"{len(written)} files in {directory}")
+        if checked.radar.scan.mode == "side_looking":
+            typer.echo(f"this radar looks to the side: `sionna-radar image {scenario}` makes its image")
 
 
 def _load(scenario: str, overrides: dict[str, object]) -> "Scenario":
@@ -354,19 +398,15 @@ def _overrides(assignments: list[str] | None, seed: int | None) -> dict[str, obj
 
 
 @contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[int, int], None]]:
-    """Show a progress bar on a terminal; elsewhere, or when quiet, none."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def _progress(quiet: bool) -> "Iterator[Progress]":
+    """Show how far a computation is, unless nobody wants to know."""
+    from sionna_radar.report.terminal import quiet_progress, shown_progress
 
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield lambda done, total: None
+    if quiet:
+        yield quiet_progress()
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("preparing", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total, description="pulses")
+    with shown_progress() as progress:
+        yield progress
 
 
 def _log_to_stderr(quiet: bool) -> None:
@@ -383,7 +423,7 @@ def _errors_told() -> Iterator[None]:
     """Turn errors of the user's making into one message and exit code 2."""
     try:
         yield
-    except BackendError as error:
+    except (BackendError, KeptElsewhereError) as error:
         typer.echo(f"error: {error}", err=True)
         sys.exit(1)
     except RadarError as error:

@@ -25,7 +25,9 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.mapping.points import Points, locate
+from sionna_radar.notes import Brief
 from sionna_radar.preparation import Preparation, prepare
+from sionna_radar.progress import Progress, silent
 from sionna_radar.raster import Raster
 from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
@@ -96,7 +98,7 @@ class IncidenceBin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossCheck:
+class CrossCheck(Brief):
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
     correlation_m: farthest that errors of a DEM belong together.
@@ -109,6 +111,14 @@ class CrossCheck:
     sionna_again: EngineRun
     gamma: EngineRun
     gamma_again: EngineRun
+
+    def __repr__(self) -> str:
+        verdict = "agree" if self.agrees else "DIFFER"
+        return (
+            f"CrossCheck: {self.scenario.description or 'no description'}\n  the engines {verdict} over "
+            f"{len(self.sionna.power):,} pulses: mean power {self.mean_power_difference_db:+.3f} dB, DEM "
+            f"{self.dem_rms_difference_m:.3f} m RMS apart (speckle alone {self.dem_speckle_rms_m:.3f} m)"
+        )
 
     @property
     def power_difference_db(self) -> Float[np.ndarray, " pulse"]:
@@ -271,7 +281,7 @@ def crosscheck(
     *,
     tolerances: Tolerances | None = None,
     block_size: int = BLOCK_SIZE,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare what they find.
 
@@ -284,7 +294,7 @@ def crosscheck(
     block_size:
         Pulses simulated at once; it changes the speed and the memory, never the result.
     progress:
-        Called after each block with the pulses done and the pulses in all, those of the four runs together.
+        Called at the start of each stage and after each of its steps; the four runs are one stage.
 
     Raises
     ------
@@ -292,7 +302,9 @@ def crosscheck(
         The scenario cannot be flown, or has nothing but point targets to see.
 
     """
+    progress("preparing", 0, 0)
     ready = prepare(scenario)
+    progress("preparing", 1, 1)
     total = 4 * len(ready.schedule)
     runs: dict[str, EngineRun] = {}
     for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):
@@ -317,8 +329,8 @@ def _correlation_m(ready: Preparation) -> float:
     return max(float(footprint), ready.max_gap_m / 2)
 
 
-def _report(progress: Callable[[int, int], None], offset: int, total: int, done: int) -> None:
-    progress(offset + done, total)
+def _report(progress: Progress, offset: int, total: int, done: int) -> None:
+    progress("tracing", offset + done, total)
 
 
 def _sionna(ready: Preparation, seed: int) -> Engine:
@@ -373,12 +385,10 @@ def _means(
 def write(check: CrossCheck, directory: Path) -> list[Path]:
     """Write `crosscheck.json` and the figures into a directory, all or nothing, and return the files.
 
-    An earlier cross-check in the directory is replaced as a whole.
-
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written.
+        The directory holds something else, or cannot be written; see `write_folder`.
 
     """
     from sionna_radar.report.crosscheck_figures import draw_all

@@ -40,5 +40,9 @@ class OutputError(RadarError, OSError):
     """A place that results cannot be written to."""
 
 
+class KeptElsewhereError(OutputError):
+    """Results that could not go where they were asked for, and were kept under another name."""
+
+
 class BackendError(RadarError, RuntimeError):
     """Mitsuba and Dr.Jit cannot run here; the message names the remedy for this platform."""

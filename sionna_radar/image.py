@@ -4,7 +4,6 @@ Only the measured pose and the altitude that was asked for make the images. The 
 how fine they are, as corner reflectors do.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +32,9 @@ from sionna_radar.imaging.resolution import (
 from sionna_radar.imaging.sar import BackProjection, SarImage
 from sionna_radar.imaging.slar import SideLooking, SlantImage
 from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
+from sionna_radar.notes import Brief
 from sionna_radar.preparation import SAMPLED_PULSES, Preparation, prepare
+from sionna_radar.progress import Progress, silent
 from sionna_radar.raster import Georeference
 from sionna_radar.report.folder import write_folder
 from sionna_radar.scenario import Scenario
@@ -67,7 +68,7 @@ class Reflector:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imagery:
+class Imagery(Brief):
     """The images of a survey, with the scenario that made them.
 
     slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from
@@ -84,12 +85,19 @@ class Imagery:
     pulses: int
     georeference: Georeference | None
 
+    def __repr__(self) -> str:
+        told = f"{self.slar.along_m:.3g} m x {self.slar.across_m:.3g} m in slant range"
+        lines = [f"Imagery: {self.scenario.description or 'no description'}", f"  {self.pulses:,} pulses; SLAR {told}"]
+        if self.sar:
+            lines.append(f"  SAR {self.sar.along_m:.3g} m x {self.sar.across_m:.3g} m on the ground")
+        return "\n".join(lines)
+
 
 def fly_images(
     scenario: Scenario,
     *,
     block_size: int = BLOCK_SIZE,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Imagery:
     """Fly a side-looking survey and return its images.
 
@@ -108,12 +116,14 @@ def fly_images(
 
     """
     _check(scenario)
+    progress("preparing", 0, 0)
     ready = prepare(scenario)
+    progress("preparing", 1, 1)
     growing = _Growing(ready)
     tracer = build_tracer(ready)
     for pulses in ready.schedule.blocks(block_size):
         growing.add(received(tracer.trace(pulses), pulses, ready), pulses.measured)
-        progress(int(pulses.index[-1]) + 1, len(ready.schedule))
+        progress("imaging", int(pulses.index[-1]) + 1, len(ready.schedule))
     return growing.imagery()
 
 
@@ -123,7 +133,7 @@ def write(imagery: Imagery, directory: Path) -> list[Path]:
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written.
+        The directory holds something else, or cannot be written; see `write_folder`.
 
     """
     from sionna_radar.report.image_products import fill

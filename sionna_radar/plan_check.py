@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.planning import Plan
 from sionna_radar.preparation import prepare
+from sionna_radar.progress import Progress, silent
 from sionna_radar.scenario import Scenario
 from sionna_radar.tracing.boresight import trace_boresights
 
@@ -53,7 +54,7 @@ class PlanCheck:
         return float(np.quantile(self.sampling_m, share))
 
 
-def check_plan(plan: Plan, scenario: Scenario) -> PlanCheck:
+def check_plan(plan: Plan, scenario: Scenario, progress: Progress = silent) -> PlanCheck:
     """Fly a plan over the terrain of its scenario, and return how finely it samples the area.
 
     Parameters
@@ -62,6 +63,8 @@ def check_plan(plan: Plan, scenario: Scenario) -> PlanCheck:
         The flight.
     scenario:
         The scenario of `planned_scenario`.
+    progress:
+        Called at the start of each stage and after each of its steps.
 
     Raises
     ------
@@ -69,12 +72,15 @@ def check_plan(plan: Plan, scenario: Scenario) -> PlanCheck:
         It cannot be flown there; see `prepare`.
 
     """
+    progress("preparing", 0, 0)
     ready = prepare(scenario)
+    progress("preparing", 1, 1)
     echoes = []
     for pulses in ready.schedule.blocks(PULSES_AT_ONCE):
         paths = trace_boresights(pulses, ready.built.caster)
         heard = paths.delay_s * speed_of_light / 2 < ready.chirp.max_range_m
         echoes.append(paths.hit_m[heard, :2])
+        progress("checking", int(pulses.index[-1]) + 1, len(ready.schedule))
     place = places(plan)
     away, _ = KDTree(np.concatenate(echoes)).query(place)
     return PlanCheck(plan=plan, pulses=len(ready.schedule), place_m=place, sampling_m=math.sqrt(2) * away)

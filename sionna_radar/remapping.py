@@ -12,6 +12,7 @@ from sionna_radar.flight.pulses import Navigation
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.points import Points
 from sionna_radar.preparation import Preparation, prepare
+from sionna_radar.progress import Progress, silent
 from sionna_radar.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.navigation import NavigationTable
@@ -62,7 +63,7 @@ def record_survey(
     *,
     block_size: int = BLOCK_SIZE,
     sensor: Callable[[Preparation], Sensor] | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> RecordedSurvey:
     """Fly a survey and keep what is needed to map it again.
 
@@ -79,7 +80,9 @@ def record_survey(
         The scenario cannot be flown; see `prepare`.
 
     """
+    progress("preparing", 0, 0)
     ready = prepare(scenario)
+    progress("preparing", 1, 1)
     carried = (sensor or build_sensor)(ready)
     recording = record(ready, carried, block_size=block_size, progress=progress)
     return RecordedSurvey(ready=ready, sensor=carried, recording=recording, truth=true_surface(ready))

@@ -1,8 +1,9 @@
 """The whole chain, from a scenario to a DEM and its error."""
 
+import logging
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
@@ -17,11 +18,14 @@ from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.edges import edge_cells
+from sionna_radar.mapping.edges import edge_cells, walls_on
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points, locate
+from sionna_radar.mapping.precipitation import from_rain
 from sionna_radar.mapping.surface_map import map_surface
+from sionna_radar.notes import Brief, replaced_parts, warnings_of
 from sionna_radar.preparation import Preparation, prepare
+from sionna_radar.progress import Progress, silent
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raster import Georeference, Raster
 from sionna_radar.scenario import Scenario
@@ -30,6 +34,9 @@ from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularR
 from sionna_radar.stopwatch import Stopwatch
 from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.main_beam import main_beam_hits
+from sionna_radar.tracing.paths import RAIN
+
+logger = logging.getLogger("sionna_radar")
 
 BLOCK_SIZE = 256
 
@@ -55,15 +62,18 @@ class ChirpRecord:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey:
+class Survey(Brief):
     """A finished survey, with the scenario that made it.
 
     pulses, paths: how many were simulated.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
+    lit: cells with a true height that the main beam reached.
     dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
-    off_wall_error: of lit cells farther than half a footprint from any wall; None without buildings.
+    off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
+    replaced: what the caller gave in place of parts of the scenario, by their keys in it.
+    warnings: what spoils the result.
     """
 
     scenario: Scenario
@@ -74,6 +84,7 @@ class Survey:
     dem: Raster
     truth: Raster
     error: Raster
+    lit: Bool[np.ndarray, "row column"]
     dem_error: DemError
     lit_error: DemError
     off_wall_error: DemError | None
@@ -81,6 +92,21 @@ class Survey:
     chirp: ChirpRecord | None
     timing_s: dict[str, float]
     peak_memory_mb: float
+    replaced: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        lit, described = self.lit_error, self.scenario.description
+        lines = [
+            f"Survey: {described or 'no description'}",
+            f"  {self.pulses:,} pulses, {len(self.points):,} echoes, DEM of {self.dem.grid.columns} x "
+            f"{self.dem.grid.rows} cells of {self.dem.grid.spacing_m:g} m",
+            f"  lit cells: RMS error {lit.rms_m:.3f} m, mean {lit.mean_m:+.3f} m, coverage {lit.coverage:.1%}"
+            if lit.count
+            else "  no cell of the DEM is filled where the main beam reached",
+        ]
+        lines += [f"  {key} replaced by {what}" for key, what in self.replaced.items()]
+        return "\n".join(lines + [f"  warning: {warning}" for warning in self.warnings])
 
 
 def run(
@@ -91,7 +117,7 @@ def run(
     scan: Scan | None = None,
     navigation: Navigation | None = None,
     sensor: Callable[[Preparation], Sensor] | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Survey:
     """Fly a survey and return its points, its DEM and its error.
 
@@ -106,7 +132,7 @@ def run(
     sensor:
         What builds a sensor of one's own from the prepared survey.
     progress:
-        Called after each block with the pulses done and the pulses in all.
+        Called at the start of each stage and after each of its steps; see `Progress`.
 
     Raises
     ------
@@ -115,19 +141,27 @@ def run(
 
     """
     watch = Stopwatch()
+    progress("preparing", 0, 0)
     with watch("prepare"):
         ready = prepare(scenario, antenna=antenna, scan=scan, navigation=navigation)
         carried = sensor(ready) if sensor else build_sensor(ready, watch)
+    progress("preparing", 1, 1)
     recording = record(ready, carried, block_size=block_size, progress=progress, watch=watch)
+    progress("mapping", 0, 0)
     with watch("map"):
         points = place(recording.echoes, carried, ready.schedule, block_size=block_size)
         dem = map_points(points, recording.profiles, ready)
+    progress("mapping", 1, 1)
     with watch("compare"):
         truth = true_surface(ready)
         error = difference(dem, truth)
         lit = recording.lit & truth.filled
-        walls = edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], scenario.buildings)
+        walls = walls_on(ready.grid, ready.built.scene, scenario.buildings)
+        off_wall = lit & ~edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], walls)
         chirp = record_chirp(ready, carried.tracer) if isinstance(carried, SawtoothRadar | TriangularRadar) else None
+    warnings = warnings_of(len(recording.echoes), recording.rain_echoes)
+    for warning in warnings:
+        logger.warning("%s", warning)
     return Survey(
         scenario=scenario,
         schedule=ready.schedule,
@@ -137,13 +171,16 @@ def run(
         dem=dem,
         truth=truth,
         error=error,
+        lit=lit,
         dem_error=summarise(error, lit),
         lit_error=summarise(error.only(lit), lit),
-        off_wall_error=summarise(error.only(lit & ~walls), lit & ~walls) if scenario.buildings else None,
+        off_wall_error=summarise(error.only(off_wall), off_wall) if walls else None,
         georeference=ready.built.scene.georeference,
         chirp=chirp,
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
+        replaced=replaced_parts(antenna, scan, navigation, sensor),
+        warnings=warnings,
     )
 
 
@@ -155,12 +192,14 @@ class Recording:
     profiles: range profiles around them, where the scenario's map models whole echoes; else None.
     lit: cells of the DEM that the beam reached.
     paths: how many were traced.
+    rain_echoes: how many of the echoes hold more of rain than of anything else.
     """
 
     echoes: Echoes
     profiles: Profiles | None
     lit: Bool[np.ndarray, "row column"]
     paths: int
+    rain_echoes: int
 
 
 def record(
@@ -168,13 +207,14 @@ def record(
     sensor: Sensor,
     *,
     block_size: int = BLOCK_SIZE,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
     watch: Stopwatch | None = None,
 ) -> Recording:
     """Fly a prepared survey and return what the sensor observed, block by block."""
     watch = watch or Stopwatch()
     illumination = Illumination(ready.grid)
-    echoes, profiles, path_count = [], [], 0
+    echoes, profiles, path_count, rain_count = [], [], 0, 0
+    progress("tracing", 0, len(ready.schedule))
     for block in fly(ready, sensor, block_size):
         echoes.append(block.seen.echoes)
         if ready.scenario.dem.method != "linear" and block.seen.profiles is not None:
@@ -182,13 +222,22 @@ def record(
         with watch("map"):
             illumination.add(*main_beam_hits(block.seen.paths, block.pulses, ready.antenna))
         path_count += len(block.seen.paths)
-        progress(int(block.pulses.index[-1]) + 1, len(ready.schedule))
+        rain_count += _count_of_rain(block, sensor, ready)
+        progress("tracing", int(block.pulses.index[-1]) + 1, len(ready.schedule))
     return Recording(
         echoes=Echoes.concatenate(echoes),
         profiles=Profiles.concatenate(profiles) if profiles else None,
         lit=illumination.mask(ready.max_gap_m, true_surface(ready), ready.built.caster.visible),
         paths=path_count,
+        rain_echoes=rain_count,
     )
+
+
+def _count_of_rain(block: "Block", sensor: Sensor, ready: Preparation) -> int:
+    if not np.any(block.seen.paths.surface == RAIN):
+        return 0
+    echoes = sensor.correct(block.seen.echoes, block.pulses.index, block.pulses.measured)
+    return int(from_rain(echoes, block.seen.paths, ready.chirp).sum())
 
 
 @dataclass(frozen=True, kw_only=True)

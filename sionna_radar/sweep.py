@@ -1,16 +1,15 @@
 """Studies: one scenario flown over and over, some of its values varied, with several seeds each.
 
 Every combination of the varied values is a case, and every case is flown with the seeds s, s + 1, ... The
-statistics of a case are means over its runs, and their spread is the standard deviation from run to run.
+statistics of a case are means over its runs, and their spread is the standard deviation from run to run. A case that
+cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
 
-import csv
-import io
+import logging
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, NoReturn
@@ -18,17 +17,29 @@ from typing import Any, NoReturn
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.interrupts import Interrupted, raise_received
 from sionna_radar.mapping.compare import DemError
+from sionna_radar.notes import Brief
 from sionna_radar.preparation import prepare
-from sionna_radar.report.folder import write_study
-from sionna_radar.report.summary import versions
+from sionna_radar.progress import Progress, silent
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.survey import BLOCK_SIZE, run
 
-MARKER = "sweep.json"
-STATISTICS = ("min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m", "coverage")
+logger = logging.getLogger("sionna_radar")
+
 MAX_RUNS = 10_000
+# A table of the scenario that can be raised until the rest fits, and how often it is doubled for that.
+SAMPLES = "radar.samples_per_chirp"
+DOUBLINGS = 5
+# Cases that `repr` names.
+MAX_LINES = 8
+# Statistics by their names in the results: whose cells they are of, and what of their `DemError`.
+STATISTICS = {
+    **{name: ("lit_error", name) for name in ("rms_m", "mean_m", "std_m", "nmad_m", "min_m", "max_m", "coverage")},
+    "off_wall_rms_m": ("off_wall_error", "rms_m"),
+    "all_cells_rms_m": ("dem_error", "rms_m"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,52 +51,66 @@ class Axis:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
-    """What is to be flown, every combination checked.
+class Cell:
+    """One combination of the axes' values; `scenario` is None, and `refusal` says why, where it cannot be flown."""
 
-    scenarios: one for each combination of the axes' values, the last axis fastest.
-    settings: the values of the axes in each.
-    pulses: pulses of one run of each.
-    """
+    setting: dict[str, Any]
+    scenario: Scenario | None
+    pulses: int
+    refusal: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is to be flown, every combination checked, the last axis fastest."""
 
     source: str
     axes: tuple[Axis, ...]
     repeat: int
-    settings: tuple[dict[str, Any], ...]
-    scenarios: tuple[Scenario, ...]
-    pulses: tuple[int, ...]
+    cells: tuple[Cell, ...]
 
     @property
-    def total_pulses(self) -> int:
-        """Pulses of all runs."""
-        return self.repeat * sum(self.pulses)
+    def runs(self) -> int:
+        """Surveys to be flown."""
+        return sum(1 for _ in self.flights())
+
+    def flights(self) -> Iterator[tuple[int, Scenario, int]]:
+        """Yield the surveys in the order flown: number of the cell, its scenario, and how far its seed is raised."""
+        for number, cell in enumerate(self.cells):
+            if cell.scenario is not None:
+                yield from ((number, cell.scenario, repeat) for repeat in range(self.repeat))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """One survey of a sweep."""
+    """One survey of a sweep; its errors are those of `Survey`."""
 
     seed: int
     echoes: int
     points_sha256: str
     dem_error: DemError
+    lit_error: DemError
+    off_wall_error: DemError | None
+    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One combination of the varied values, with its runs."""
+    """One combination of the varied values, with its runs; `reason` says why some or all are missing."""
 
     setting: dict[str, Any]
-    scenario: Scenario
+    scenario: Scenario | None
     runs: tuple[Run, ...]
+    reason: str = ""
 
     def of_runs(self, statistic: str) -> Float[np.ndarray, " run"]:
-        """Return a statistic of `DemError` in every run."""
-        return np.array([getattr(r.dem_error, statistic) for r in self.runs], dtype=float)
+        """Return one of STATISTICS in every run; NaN where the run has none."""
+        cells, name = STATISTICS[statistic]
+        return np.array([getattr(getattr(r, cells), name, np.nan) for r in self.runs], dtype=float)
 
     def mean(self, statistic: str) -> float:
-        """Return the mean over the runs; NaN where a run has no DEM."""
-        return float(np.mean(self.of_runs(statistic)))
+        """Return the mean over the runs; NaN where one has no DEM, or none is flown."""
+        return float(np.mean(self.of_runs(statistic))) if self.runs else float("nan")
 
     def spread(self, statistic: str) -> float:
         """Return the standard deviation from run to run; NaN for a single run."""
@@ -93,13 +118,26 @@ class Case:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep:
-    """A finished study."""
+class Sweep(Brief):
+    """A finished study, or as much of it as an interrupt has left."""
 
     source: str
     axes: tuple[Axis, ...]
     repeat: int
     cases: tuple[Case, ...]
+    interrupted: bool = False
+
+    @property
+    def failed(self) -> bool:
+        """Whether any case lacks a run."""
+        return any(case.reason for case in self.cases)
+
+    def __repr__(self) -> str:
+        head = f"Sweep of {self.source}: {len(self.cases)} cases x {self.repeat} seeds, RMS error of lit cells"
+        told = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
+        rows = [f"  {label(c.setting)}: {result}" for c, result in told]
+        more = len(self.cases) - len(rows)
+        return "\n".join([head, *rows, *([f"  and {more} more"] if more else [])])
 
 
 # ------------------------------------------------------------------------------------------- planning
@@ -149,9 +187,15 @@ def _value(text: str) -> Any:
 
 
 def plan_sweep(
-    source: str | Path, axes: tuple[Axis, ...], repeat: int = 1, overrides: Mapping[str, Any] | None = None
+    source: str | Path,
+    axes: tuple[Axis, ...],
+    repeat: int = 1,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
 ) -> Plan:
     """Load and check every combination of a study, terrain and flight included.
+
+    A combination that cannot be flown keeps its place with the reason, and what helps where that can be found.
 
     Parameters
     ----------
@@ -163,37 +207,65 @@ def plan_sweep(
         Seeds that every combination is flown with.
     overrides:
         Dotted keys replaced in all combinations alike.
+    progress:
+        Called before and after each combination.
 
     Raises
     ------
     ScenarioError, InputFileError
-        A combination cannot be flown; all problems of all combinations are listed.
+        No combination can be flown; all problems of all combinations are listed.
 
     """
     overrides = dict(overrides or {})
     _check_request(axes, repeat, overrides)
     keys = [axis.key for axis in axes]
-    settings = tuple(dict(zip(keys, values, strict=True)) for values in product(*(axis.values for axis in axes)))
-    scenarios, pulses = [], []
-    problems: dict[Problem, list[dict[str, Any]]] = {}
-    for setting in settings:
+    settings = [dict(zip(keys, values, strict=True)) for values in product(*(axis.values for axis in axes))]
+    cells, refused = [], []
+    for number, setting in enumerate(settings):
+        progress("checking", number, len(settings))
         try:
             scenario = load_scenario(source, overrides | setting)
-            pulses.append(len(prepare(scenario).schedule))
-            scenarios.append(scenario)
-        except ScenarioError as error:
-            for problem in error.problems:
-                problems.setdefault(problem, []).append(setting)
-    if problems:
-        raise ScenarioError([_located(p, at, len(settings)) for p, at in problems.items()], f"sweep of {source}")
-    return Plan(
-        source=str(source),
-        axes=axes,
-        repeat=repeat,
-        settings=settings,
-        scenarios=tuple(scenarios),
-        pulses=tuple(pulses),
-    )
+            cells.append(Cell(setting=setting, scenario=scenario, pulses=len(prepare(scenario).schedule)))
+        except (ScenarioError, InputFileError) as error:
+            refused.append((error, setting))
+            reason = _one_line(error) + _remedy(error, source, overrides | setting)
+            cells.append(Cell(setting=setting, scenario=None, pulses=0, refusal=reason))
+    progress("checking", len(settings), len(settings))
+    if len(refused) == len(settings):
+        raise _whole_refusal(refused, source)
+    return Plan(source=str(source), axes=axes, repeat=repeat, cells=tuple(cells))
+
+
+def _one_line(error: Exception) -> str:
+    problems = getattr(error, "problems", ())
+    return "; ".join(map(str, problems)) or str(error)
+
+
+def _remedy(error: Exception, source: str | Path, overrides: Mapping[str, Any]) -> str:
+    """Return the number of samples with which a combination flies after all, where that is what it lacks."""
+    problems = getattr(error, "problems", ())
+    if not problems or any(problem.field != SAMPLES for problem in problems) or SAMPLES in overrides:
+        return ""
+    samples = load_scenario(source, {}).radar.samples_per_chirp
+    for _ in range(DOUBLINGS):
+        samples *= 2
+        try:
+            prepare(load_scenario(source, {**overrides, SAMPLES: samples}))
+        except ScenarioError:
+            continue
+        return f" ({SAMPLES} = {samples} works)"
+    return ""
+
+
+def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:
+    """Return one error for combinations that all cannot be flown."""
+    problems: dict[Problem, list[dict[str, Any]]] = {}
+    for error, setting in refused:
+        if not isinstance(error, ScenarioError):
+            return error
+        for problem in error.problems:
+            problems.setdefault(problem, []).append(setting)
+    return ScenarioError([_located(p, at, len(refused)) for p, at in problems.items()], f"sweep of {source}")
 
 
 def _check_request(axes: tuple[Axis, ...], repeat: int, overrides: Mapping[str, Any]) -> None:
@@ -227,9 +299,11 @@ def fly_sweep(
     plan: Plan,
     *,
     block_size: int = BLOCK_SIZE,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Sweep:
     """Fly all runs of a study one after another.
+
+    A run that fails ends its case, which says why; an interrupt ends the study, which keeps the runs done.
 
     Parameters
     ----------
@@ -238,36 +312,55 @@ def fly_sweep(
     block_size:
         Pulses simulated at once; it never changes the result.
     progress:
-        Called after each block with the pulses done and the pulses in all.
+        Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
 
     """
-    done, cases = 0, []
-    for setting, scenario, pulses in zip(plan.settings, plan.scenarios, plan.pulses, strict=True):
-        runs = []
-        for number in range(plan.repeat):
-            repeated = scenario.model_copy(update={"seed": scenario.seed + number})
-            before = done
+    runs: list[list[Run]] = [[] for _ in plan.cells]
+    reasons = [cell.refusal for cell in plan.cells]
+    interrupted = False
+    try:
+        for number, scenario, repeat in plan.flights():
+            if reasons[number]:
+                continue
+            progress("surveys", sum(map(len, runs)), plan.runs)
+            try:
+                runs[number].append(_fly(scenario, repeat, block_size, progress))
+            except BackendError:
+                raise
+            except Exception as error:
+                # Hours of other runs must not be lost by one, whatever it fails of.
+                raise_received()
+                logger.debug("a run failed", exc_info=True)
+                reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {_one_line(error)}"
+        progress("surveys", sum(map(len, runs)), plan.runs)
+    except (KeyboardInterrupt, Interrupted):
+        interrupted = True
+    cases = [
+        Case(
+            setting=cell.setting,
+            scenario=cell.scenario,
+            runs=tuple(flown),
+            reason=reason or ("" if len(flown) == plan.repeat else "interrupted"),
+        )
+        for cell, flown, reason in zip(plan.cells, runs, reasons, strict=True)
+    ]
+    return Sweep(
+        source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted
+    )
 
-            def report(here: int, _: int, before: int = before) -> None:
-                progress(before + here, plan.total_pulses)
 
-            runs.append(_fly(repeated, block_size, report))
-            done += pulses
-        cases.append(Case(setting=setting, scenario=scenario, runs=tuple(runs)))
-    return Sweep(source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases))
-
-
-def _fly(scenario: Scenario, block_size: int, progress: Callable[[int, int], None]) -> Run:
+def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -> Run:
+    scenario = scenario.model_copy(update={"seed": scenario.seed + repeat})
     survey = run(scenario, block_size=block_size, progress=progress)
     return Run(
         seed=scenario.seed,
         echoes=len(survey.points),
         points_sha256=survey.points.sha256(),
         dem_error=survey.dem_error,
+        lit_error=survey.lit_error,
+        off_wall_error=survey.off_wall_error,
+        warnings=survey.warnings,
     )
-
-
-# -------------------------------------------------------------------------------------------- results
 
 
 def label(setting: Mapping[str, Any]) -> str:
@@ -277,71 +370,3 @@ def label(setting: Mapping[str, Any]) -> str:
 
 def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def summary(sweep: Sweep) -> dict[str, Any]:
-    """Return the study as one document of strict JSON values, but for NaN."""
-    return {
-        "source": sweep.source,
-        "axes": [asdict(axis) for axis in sweep.axes],
-        "repeat": sweep.repeat,
-        "spread": "standard deviation from run to run (n - 1)",
-        "cases": [
-            {
-                "setting": case.setting,
-                "statistics": {s: {"mean": case.mean(s), "spread": case.spread(s)} for s in STATISTICS},
-                "runs": [asdict(r) for r in case.runs],
-                "scenario": case.scenario.model_dump(mode="json"),
-            }
-            for case in sweep.cases
-        ],
-        "versions": versions(),
-    }
-
-
-def table_csv(sweep: Sweep) -> str:
-    """Return one row a case: the setting, the mean of each statistic and its spread; nothing for NaN."""
-    keys = [axis.key for axis in sweep.axes]
-    header = [*keys, "runs", *(column for s in STATISTICS for column in (s, f"{s}_spread"))]
-    rows = [
-        [*case.setting.values(), len(case.runs), *(v for s in STATISTICS for v in (case.mean(s), case.spread(s)))]
-        for case in sweep.cases
-    ]
-    return _csv(header, rows)
-
-
-def runs_csv(sweep: Sweep) -> str:
-    """Return one row a run: the setting, the seed and every statistic of the DEM's error."""
-    names = [f.name for f in fields(DemError)]
-    header = [*(axis.key for axis in sweep.axes), "run_seed", "echoes", *names]
-    rows = [
-        [*case.setting.values(), r.seed, r.echoes, *(getattr(r.dem_error, name) for name in names)]
-        for case in sweep.cases
-        for r in case.runs
-    ]
-    return _csv(header, rows)
-
-
-def _csv(header: list[str], rows: list[list[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([["" if value != value else value for value in row] for row in rows])
-    return text.getvalue()
-
-
-def write(sweep: Sweep, directory: Path) -> list[Path]:
-    """Write `sweep.json`, `table.csv`, `runs.csv` and the figure, all or nothing, and return the files.
-
-    An earlier sweep in the directory is replaced as a whole.
-
-    Raises
-    ------
-    OutputError
-        The directory holds something else, or cannot be written.
-
-    """
-    from sionna_radar.report.sweep_figures import draw_all
-
-    tables = {"table.csv": table_csv(sweep), "runs.csv": runs_csv(sweep)}
-    return write_study(directory, MARKER, summary(sweep), partial(draw_all, sweep), tables)

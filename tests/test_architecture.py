@@ -2,8 +2,10 @@
 
 import ast
 import os
+import pydoc
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -15,7 +17,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # Each may import itself and what stands before it. The radar comes after the scene, whose backscatter its radar
 # equation integrates.
 ORDER = (
-    ("errors", "decibel", "randomness", "raster", "stopwatch"),
+    ("errors", "decibel", "interrupts", "progress", "randomness", "raster", "stopwatch"),
     ("weather",),
     ("scenario",),
     ("flight",),
@@ -28,6 +30,7 @@ ORDER = (
     ("mapping",),
     ("preparation",),
     ("sensors",),
+    ("notes",),
     ("survey",),
     ("remapping",),
     ("planning",),
@@ -131,3 +134,9 @@ def test_the_packages_names_are_found():
         assert getattr(sionna_radar, name).__name__ == name
     with pytest.raises(AttributeError, match="nothing_here"):
         sionna_radar.nothing_here  # noqa: B018
+
+
+def test_the_package_tells_of_itself():
+    assert sionna_radar.__version__ == version("sionna-radar")
+    assert {*sionna_radar.__all__, "__version__"} <= set(dir(sionna_radar))
+    assert "load_scenario" in pydoc.render_doc(sionna_radar, renderer=pydoc.plaintext)

@@ -81,14 +81,17 @@ def test_the_budget_is_written_and_printed(tmp_path, capsys):
     errors = (BY_NAME["position, up", "constant"], BY_NAME["heading", "white"], BY_NAME["time offset", "constant"])
     calls = []
     budget = navigation_budget(
-        parse_scenario(SMALL), repeat=1, errors=errors, progress=lambda done, total: calls.append((done, total))
+        parse_scenario(SMALL), repeat=1, errors=errors, progress=lambda *step: calls.append(step)
     )
-    assert calls[-1][0] == calls[-1][1]
+    rows = len(errors) + len(GRADES)
+    assert calls[-1] == ("mapping", rows, rows)
+    assert {stage for stage, _, _ in calls} == {"preparing", "tracing", "mapping"}
+    assert len(repr(budget)) < 300
     assert [grade.name for grade in budget.grades] == list(GRADES)
     growth = {grade.name: grade.growth for grade in budget.grades}
     assert growth["survey"] < growth["rtk"] < growth["consumer"]
     files = write(budget, tmp_path / "out")
-    assert {path.name for path in files} == {MARKER, "budget.png"}
+    assert {path.name for path in files} == {MARKER, "manifest.json", "budget.png"}
     told = json.loads((tmp_path / "out" / MARKER).read_text())
     assert told["limits"][0]["key"] == "platform.navigation.position_constant_m"
     assert told["limits"][0]["limit"] == pytest.approx(budget.limits[0].size)

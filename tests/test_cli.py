@@ -1,9 +1,11 @@
 """The command line: exit codes, one clear error, nothing written on bad input."""
 
 import json
+import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -31,12 +33,12 @@ def test_run_writes_every_product(cli, small, tmp_path):
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
-        "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
+        "manifest.json", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
-        "scenario", "seed", "engine", "pulses", "paths", "echoes", "dem_error", "lit_error", "off_wall_error",
-        "timing_s", "peak_memory_mb",
+        "scenario", "replaced", "warnings", "seed", "engine", "pulses", "paths", "echoes",
+        "dem_error", "lit_error", "off_wall_error", "meaning", "timing_s", "peak_memory_mb",
         "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
@@ -201,7 +203,7 @@ def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
     assert "position, up" in done.stdout
     assert "Gauss-Markov" in done.stdout
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
-    assert written == {"budget.json", "figures/budget.png"}
+    assert written == {"manifest.json", "budget.json", "figures/budget.png"}
     refused = cli("budget", small, "-o", tmp_path / "other", "--grades", tmp_path / "none.toml")
     assert refused.returncode == 2
     assert "none.toml" in refused.stderr
@@ -214,7 +216,8 @@ def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "SAR, theory" in done.stdout
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
-    assert written == {"image.json", "scenario.toml", "slar.nc", "sar.nc", "figures/slar.png", "figures/sar.png"}
+    files = {"manifest.json", "image.json", "scenario.toml", "slar.nc", "sar.nc"}
+    assert written == files | {"figures/slar.png", "figures/sar.png"}
     refused = cli("image", small, "-o", tmp_path / "other")
     assert refused.returncode == 2
     assert "radar.scan.mode: 'whisk_broom' does not look to the side" in refused.stderr
@@ -271,3 +274,59 @@ def test_a_plan_needs_a_place_to_be_written(cli, tmp_path):
     done = cli("plan", "--area", "40x30", "--sampling", "4", "-o", tmp_path / "no" / "plan.toml")
     assert done.returncode == 2
     assert "cannot be written" in done.stderr
+
+
+def test_a_missed_bound_is_a_failure(cli, monkeypatch):
+    from sionna_radar import bench
+
+    ratios = [bench.Ratio(name=name, value=value, bound=5.0, at_most=True) for name, value in (("a", 4.0), ("b", 6.0))]
+    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios))
+    done = cli("bench")
+    assert done.returncode == 1
+    assert "MISSED" in done.stdout
+    assert "1 of" in done.stderr
+    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios[:1]))
+    assert cli("bench").returncode == 0
+
+
+def test_no_command_prints_help_and_the_version_is_told(cli):
+    assert "sweep" in (cli().stdout or cli().stderr)
+    assert cli("--version").stdout == f"sionna-radar {version('sionna-radar')}\n"
+
+
+def test_a_scenario_written_by_hand_is_not_planned_over(cli, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 1\n")
+    done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
+    assert done.returncode == 2
+    assert "was not written by plan or was edited since" in done.stderr
+    assert file.read_text() == "seed = 1\n"
+
+
+def test_a_side_looking_run_points_to_its_image(cli, tmp_path):
+    sparse = ("--set", "platform.length_m=3", "--set", "tracing.scatterers_per_m2=2")
+    done = cli("run", "slar", "-o", tmp_path / "out", *sparse)
+    assert done.returncode == 0, done.stderr
+    assert "sionna-radar image slar" in done.stdout
+
+
+def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
+    done = cli("run", "roof_edge", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    roof, ground = re.search(r"ranges in pulse 18 *│ ([\d.]+) m, ([\d.]+) m", done.stdout).groups()
+    assert float(roof) == pytest.approx(36.4, abs=0.3)
+    assert float(ground) == pytest.approx(44.0, abs=0.3)
+
+
+def test_another_run_leaves_the_user_s_files_and_refuses_edited_ones(cli, small, tmp_path):
+    out = tmp_path / "keep"
+    assert cli("run", small, "-o", out, "-q").returncode == 0
+    (out / "mysite.qgz").write_text("mine")
+    assert cli("run", small, "-o", out, "-q", "--seed", 8).returncode == 0
+    assert (out / "mysite.qgz").read_text() == "mine"
+    assert json.loads((out / "summary.json").read_text())["seed"] == 8
+    (out / "scenario.toml").write_text("edited")
+    done = cli("run", small, "-o", out, "-q", "--seed", 9)
+    assert done.returncode == 2
+    assert "scenario.toml" in done.stderr
+    assert json.loads((out / "summary.json").read_text())["seed"] == 8

@@ -133,7 +133,7 @@ def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
     assert imagery.focused is None
     assert imagery.reflectors[0].sar is None
     names = {path.name for path in write(imagery, tmp_path / "out")}
-    assert names == {MARKER, "scenario.toml", "slar.nc", "slar.png"}
+    assert names == {MARKER, "manifest.json", "scenario.toml", "slar.nc", "slar.png"}
     assert json.loads((tmp_path / "out" / MARKER).read_text())["sar"] is None
     print_image(imagery)
     assert "tracing.speckle = 'persistent'" in capsys.readouterr().out

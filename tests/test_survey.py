@@ -83,10 +83,19 @@ def test_the_survey_is_told_whole(survey):
     assert survey.scenario == scenario_of()
 
 
-def test_progress_counts_every_pulse():
+def test_progress_tells_every_stage_and_counts_every_pulse():
     calls = []
-    run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda done, total: calls.append((done, total)))
-    assert calls == [(20, 50), (40, 50), (50, 50)]
+    run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda *step: calls.append(step))
+    assert calls == [
+        ("preparing", 0, 0),
+        ("preparing", 1, 1),
+        ("tracing", 0, 50),
+        ("tracing", 20, 50),
+        ("tracing", 40, 50),
+        ("tracing", 50, 50),
+        ("mapping", 0, 0),
+        ("mapping", 1, 1),
+    ]
 
 
 def test_points_lie_near_the_ground(survey):
@@ -179,9 +188,30 @@ def test_a_scan_and_an_antenna_of_ones_own(antenna_of):
     )
     survey = run(scenario_of(platform__length_m=3.0), antenna=antenna_of(1.0, 1.0), scan=down)
     assert survey.pulses == 108  # 0.3 s of 360 chirps a second
+    assert survey.replaced == {
+        "radar.antenna": "sionna_radar.radar.antenna.Antenna, half-power beam 1 x 1 deg",
+        "radar.scan": "sionna_radar.flight.scan.RotatingScan",
+    }
     np.testing.assert_allclose(survey.points.position_m[:, 1], 0.0, atol=1e-9)
     top = survey.points.position_m[:, 2] + survey.points.range_m
     np.testing.assert_allclose(top, survey.schedule.pulses(np.arange(1)).true.position_m[0, 2], atol=1e-9)
+
+
+def test_a_survey_is_a_few_lines_in_print(survey):
+    assert len(repr(survey)) < 400
+    assert f"{survey.lit_error.rms_m:.3f} m" in repr(survey)
+    assert survey._repr_html_().startswith("<pre>Survey")
+    assert survey.replaced == {}
+    assert survey.warnings == ()
+
+
+def test_rain_in_front_of_the_ground_makes_a_warning():
+    raining = run(scenario_of(platform__length_m=5.0, weather={"rain_rate_mm_per_h": 20.0}))
+    assert "most echoes (50 of 50) come from precipitation" in raining.warnings[0]
+    strict = {"cfar": {"false_alarm_probability": 1e-12}}
+    weak = run(scenario_of(platform__length_m=5.0, radar__snr_db=-60.0, processing=strict))
+    assert len(weak.points) == 0
+    assert "no echo was detected" in weak.warnings[0]
 
 
 FLAT = {"kind": "flat", "size_m": [300.0, 300.0]}

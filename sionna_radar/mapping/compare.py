@@ -7,6 +7,10 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.raster import Raster
 
+LE90_MEANING = (
+    "90th percentile of |error|, bias included; tools that report the width |P95 - P5| print about twice as much"
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class DemError:
@@ -16,7 +20,8 @@ class DemError:
     coverage: their share of the illuminated cells that have a truth.
     nmad_m: 1.4826 times the median distance from the median error: the standard deviation that a normal
         distribution with the same middle half would have, unmoved by outliers.
-    le90_m: linear error at 90 %: nine cells in ten lie within it of the truth, bias included.
+    le90_m: linear error at 90 %: the 90th percentile of |error|, bias included. Other tools call the width
+        |P95 - P5| by that name, about twice as much for normal errors.
     """
 
     count: int

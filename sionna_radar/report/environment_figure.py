@@ -13,6 +13,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
 from sionna_radar.report.colours import BLUE, EMPTY, HEIGHTS, ORANGE, RED
+from sionna_radar.report.figure_files import ReportFigure
 from sionna_radar.report.maps import (
     colour_bar,
     dot_size,
@@ -35,7 +36,7 @@ def environment(survey: Survey) -> Figure:
     hits = _boresight_hits(survey)
     bounds = map_bounds(survey.truth.grid.extent_m, flight)
     width, height = map_size(bounds)
-    figure = Figure(figsize=(width + 2.0, height + 4.0), layout="constrained")
+    figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
     limits = height_limits(survey.truth)
     plan.imshow(_shaded(survey.truth, limits), origin="lower", extent=survey.truth.grid.extent_m)

@@ -1,5 +1,6 @@
-"""Figures written to a folder, for print."""
+"""Figures for print, which a notebook shows too, and their files."""
 
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -7,8 +8,18 @@ from typing import TypeVar
 from matplotlib.figure import Figure
 
 DPI = 150
+SCREEN_DPI = 100
 
 Subject = TypeVar("Subject")
+
+
+class ReportFigure(Figure):
+    """A figure outside pyplot: no window, no state shared between figures; a notebook shows it as it is printed."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=SCREEN_DPI)
+        return file.getvalue()
 
 
 def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Figure]], directory: Path) -> list[Path]:

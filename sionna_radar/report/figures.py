@@ -1,12 +1,13 @@
 """Figures of a survey, for print.
 
-Each is a plain matplotlib `Figure` outside pyplot: no window, no state shared between figures. Maps show the
+Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps show the
 local frame with equal scales; sizes follow the shape of the ground, so that a 100 m and a 2 km survey both
 fill the page. Colours are safe for colour-blind readers, and an empty cell is plain grey.
 """
 
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,11 +17,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullLocator
 
 from sionna_radar.decibel import decibels
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, POWERS, RED
 from sionna_radar.report.environment_figure import environment
-from sionna_radar.report.figure_files import save_figures
+from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.maps import (
     colour_bar,
     dot_size,
@@ -32,11 +35,15 @@ from sionna_radar.report.maps import (
     map_size,
     show_raster,
 )
+from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey import ChirpRecord, Survey
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000
+# Of a histogram that reaches this many NMADs to each side the shares are shown on a logarithmic scale.
+HEAVY_TAILS = 10
+LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 
 
@@ -66,7 +73,7 @@ def chirp(survey: Survey) -> Figure:
     if record is None:
         message = "the survey's sensor has no chirps to draw"
         raise ValueError(message)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = _exponent(np.abs(record.beat))
     parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
@@ -116,7 +123,7 @@ def power_map(survey: Survey) -> Figure:
     points = survey.points
     bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
     width, height = map_size(bounds)
-    figure = Figure(figsize=(width + 2.0, height + 1.3), layout="constrained")
+    figure = ReportFigure(figsize=(width + 2.6, height + 1.3), layout="constrained")
     axes = figure.subplots()
     power_db = decibels(points.power)
     chosen = _thinned(len(points), MAX_SCATTER)
@@ -133,6 +140,7 @@ def power_map(survey: Survey) -> Figure:
     finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})")
     bar = ScalarMappable(scale, POWERS)
     colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
+    _warn(figure, survey)
     return figure
 
 
@@ -141,7 +149,8 @@ def dem(survey: Survey) -> Figure:
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
     limits = height_limits(survey.truth, survey.dem)
-    for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, "DEM")):
+    told = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
+    for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, told)):
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))
         finish_map(axes, bounds, title)
         colour_bar(axes, height_colours(limits), "Height (m)", map_in[0])
@@ -151,7 +160,8 @@ def dem(survey: Survey) -> Figure:
     right.plot(x, y, ls="", marker="o", ms=size, mew=0, color="white", alpha=0.6)
     drawn = _counted(chosen, survey.points)
     dots = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec="0.4", label=drawn)
-    figure.legend(handles=[dots, empty_patch()], loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(handles=[dots, _empty_patch(survey)], loc="outside lower center", ncols=2, frameon=False)
+    _warn(figure, survey)
     return figure
 
 
@@ -159,16 +169,16 @@ def error_map(survey: Survey) -> Figure:
     """Draw the error of the DEM, and its histogram with the statistics."""
     bounds = map_bounds(survey.error.grid.extent_m, np.zeros((0, 3)))
     width, height = map_size(bounds)
-    figure = Figure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
+    figure = ReportFigure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
     plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
-    values = survey.error.height_m[survey.error.filled]
-    limit = _error_limit(values)
+    limit = _error_limit(survey.error.height_m[survey.error.filled])
     show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
     finish_map(plan, bounds, "DEM minus true surface")
     bar = ScalarMappable(Normalize(-limit, limit), ERRORS)
     colour_bar(plan, bar, "Height error (m)", width, extend="both")
-    figure.legend(handles=[empty_patch()], loc="outside lower center", frameon=False)
-    _draw_histogram(histogram, values, limit, survey)
+    figure.legend(handles=[_empty_patch(survey)], loc="outside lower center", frameon=False)
+    _draw_histogram(histogram, survey.error.height_m[survey.error.filled & survey.lit], limit, survey)
+    _warn(figure, survey)
     return figure
 
 
@@ -178,19 +188,33 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
     middle = (edges[1:] + edges[:-1]) / 2
     colours = colormaps[ERRORS](Normalize(-limit, limit)(middle))
     axes.bar(middle, share, width=edges[1] - edges[0], color=colours, edgecolor="0.4", lw=0.3)
-    axes.axvline(0.0, ymax=0.6, color="black", lw=0.8)
-    e = survey.dem_error
-    rows = {"RMS": e.rms_m, "Mean": e.mean_m, "NMAD": e.nmad_m, "LE90": e.le90_m}
-    lines = [f"{name:<9}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
-    lines += [f"{'Coverage':<9}{100 * e.coverage:>8.1f} %", f"{'Cells':<9}{e.count:>8d}"]
+    axes.axvline(0.0, ymax=0.5, color="black", lw=0.8)
+    e, off_wall, everywhere = survey.lit_error, survey.off_wall_error, survey.dem_error
+    rows = {"RMS": e.rms_m, "Mean": e.mean_m, "NMAD": e.nmad_m, "LE90*": e.le90_m}
+    if off_wall is not None:
+        rows["RMS off walls"] = off_wall.rms_m
+    rows["RMS all cells"] = everywhere.rms_m
+    lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
+    lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
     # The head room above the tallest bar belongs to the box of numbers.
-    axes.set_ylim(0, 1.75 * max(share.max(), 0.5))
+    top = max(float(share.max()), 0.5)
+    if limit > HEAVY_TAILS * e.nmad_m:
+        # Beside so narrow a middle the few errors at walls would not be seen.
+        low = 50 / max(len(values), 1)
+        axes.set_yscale("log")
+        axes.set_ylim(low, top * top / low)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), 3)
+        axes.set_yticks(decades[decades >= low], [f"{share:g}" for share in decades[decades >= low]])
+        axes.yaxis.set_minor_locator(NullLocator())
+    else:
+        axes.set_ylim(0, 2 * top)
     text = axes.text(0.98, 0.98, "\n".join(lines), transform=axes.transAxes, ha="right", va="top")
     text.set(family="monospace", multialignment="left")
     outside = 100 * float(np.mean(np.abs(values) > limit)) if len(values) else 0.0
     note = f" ({outside:.1f} % beyond)" if outside >= 0.05 else ""
-    axes.set(xlim=(-limit, limit), xlabel=f"Height error (m){note}", ylabel="Share of cells (%)")
-    axes.set_title("Distribution", fontsize="medium")
+    axes.set(xlim=(-limit, limit), ylabel="Share of lit cells (%)")
+    axes.set_xlabel(f"Height error (m){note}\n* 90th percentile of |error|")
+    axes.set_title(f"Error of lit cells: RMS {number(e.rms_m, '.3f', ' m')}", fontsize="medium")
     axes.spines[["top", "right"]].set_visible(False)
 
 
@@ -203,12 +227,25 @@ def _map_pair(
     """Return a figure of two maps, one above the other where they are wide, and their size in inches."""
     width, height = map_size(bounds, PAIRED_BOX_IN)
     if width > 1.5 * height:
-        figure = Figure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
+        figure = ReportFigure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
         top, bottom = figure.subplots(2, 1)
         return figure, (top, bottom), (width, height)
-    figure = Figure(figsize=(2 * (width + 1.9), height + 1.5), layout="constrained")
+    figure = ReportFigure(figsize=(2 * (width + 1.9), height + 1.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     return figure, (left, right), (width, height)
+
+
+def _empty_patch(survey: Survey) -> Patch:
+    raining = survey.scenario.weather.rain_rate_mm_per_h > 0
+    return empty_patch("shadow, no echo, or an echo of rain" if raining else "shadow or no echo")
+
+
+def _warn(figure: Figure, survey: Survey) -> None:
+    """Write the warnings of a survey over a figure."""
+    letters = int(LETTERS_PER_INCH * figure.get_figwidth())
+    told = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
+    if told:
+        figure.suptitle("\n".join(told), color=RED, fontsize="small", parse_math=False)
 
 
 def _error_limit(values: Float[np.ndarray, " cell"]) -> float:

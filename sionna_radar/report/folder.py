@@ -1,7 +1,10 @@
-"""Folders of results, written whole or not at all.
+"""Folders of results: whole or not at all, and nothing in them touched that this program did not write.
 
-Everything is written to a temporary folder beside the destination and moved into place by a rename, so a
-failure, a full disk or an interrupt leaves an earlier result as it was.
+A result is made in a staging folder (`staging`) and put in place by renames, so that a failure, a full disk or an
+interrupt leaves an earlier result as it was. A new folder is one rename. In a folder that exists, the files of the
+earlier result, known by its manifest and unchanged since, move out one by one, the manifest first, and those of the
+new result move in, the manifest last: a folder without its manifest, with a staging folder inside, is one whose
+replacement was cut short, and the next run puts the earlier result back.
 """
 
 import json
@@ -9,47 +12,56 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.errors import OutputError
+from sionna_radar.errors import KeptElsewhereError, OutputError
+from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
+from sionna_radar.report.staging import abandoned, in_use, staged
+
+# Inside a staging folder: the new result, the files of the earlier one, and the manifest of the new one.
+FRESH, RETIRED, COMING = "fresh", "retired", "coming.json"
+MOST_NAMED = 5
 
 
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
-    """Let a function fill a folder, put it in place, and return the files in it.
+    """Let a function fill a folder, put it in place with its manifest, and return the files written.
 
     Parameters
     ----------
     directory:
-        Where the results go; an earlier result there is replaced as a whole.
+        Where the results go; of what is there, only an earlier result's own files are replaced.
     marker:
-        File that every result of this kind holds, and by which an earlier one is known.
+        File that every result of this kind holds, and by which the kind is known.
     fill:
         Writes the results into the folder it is given.
 
     Raises
     ------
+    KeptElsewhereError
+        The directory holds something else, or a file in it cannot be replaced; the result is beside it.
     OutputError
-        The directory holds something else, or cannot be written.
+        The results cannot be written at all.
 
     """
-    directory = check_output(directory, marker)
+    directory = directory.expanduser().resolve()
     try:
-        with (
-            _missing_parents(directory),
-            tempfile.TemporaryDirectory(
-                prefix=f".{directory.name}.", dir=directory.parent, ignore_cleanup_errors=True
-            ) as staging,
-        ):
+        _clear_abandoned(directory)
+        with _missing_parents(directory), staged(_staging_place(directory)) as staging:
             # The staging folder itself is private to the user; a folder made inside it has usual permissions.
-            fresh = Path(staging) / "fresh"
+            fresh = staging / FRESH
             fresh.mkdir()
             fill(fresh)
-            _move_into_place(fresh, directory, retired=Path(staging) / "retired")
+            manifest = Manifest.of(fresh, marker)
+            write_text(fresh / MANIFEST, manifest.text())
+            _put_in_place(directory, staging, manifest)
+    except OutputError:
+        raise
     except OSError as error:
         message = f"output = {directory} cannot be written ({error}); free some space or name another folder"
         raise OutputError(message) from error
-    return sorted(path for path in directory.rglob("*") if path.is_file())
+    return sorted(directory / name for name in (*manifest.names, MANIFEST))
 
 
 def write_study(
@@ -64,7 +76,7 @@ def write_study(
     Parameters
     ----------
     directory:
-        Where the results go; an earlier result there is replaced as a whole.
+        Where the results go; of what is there, only an earlier result's own files are replaced.
     marker:
         File of the numbers, as strict JSON; a number that does not exist becomes null.
     document:
@@ -77,7 +89,7 @@ def write_study(
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written.
+        As for `write_folder`.
 
     """
 
@@ -108,20 +120,27 @@ def without_nan(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+# ------------------------------------------------------------------------------------------ checking
+
+
 def check_output(directory: Path, marker: str) -> Path:
     """Return the resolved directory, or refuse it before any work is lost on it.
+
+    What killed runs have left there or beside it is cleared away first, an earlier result put back.
 
     Raises
     ------
     OutputError
-        It is a file, a mount point, or holds something other than an earlier result, or the place that it
+        It is a file, holds something other than an earlier result of this kind, unchanged, or the place that it
         would be made in is no folder or cannot be written.
 
     """
     try:
         directory = directory.expanduser().resolve()
         problem = _obstacle(directory, marker)
-    except (OSError, RuntimeError) as error:
+    except OutputError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
         problem = f"cannot be reached ({error}); check the path and its permissions"
     if problem:
         message = f"output = {directory} {problem}"
@@ -130,25 +149,141 @@ def check_output(directory: Path, marker: str) -> Path:
 
 
 def _obstacle(directory: Path, marker: str) -> str:
-    if directory.exists():
-        if not directory.is_dir():
-            return "is a file; name a folder"
-        if directory.is_mount():
-            return "is a mount point and cannot be replaced; name a folder inside it"
-        if any(directory.iterdir()) and not (directory / marker).is_file():
-            return (
-                f"is not empty and holds no earlier result (no {marker}); name a new or empty folder, "
-                "or empty this one"
-            )
-    parent = next(path for path in directory.parents if path.exists())
-    if not parent.is_dir():
-        return f"cannot be made: {parent} is a file; name a folder elsewhere"
+    place = directory if directory.exists() else next(path for path in directory.parents if path.exists())
+    if not place.is_dir():
+        return "is a file; name a folder" if place == directory else f"cannot be made: {place} is a file; name another"
+    _clear_abandoned(directory)
     try:
         # Permission bits do not tell of read-only mounts and quotas; making a folder does.
-        tempfile.TemporaryDirectory(prefix=f".{directory.name}.", dir=parent).cleanup()
+        tempfile.TemporaryDirectory(dir=place).cleanup()
     except OSError as error:
-        return f"cannot be made: {parent} is not writable ({error.strerror}); name a folder elsewhere"
+        return f"cannot be made: {place} is not writable ({error.strerror}); name a folder elsewhere"
+    return _unwanted(directory, marker) if place == directory else ""
+
+
+def _clear_abandoned(directory: Path) -> None:
+    """Take away what killed runs have left in a folder and beside it, earlier results put back."""
+    for folder in (directory, directory.parent):
+        if folder.is_dir():
+            for staging in abandoned(folder):
+                _put_back(folder, staging)
+
+
+def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
+    """Return what stands in the way of a result in a folder that exists, beside one's own staging folder."""
+    entries = [path for path in directory.iterdir() if path != own]
+    if not entries:
+        return ""
+    if any(map(in_use, entries)):
+        return "is being written by another run; wait for it or name another folder"
+    earlier = read_manifest(directory / MANIFEST)
+    if earlier is None:
+        return (
+            f"is not empty and holds no earlier result (no {MANIFEST} of this program); "
+            "name a new or empty folder, or empty this one"
+        )
+    if earlier.kind != marker:
+        return f"holds the result of another command ({earlier.kind}, not {marker}); name another folder"
+    changed = earlier.changed(directory)
+    if changed:
+        more = f" and {len(changed) - MOST_NAMED} more" if len(changed) > MOST_NAMED else ""
+        return (
+            f"holds files of an earlier result that were changed since ({', '.join(changed[:MOST_NAMED])}{more}); "
+            "move them away or name another folder"
+        )
+    for name in filter(lambda name: (directory / name).exists(), (*earlier.names, MANIFEST)):
+        try:
+            # Nothing happens here, but where a program that has the file open forbids its removal this tells.
+            (directory / name).replace(directory / name)
+        except OSError as error:
+            return f"cannot be replaced: {name} is held by another program ({error.strerror}); close it there"
     return ""
+
+
+# ------------------------------------------------------------------------------------ putting in place
+
+
+def _staging_place(directory: Path) -> Path:
+    """Return where renames to the directory stay on one file system."""
+    return directory if directory.is_dir() else directory.parent
+
+
+def _put_in_place(directory: Path, staging: Path, manifest: Manifest) -> None:
+    """Move a fresh result to its folder, or where it cannot go there to another beside it."""
+    try:
+        if staging.parent == directory:
+            _replace(directory, staging, manifest)
+        else:
+            (staging / FRESH).rename(directory)
+    except OSError as error:
+        kept = _keep_elsewhere(staging / FRESH, directory)
+        reason = error.strerror or str(error)
+        message = f"output = {directory} could not be replaced ({reason}); the new result is in {kept}"
+        raise KeptElsewhereError(message) from error
+
+
+def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
+    """Move the files of the earlier result out and those of the new one in; on failure all moves back."""
+    problem = _unwanted(directory, manifest.kind, own=staging)
+    if problem:
+        message = f"it {problem}"
+        raise FileExistsError(message)
+    earlier = read_manifest(directory / MANIFEST)
+    retiring = [MANIFEST, *earlier.names] if earlier else []
+    write_text(staging / COMING, manifest.text())
+    try:
+        for name in retiring:
+            if (directory / name).exists():
+                _move(directory, name, staging / RETIRED)
+        for name in (*manifest.names, MANIFEST):
+            if (directory / name).exists() or (directory / name).is_symlink():
+                message = f"it holds a {name} that this program did not write"
+                raise FileExistsError(message)
+            _move(staging / FRESH, name, directory)
+    except BaseException:
+        _put_back(directory, staging)
+        raise
+    _drop_empty_folders(directory, retiring)
+
+
+def _put_back(directory: Path, staging: Path) -> None:
+    """Undo a replacement that was cut short; one that was not begun, or was finished, stays as it is."""
+    coming = read_manifest(staging / COMING)
+    if coming is None or (directory / MANIFEST).exists():
+        return
+    for name in coming.names:
+        if not (staging / FRESH / name).exists() and coming.holds(directory, name):
+            _move(directory, name, staging / FRESH)
+    _drop_empty_folders(directory, coming.names)
+    retired = staging / RETIRED
+    names = [path.relative_to(retired).as_posix() for path in retired.rglob("*") if path.is_file()]
+    for name in sorted(names, key=MANIFEST.__eq__):  # the manifest last
+        _move(retired, name, directory)
+
+
+def _move(source: Path, name: str, target: Path) -> None:
+    (target / name).parent.mkdir(parents=True, exist_ok=True)
+    (source / name).replace(target / name)
+
+
+def _drop_empty_folders(directory: Path, names: list[str]) -> None:
+    """Take away the folders of some files that nothing is left in."""
+    folders = {parent for name in names for parent in (directory / name).parents if parent.is_relative_to(directory)}
+    for folder in sorted(folders - {directory}, reverse=True):
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
+    """Move a result to a free name beside its folder, or inside it where there is no place beside."""
+    for parent in (directory.parent, directory):
+        kept = next(path for n in count(2) if not (path := parent / f"{directory.name}-{n}").exists())
+        try:
+            return fresh.rename(kept)
+        except OSError:
+            continue
+    message = f"output = {directory} cannot be written, nor any folder beside it; the result is lost"
+    raise OutputError(message)
 
 
 @contextmanager
@@ -162,17 +297,4 @@ def _missing_parents(directory: Path) -> Iterator[None]:
         for path in missing:
             if path.is_dir() and not any(path.iterdir()):
                 path.rmdir()
-        raise
-
-
-def _move_into_place(fresh: Path, directory: Path, retired: Path) -> None:
-    """Rename the fresh result to its place; the earlier one, if any, ends as `retired`."""
-    earlier = directory.exists()
-    if earlier:
-        directory.rename(retired)
-    try:
-        fresh.rename(directory)
-    except BaseException:
-        if earlier:
-            retired.rename(directory)
         raise

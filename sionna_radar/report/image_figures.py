@@ -11,6 +11,7 @@ from matplotlib.image import AxesImage
 from sionna_radar.image import Imagery
 from sionna_radar.imaging.sar import SarImage
 from sionna_radar.imaging.slar import to_ground
+from sionna_radar.report.figure_files import ReportFigure
 
 DPI = 150
 COLOURS = "viridis"
@@ -41,7 +42,7 @@ def slant_range(imagery: Imagery) -> Figure:
     edges = [strip.slant_range_m(ground) for ground in (strip.near_m, strip.far_m)]
     shown = (image.range_m >= edges[0]) & (image.range_m <= edges[1])
     height = _height_in(image.along_m, image.range_m[shown])
-    figure = Figure(figsize=(WIDTH_IN, height + 1.2), layout="constrained")
+    figure = ReportFigure(figsize=(WIDTH_IN, height + 1.2), layout="constrained")
     axes = figure.subplots()
     level = _level_db(image.power[:, shown].T)
     picture = _show(axes, level, image.along_m, image.range_m[shown], _brightest_db(level))
@@ -57,7 +58,7 @@ def focused(imagery: Imagery, image: SarImage) -> Figure:
     grid = image.grid
     real = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
-    figure = Figure(figsize=(WIDTH_IN, 2 * height + 1.8), layout="constrained")
+    figure = ReportFigure(figsize=(WIDTH_IN, 2 * height + 1.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
     levels = _level_db(real.power.T), _level_db(image.power)
     brightest = max(_brightest_db(level) for level in levels)

@@ -1,9 +1,9 @@
 """The resolutions of a side-looking survey's images, for the terminal."""
 
-from rich.console import Console
 from rich.table import Table
 
 from sionna_radar.image import Imagery, Response
+from sionna_radar.report.terminal import console
 
 
 def print_image(imagery: Imagery) -> None:
@@ -20,10 +20,10 @@ def print_image(imagery: Imagery) -> None:
         for name, response in (("SLAR", reflector.slar), ("SAR", reflector.sar)):
             if response is not None and response.measured is not None:
                 table.add_row(f"{name}, targets.{number}", *_compared(response))
-    console = Console(highlight=False)
-    console.print(table)
+    out = console()
+    out.print(table)
     if imagery.focused is None:
-        console.print(
+        out.print(
             "no focused image: scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
             soft_wrap=True,
         )

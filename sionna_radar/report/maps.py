@@ -81,9 +81,9 @@ def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float
     axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
 
 
-def empty_patch() -> Patch:
+def empty_patch(why: str = "shadow or no echo") -> Patch:
     """Return the legend entry of empty cells."""
-    return Patch(facecolor=EMPTY, edgecolor="0.4", label="No height: shadow or no echo")
+    return Patch(facecolor=EMPTY, edgecolor="0.4", label=f"No height: {why}")
 
 
 def height_limits(*rasters: Raster) -> tuple[float, float]:

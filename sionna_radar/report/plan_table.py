@@ -2,12 +2,12 @@
 
 import math
 
-from rich.console import Console
 from rich.table import Table
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.plan_check import PlanCheck
 from sionna_radar.planning import Plan
+from sionna_radar.report.terminal import console
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
@@ -42,7 +42,7 @@ def print_plan(plan: Plan) -> None:
     }
     for name, value in rows.items():
         table.add_row(name, value)
-    Console(highlight=False).print(table)
+    console().print(table)
 
 
 def print_check(check: PlanCheck) -> None:
@@ -56,10 +56,10 @@ def print_check(check: PlanCheck) -> None:
     }
     for name, value in rows.items():
         table.add_row(name, value)
-    console = Console(highlight=False)
-    console.print(table)
+    out = console()
+    out.print(table)
     if check.coverage < 1:
-        console.print(
+        out.print(
             "not all of the area is sampled as wanted, for the terrain is no level ground; plan with a greater --slope "
             "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
             soft_wrap=True,

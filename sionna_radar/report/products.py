@@ -30,12 +30,12 @@ POINT_SCALE_M = 0.001
 def write_products(survey: Survey, directory: Path) -> list[Path]:
     """Write the results into a directory, whole or not at all, and return the files.
 
-    An earlier result in the directory is replaced as a whole.
+    Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written.
+        The directory holds something else, or cannot be written; see `write_folder`.
 
     """
     return write_folder(directory, MARKER, partial(_write_all, survey))
@@ -44,7 +44,7 @@ def write_products(survey: Survey, directory: Path) -> list[Path]:
 def _write_all(survey: Survey, directory: Path) -> None:
     place = survey.georeference
     write_text(directory / MARKER, summary_json(survey))
-    write_text(directory / "scenario.toml", to_toml(survey.scenario))
+    write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
     write_laz(directory / "points.laz", survey.points, survey.schedule.time_s, place)
     origin_height_m = place.origin_m[2] if place else 0.0
     write_geotiff(directory / "dem.tif", survey.dem, place, "DEM height", origin_height_m)
@@ -52,6 +52,14 @@ def _write_all(survey: Survey, directory: Path) -> None:
     # A difference of heights does not depend on where they are counted from.
     write_geotiff(directory / "error.tif", survey.error, place, "DEM minus truth", 0.0)
     draw_all(survey, directory / "figures")
+
+
+def _header(survey: Survey) -> str:
+    """Return the comment that says what in the scenario is not what was flown."""
+    if not survey.replaced:
+        return ""
+    replaced = "".join(f"#   {key}: {what}\n" for key, what in survey.replaced.items())
+    return f"# This file alone does not repeat the survey. Replaced from Python:\n{replaced}\n"
 
 
 def write_geotiff(

@@ -5,9 +5,18 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from sionna_radar.mapping.compare import LE90_MEANING
 from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey import Survey
 
+MEANING = {
+    "replaced": "what was flown in place of these parts of the scenario, which do not describe the survey",
+    "dem_error": "all cells that the DEM fills",
+    "lit_error": "those of them that the main beam reached",
+    "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
+    "coverage": "share of the lit cells that the DEM fills",
+    "le90_m": LE90_MEANING,
+}
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 
 
@@ -18,6 +27,8 @@ def summary(survey: Survey) -> dict[str, Any]:
     """
     document = {
         "scenario": survey.scenario.model_dump(mode="json"),
+        "replaced": survey.replaced,
+        "warnings": survey.warnings,
         "seed": survey.scenario.seed,
         "engine": survey.scenario.tracing.engine,
         "pulses": survey.pulses,
@@ -26,6 +37,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
+        "meaning": MEANING,
         "timing_s": survey.timing_s,
         "peak_memory_mb": survey.peak_memory_mb,
         "points_sha256": survey.points.sha256(),

@@ -8,21 +8,31 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, PercentFormatter
+from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
-from sionna_radar.report.figure_files import save_figures
-from sionna_radar.sweep import Axis, Case, Sweep, label
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.report.quantities import readable, shown
+from sionna_radar.sweep import Axis, Case, Sweep
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 PANELS = {
-    "rms_m": "RMS error (m)",
-    "mean_m": "Mean error (m)",
-    "nmad_m": "NMAD (m)",
-    "coverage": "Coverage",
+    "rms_m": "RMS error of lit cells (m)",
+    "off_wall_rms_m": "RMS error of lit cells\noff walls (m)",
+    "nmad_m": "NMAD of lit cells (m)",
+    "mean_m": "Mean error of lit cells (m)",
+    "coverage": "Coverage: share of lit\ncells with a height (%)",
 }
+# Panels that may have a logarithmic scale, and the ratio of largest to least from which they do.
+SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
+LOGARITHMIC_FROM = 8.0
+# The dots of the runs stand so far beside their mean, in points, where its bar does not hide them.
+BESIDE_PT = 7.0
 MAX_LEGEND = 14
+# Letters of all labels that fit side by side under one panel.
+MOST_LETTERS = 45
 
 
 def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
@@ -31,30 +41,54 @@ def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
 
 
 def errors(sweep: Sweep) -> Figure:
-    """Draw RMS, mean, NMAD and coverage against one varied key, a line for each setting of the others."""
+    """Draw the errors of lit cells and the coverage against one varied key, a line for each setting of the others."""
     across = abscissa(sweep.axes)
     lines = _lines(sweep, across)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    statistics = _panels(sweep)
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True).ravel()
-    for axes, (statistic, name) in zip(panels, PANELS.items(), strict=True):
+    for axes, statistic in zip(panels, statistics, strict=True):
         for index, ((title, cases), (colour, marker)) in enumerate(
             zip(lines.items(), zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
         ):
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
             _draw_line(axes, across, cases, statistic, (title, colour, marker, shift))
-        axes.set_ylabel(name)
+        axes.set_ylabel(PANELS[statistic])
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-    panels[1].axhline(0.0, color="black", lw=0.8)
-    panels[3].yaxis.set_major_formatter(PercentFormatter(1.0))
+        _finish_ordinate(axes, sweep, statistic)
     for axes in panels[2:]:
         _finish_abscissa(axes, across)
-    runs = f"bars: standard deviation over {sweep.repeat} seeds; dots: runs" if sweep.repeat > 1 else "one run each"
-    figure.suptitle(f"{sweep.source}: elevation error ({runs})", fontsize="medium")
+    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: runs"
+    runs = several if sweep.repeat > 1 else "one run each"
+    figure.suptitle(f"{sweep.source}: elevation error\n{runs}", fontsize="medium", parse_math=False)
     if 1 < len(lines) <= MAX_LEGEND:
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
     return figure
+
+
+def _panels(sweep: Sweep) -> list[str]:
+    """Return the statistics of the four panels: the errors off walls, where there are any, in place of the NMAD."""
+    walls = any(np.isfinite(case.mean("off_wall_rms_m")) for case in sweep.cases)
+    return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
+
+
+def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
+    if statistic == "mean_m":
+        axes.axhline(0.0, color="black", lw=0.8)
+    if statistic == "coverage":
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
+    if statistic in SIZES:
+        sizes = np.array([case.mean(statistic) for case in sweep.cases])
+        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+        if len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
+            axes.set_yscale("log", nonpositive="mask")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        else:
+            axes.set_ylim(bottom=0.0)
 
 
 def abscissa(axes: tuple[Axis, ...]) -> Axis:
@@ -71,7 +105,8 @@ def _lines(sweep: Sweep, across: Axis) -> dict[str, list[Case]]:
     lines: dict[str, list[Case]] = {}
     for case in sweep.cases:
         others = {key: value for key, value in case.setting.items() if key != across.key}
-        lines.setdefault(label(others), []).append(case)
+        name = ", ".join(f"{readable(key)}: {shown(value)}" for key, value in others.items())
+        lines.setdefault(name, []).append(case)
     if _numeric(across):
         return {name: sorted(cases, key=lambda c: c.setting[across.key]) for name, cases in lines.items()}
     return lines
@@ -86,7 +121,9 @@ def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, styl
     for place, case in zip(x, cases, strict=True):
         if len(case.runs) > 1:
             runs = case.of_runs(statistic)
-            axes.plot(np.full(len(runs), place), runs, ls="", marker="o", ms=3, mew=0, color=colour, alpha=0.35)
+            beside = axes.transData + ScaledTranslation(BESIDE_PT / 72, 0.0, axes.figure.dpi_scale_trans)
+            at = np.full(len(runs), place)
+            axes.plot(at, runs, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
     mean = [case.mean(statistic) for case in cases]
     spread = [np.nan_to_num(case.spread(statistic)) for case in cases]
     line = "-" if numeric else ""
@@ -98,15 +135,31 @@ def _place(across: Axis, value: Any) -> float:
 
 
 def _finish_abscissa(axes: Axes, across: Axis) -> None:
-    axes.set_xlabel(across.key)
+    axes.set_xlabel(readable(across.key))
     values = list(across.values)
     if not _numeric(across):
-        axes.set_xticks(range(len(values)), [str(value) for value in values])
+        axes.set_xticks(range(len(values)), [shown(value) for value in values], **_slanted(values))
         axes.set_xlim(-0.5, len(values) - 0.5)
         return
-    if min(values) > 0 and max(values) >= 8 * min(values):
+    logarithmic = min(values) > 0 and max(values) >= LOGARITHMIC_FROM * min(values)
+    if logarithmic:
         axes.set_xscale("log")
         axes.xaxis.set_minor_locator(NullLocator())
-    if len(values) <= 8:
+    if len(values) <= 8 and _apart(sorted(map(float, values)), logarithmic):
         axes.xaxis.set_major_locator(FixedLocator(sorted(values)))
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    elif logarithmic:
+        axes.xaxis.set_major_formatter("{x:g}")
+
+
+def _apart(values: list[float], logarithmic: bool) -> bool:
+    """Tell whether ticks at all values leave room for their labels."""
+    place = np.log(values) if logarithmic else np.array(values, dtype=float)
+    return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
+
+
+def _slanted(values: list[Any]) -> dict[str, Any]:
+    """Return how the labels of words are turned so that they keep apart."""
+    if sum(len(shown(value)) + 2 for value in values) <= MOST_LETTERS:
+        return {}
+    return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

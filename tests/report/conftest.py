@@ -121,6 +121,7 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
         dem=dem,
         truth=truth,
         error=error,
+        lit=np.ones(grid.shape, dtype=bool),
         dem_error=summarise(error, np.ones(grid.shape, dtype=bool)),
         lit_error=summarise(error, np.ones(grid.shape, dtype=bool)),
         off_wall_error=None,
@@ -144,6 +145,7 @@ def make_empty(survey: Survey) -> Survey:
         dem=dem,
         error=error,
         dem_error=summarise(error, np.ones(dem.grid.shape, dtype=bool)),
+        lit_error=summarise(error, np.ones(dem.grid.shape, dtype=bool)),
         chirp=replace(chirp, echo_range_m=chirp.range_m[nothing], echo_power=chirp.power[nothing]),
     )
 

@@ -111,3 +111,27 @@ def test_power_is_in_watts_only_when_the_sent_power_is_known(survey_of: Callable
     physical = survey_of(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
     assert "(dBW)" in figures.chirp(physical).axes[1].get_ylabel()
     assert "rel. to sent" in figures.chirp(survey_of()).axes[1].get_ylabel()
+
+
+def test_a_notebook_shows_a_figure(survey: Survey) -> None:
+    assert figures.dem(survey)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_the_histogram_is_that_of_lit_cells(survey: Survey) -> None:
+    """Half the cells unlit, and only they bear an error of 3 m."""
+    unlit = np.zeros(survey.lit.shape, dtype=bool)
+    unlit[:, ::2] = True
+    height = np.where(unlit, 3.0, survey.error.height_m)
+    spoiled = replace(survey, error=replace(survey.error, height_m=height), lit=~unlit)
+    histogram = next(a for a in figures.error_map(spoiled).axes if a.get_title().startswith("Error of lit cells"))
+    tallest = max(histogram.patches, key=lambda bar: bar.get_height())
+    assert abs(tallest.get_x()) < 0.5
+    assert sum(bar.get_height() for bar in histogram.patches if bar.get_x() > 2.5) == 0
+
+
+@pytest.mark.parametrize("draw", [figures.power_map, figures.dem, figures.error_map])
+def test_a_warning_stands_over_the_figure_and_covers_nothing(survey: Survey, draw: Callable[[Survey], Figure]) -> None:
+    figure = draw(replace(survey, warnings=("most echoes come from [precipitation] $ in front of the ground " * 3,)))
+    told = [outline for text, outline in outlines(figure)]
+    assert "Warning: most echoes" in figure.get_suptitle()
+    assert not any(figure._suptitle.get_window_extent().overlaps(outline) for outline in told)

@@ -1,4 +1,4 @@
-"""Products read back as what went in, and a folder of results is whole or absent."""
+"""Products read back as what went in."""
 
 import json
 from dataclasses import replace
@@ -10,18 +10,18 @@ import pytest
 import rasterio
 from pyproj import CRS
 
-from sionna_radar.errors import OutputError
 from sionna_radar.mapping.compare import DemError
 from sionna_radar.raster import Raster
-from sionna_radar.report import folder, products
-from sionna_radar.report.folder import check_output
-from sionna_radar.report.products import MARKER, write_geotiff, write_laz, write_products
+from sionna_radar.report import products
+from sionna_radar.report.products import write_geotiff, write_laz, write_products
 from sionna_radar.report.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import Survey
 
 KEYS = [
     "scenario",
+    "replaced",
+    "warnings",
     "seed",
     "engine",
     "pulses",
@@ -30,6 +30,7 @@ KEYS = [
     "dem_error",
     "lit_error",
     "off_wall_error",
+    "meaning",
     "timing_s",
     "peak_memory_mb",
     "points_sha256",
@@ -43,6 +44,7 @@ FILES = [
     "figures/environment.png",
     "figures/error_map.png",
     "figures/power_map.png",
+    "manifest.json",
     "points.laz",
     "scenario.toml",
     "summary.json",
@@ -100,92 +102,18 @@ def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
     assert len(write_products(empty, tmp_path / "out")) == len(FILES)
 
 
-@pytest.mark.usefixtures("no_figures")
-def test_earlier_result_is_replaced_whole(survey: Survey, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    (out / "figures").mkdir(parents=True)
-    (out / "figures" / "of_an_older_version.png").touch()
-    (out / "summary.json").write_text("{}")
-    write_products(survey, out)
-    assert not (out / "figures" / "of_an_older_version.png").exists()
-    assert json.loads((out / "summary.json").read_text())["seed"] == 7
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
+    flown = replace(survey, replaced={"radar.antenna": "mine.Horn, half-power beam 6 x 6 deg"})
+    assert summary(flown)["replaced"] == flown.replaced
+    write_products(flown, tmp_path / "out")
+    text = (tmp_path / "out" / "scenario.toml").read_text()
+    assert text.startswith("# This file alone does not repeat the survey")
+    assert "#   radar.antenna: mine.Horn, half-power beam 6 x 6 deg\n" in text
+    assert load_scenario(tmp_path / "out" / "scenario.toml") == survey.scenario
 
 
-@pytest.mark.parametrize("failure", [RuntimeError("bug"), OSError(28, "No space left"), KeyboardInterrupt()])
-def test_failure_leaves_nothing_new(
-    survey: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: BaseException
-) -> None:
-    def fail(*_: object) -> None:
-        raise failure
-
-    monkeypatch.setattr(products, "draw_all", fail)
-    earlier = tmp_path / "earlier"
-    earlier.mkdir()
-    (earlier / "summary.json").write_text("{}")
-    expected = OutputError if isinstance(failure, OSError) else type(failure)
-    for out in (earlier, tmp_path / "new" / "result"):
-        with pytest.raises(expected):
-            write_products(survey, out)
-    assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == [
-        "earlier",
-        "earlier/summary.json",
-    ]
-    assert (earlier / "summary.json").read_text() == "{}"
-
-
-@pytest.mark.usefixtures("no_figures")
-def test_failed_last_rename_restores_the_earlier_result(
-    survey: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "summary.json").write_text("{}")
-    rename = Path.rename
-
-    def fail_on_fresh(self: Path, target: Path) -> Path:
-        if self.name == "fresh":
-            raise OSError(5, "Input/output error")
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", fail_on_fresh)
-    with pytest.raises(OutputError, match="output = "):
-        write_products(survey, out)
-    assert (out / "summary.json").read_text() == "{}"
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-
-
-def test_other_people_s_folder_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").touch()
-    with pytest.raises(OutputError, match=r"output = .* is not empty .* name a new or empty folder"):
-        check_output(tmp_path, MARKER)
-    assert (tmp_path / "thesis.tex").exists()
-
-
-def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "file"
-    file.touch()
-    with pytest.raises(OutputError, match=r"output = .*file is a file; name a folder"):
-        check_output(file, MARKER)
-    with pytest.raises(OutputError, match=r"file is a file|cannot be reached"):
-        check_output(file / "inside" / "out", MARKER)
-
-
-def test_unwritable_parent_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # Root writes anywhere, so the refusal of the system is played.
-    def refuse(*_: object, **__: object) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(folder.tempfile, "TemporaryDirectory", refuse)
-    with pytest.raises(OutputError, match="not writable"):
-        check_output(tmp_path / "a" / "b", MARKER)
-
-
-def test_check_leaves_no_trace(tmp_path: Path) -> None:
-    assert check_output(tmp_path / "a" / "b", MARKER) == (tmp_path / "a" / "b").resolve()
-    (tmp_path / "here").mkdir()
-    check_output(tmp_path / "here", MARKER)
-    assert [p.name for p in tmp_path.iterdir()] == ["here"]
+def test_le90_is_defined_where_it_is_written(survey: Survey) -> None:
+    assert "90th percentile of |error|" in summary(survey)["meaning"]["le90_m"]
 
 
 # ------------------------------------------------------------------------------------------ rasters

@@ -1,0 +1,58 @@
+"""What a reader must know beside the numbers of a survey: what was not as the scenario says, and what spoils it."""
+
+import html
+from collections.abc import Callable
+
+import numpy as np
+
+from sionna_radar.flight.pulses import Navigation
+from sionna_radar.flight.scan import Scan
+from sionna_radar.radar.antenna import Antenna
+
+# Echoes of rain lie tens of metres above the ground, so that a few of them spoil a DEM.
+RAIN_SHARE_WARNED = 0.01
+
+
+class Brief:
+    """A result whose `repr` is a few lines, in a notebook too."""
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(repr(self))}</pre>"
+
+
+def replaced_parts(
+    antenna: Antenna | None, scan: Scan | None, navigation: Navigation | None, sensor: Callable[..., object] | None
+) -> dict[str, str]:
+    """Return what was flown in place of parts of a scenario, in words, by the keys of those parts."""
+    told = {}
+    if antenna is not None:
+        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
+        told["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
+    if scan is not None:
+        told["radar.scan"] = _name(type(scan))
+    if navigation is not None:
+        told["platform.navigation"] = _name(type(navigation))
+    if sensor is not None:
+        told["sensor"] = _name(sensor)
+    return told
+
+
+def warnings_of(echoes: int, rain_echoes: int) -> tuple[str, ...]:
+    """Return what spoils a result: no echo at all, or rain in front of the ground."""
+    if echoes == 0:
+        return ("no echo was detected; raise radar.snr_db or radar.transmit_power_dbm, or fly lower",)
+    if rain_echoes > RAIN_SHARE_WARNED * echoes:
+        share = f"{rain_echoes:,} of {echoes:,} echoes"
+        if 2 * rain_echoes > echoes:
+            share = f"most echoes ({rain_echoes:,} of {echoes:,})"
+        return (
+            f"{share} come from precipitation in front of the ground, and the DEM is wrong or empty there; "
+            "lower weather.rain_rate_mm_per_h, fly lower, or narrow the beam",
+        )
+    return ()
+
+
+def _name(made: object) -> str:
+    """Return the module and name of a class or function; of anything else, those of its class."""
+    name = getattr(made, "__qualname__", None)
+    return f"{made.__module__}.{name}" if name else _name(type(made))

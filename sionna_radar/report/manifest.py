@@ -1,0 +1,96 @@
+"""What a folder of results holds of ours: the list of files that this program wrote, each with its size and hash.
+
+Only a file that is listed and still what it was may ever be replaced. A file that the user has added, edited or put
+in the place of ours is the user's.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from sionna_radar.errors import OutputError
+
+MANIFEST = "manifest.json"
+PROGRAM = "sionna-radar"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """The files of one result, by their paths inside the folder, with forward slashes.
+
+    kind: file that every result of this kind holds, such as `summary.json`.
+    sha256: of each file; size_bytes: too.
+    """
+
+    kind: str
+    sha256: dict[str, str]
+    size_bytes: dict[str, int]
+
+    @staticmethod
+    def of(folder: Path, kind: str) -> "Manifest":
+        """Return the manifest of everything in a folder."""
+        files = sorted(path for path in folder.rglob("*") if path.is_file())
+        names = [path.relative_to(folder).as_posix() for path in files]
+        return Manifest(
+            kind=kind,
+            sha256=dict(zip(names, map(_sha256, files), strict=True)),
+            size_bytes={name: path.stat().st_size for name, path in zip(names, files, strict=True)},
+        )
+
+    @property
+    def names(self) -> list[str]:
+        """The paths of all files."""
+        return list(self.sha256)
+
+    def holds(self, folder: Path, name: str) -> bool:
+        """Tell whether a file of a folder is the one listed: there, a plain file in its own place, and unchanged."""
+        path = folder / name
+        return (
+            path.is_file()
+            and path.resolve() == folder.resolve() / name  # neither a link nor below one, nor outside the folder
+            and path.stat().st_size == self.size_bytes[name]
+            and _sha256(path) == self.sha256[name]
+        )
+
+    def changed(self, folder: Path) -> list[str]:
+        """Return the listed paths where something else stands now; a file that is gone is no loss."""
+        there = (name for name in self.names if (folder / name).exists() or (folder / name).is_symlink())
+        return [name for name in there if not self.holds(folder, name)]
+
+    def text(self) -> str:
+        """Return the manifest as JSON."""
+        files = {name: {"bytes": self.size_bytes[name], "sha256": self.sha256[name]} for name in self.names}
+        return json.dumps({"written_by": PROGRAM, "kind": self.kind, "files": files}, indent=2) + "\n"
+
+
+def read_manifest(path: Path) -> Manifest | None:
+    """Return the manifest in a file; None where there is none of ours.
+
+    Raises OutputError for one that cannot be read.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        message = f"{path} cannot be read ({error.strerror}); check its permissions"
+        raise OutputError(message) from error
+    except ValueError:
+        return None
+    try:
+        if document["written_by"] != PROGRAM:
+            return None
+        files = document["files"].items()
+        return Manifest(
+            kind=str(document["kind"]),
+            sha256={name: str(entry["sha256"]) for name, entry in files},
+            size_bytes={name: int(entry["bytes"]) for name, entry in files},
+        )
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

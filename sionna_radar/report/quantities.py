@@ -1,0 +1,39 @@
+"""Keys of a scenario as a reader of figures knows them: words, with the unit in brackets."""
+
+from typing import Any
+
+UNITS = {
+    "mm_per_h": "mm/h",
+    "g_per_m3": "g/m³",
+    "per_m2": "1/m²",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "hz": "Hz",
+    "dbsm": "dBsm",
+    "dbm": "dBm",
+    "db": "dB",
+    "deg": "deg",
+    "rpm": "rpm",
+    "hpa": "hPa",
+    "celsius": "°C",
+    "m": "m",
+    "s": "s",
+}
+# Last parts of keys that say too little without the table they stand in.
+VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path", "rank", "seed", "training", "window")
+
+
+def readable(key: str) -> str:
+    """Return a dotted key as words with its unit, such as `Beamwidth (deg)`."""
+    *tables, name = key.split(".")
+    unit = next((unit for unit in UNITS if name.endswith(f"_{unit}")), None)
+    words = name.removesuffix(f"_{unit}") if unit else name
+    if words in VAGUE and tables:
+        words = f"{tables[-1]} {words}"
+    words = words.replace("_", " ").replace("dem ", "DEM ").replace("cfar", "CFAR").replace("snr", "SNR")
+    return words[:1].upper() + words[1:] + (f" ({UNITS[unit]})" if unit else "")
+
+
+def shown(value: Any) -> str:
+    """Return a value of a scenario in short."""
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,92 @@
+"""The terminal: tables and text as they are, on any encoding, and progress where somebody watches.
+
+Descriptions, names and paths are the user's, and may hold what a terminal library takes for markup or an encoding
+does not know. All that is printed goes through here.
+"""
+
+import codecs
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from time import monotonic
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+from sionna_radar.interrupts import raise_received
+from sionna_radar.progress import Progress as Report
+
+# In the place of a number that does not exist.
+NONE = "-"
+PLAIN = {"±": "+-", "→": "->", "–": "-", "…": "...", "²": "2", "°": " deg", "µ": "u", "×": "x"}
+SECONDS_BETWEEN_LINES = 10.0
+
+
+def console(width: int | None = None) -> Console:
+    """Return a console that prints text literally."""
+    return Console(markup=False, emoji=False, highlight=False, width=width)
+
+
+def number(value: float, form: str, unit: str = "") -> str:
+    """Return a number in a format with its unit; a dash for NaN."""
+    return NONE if value != value else f"{value:{form}}{unit}"
+
+
+def print_on_any_encoding() -> None:
+    """Let standard output and error spell out what their encoding does not know, instead of failing."""
+    codecs.register_error("sionna_radar.plain", _spelled_out)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="sionna_radar.plain")
+
+
+def _spelled_out(error: UnicodeError) -> tuple[str | bytes, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    unknown = error.object[error.start : error.end]
+    return "".join(PLAIN.get(letter, ascii(letter)[1:-1]) for letter in unknown), error.end
+
+
+@contextmanager
+def shown_progress() -> Iterator[Report]:
+    """Show a bar for each stage on a terminal; elsewhere a line now and then, on standard error."""
+    screen = Console(stderr=True, markup=False)
+    if not screen.is_terminal:
+        yield lines(lambda text: print(text, file=sys.stderr, flush=True), monotonic)
+        return
+    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=screen, transient=True) as bars:
+        yield _bars(bars)
+
+
+def _bars(bars: Progress) -> Report:
+    tasks: dict[str, TaskID] = {}
+
+    def report(stage: str, done: int, total: int) -> None:
+        raise_received()
+        if stage not in tasks:
+            tasks[stage] = bars.add_task(stage, total=None)
+        elif done == 0:
+            bars.reset(tasks[stage])
+        bars.update(tasks[stage], completed=done, total=total or None)
+
+    return report
+
+
+def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
+    """Return a report of progress in lines of text, at most one in ten seconds."""
+    last = clock()
+
+    def report(stage: str, done: int, total: int) -> None:
+        nonlocal last
+        raise_received()
+        if clock() - last >= SECONDS_BETWEEN_LINES:
+            last = clock()
+            write(f"{stage}: {done:,} of {total:,}" if total else stage)
+
+    return report
+
+
+def quiet_progress() -> Report:
+    """Return a report that shows nothing, but does not let an interrupt be lost."""
+    return lambda stage, done, total: raise_received()

@@ -1,0 +1,91 @@
+"""Tables print what they are given, on any encoding; progress is told off a terminal too."""
+
+import io
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sionna_radar.report.quantities import readable
+from sionna_radar.report.survey_table import print_survey
+from sionna_radar.report.terminal import console, lines, number
+from sionna_radar.survey import Survey
+
+MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"
+
+
+def test_markup_is_printed_literally(survey: Survey, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = survey.scenario.model_copy(update={"description": MARKUP})
+    print_survey(replace(survey, scenario=scenario, replaced={"sensor": "mine.[/x]"}))
+    printed = capsys.readouterr().out
+    assert MARKUP in printed
+    assert "mine.[/x]" in printed
+
+
+def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.CaptureFixture[str]) -> None:
+    other = replace(survey.lit_error, rms_m=0.125, count=survey.lit_error.count - 7)
+    print_survey(replace(survey, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
+    printed = capsys.readouterr().out
+    lit, off_wall, everywhere = (printed.index(text) for text in ("0.125 m", "0.062 m", "RMS error of all cells"))
+    assert lit < off_wall < everywhere
+    assert "90th percentile of |error|" in printed
+
+
+def test_an_ascii_terminal_takes_all_that_is_printed(small: Path, tmp_path: Path) -> None:
+    scenario = tmp_path / "marked.toml"
+    scenario.write_text(f'description = "{MARKUP} 山"\n{small.read_text()}', encoding="utf-8")
+    ascii_only = os.environ | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    vary = ["--vary", "processing.ranging=peak,centroid", "--repeat", "2", "-o", str(tmp_path / "out")]
+    for command in (["sweep", str(scenario), *vary], ["run", str(scenario), "-o", str(tmp_path / "run")], ["scenes"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "sionna_radar", *command], capture_output=True, check=False, env=ascii_only
+        )
+        assert done.returncode == 0, done.stderr
+        told = done.stdout.decode("ascii")
+        if command[0] == "sweep":
+            assert "+-0." in told
+            widths = {len(line) for line in told.splitlines() if line.startswith("|")}
+            assert len(widths) == 1, told
+        if command[0] == "run":
+            assert "[bold]b[/bold] :smile: +- u \\u5c71" in told
+
+
+def test_a_number_that_does_not_exist_is_a_dash() -> None:
+    assert number(float("nan"), ".3f", " m") == "-"
+    assert number(-0.0314, "+.3f", " m") == "-0.031 m"
+
+
+def test_a_console_neither_marks_nor_wraps_away() -> None:
+    out = console()
+    out.file = io.StringIO()
+    out.print("[red]x[/red]")
+    assert out.file.getvalue() == "[red]x[/red]\n"
+
+
+def test_off_a_terminal_a_line_comes_now_and_then() -> None:
+    written: list[str] = []
+    times = iter([0.0, 1.0, 9.9, 10.0, 10.0, 15.0, 20.5, 20.5, 31.0, 31.0])
+    report = lines(written.append, lambda: next(times))
+    for step in (("preparing", 0, 0), ("preparing", 1, 1), ("tracing", 100, 9000), ("tracing", 200, 9000),
+                 ("tracing", 1300, 9000), ("mapping", 0, 0)):  # fmt: skip
+        report(*step)
+    assert written == ["tracing: 100 of 9,000", "tracing: 1,300 of 9,000", "mapping"]
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("radar.antenna.beamwidth_deg", "Beamwidth (deg)"),
+        ("platform.speed_mps", "Speed (m/s)"),
+        ("weather.rain_rate_mm_per_h", "Rain rate (mm/h)"),
+        ("radar.snr_db", "SNR (dB)"),
+        ("dem.method", "DEM method"),
+        ("processing.ranging", "Ranging"),
+        ("seed", "Seed"),
+    ],
+)
+def test_keys_are_told_in_words_with_units(key: str, words: str) -> None:
+    assert readable(key) == words
