@@ -5,6 +5,7 @@ A sensor of one's own is any object with the methods of `Sensor`; pass what buil
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles
+from sionna_radar.detection.through_volume import ThroughVolume, shows_volume, volume_in_front
 from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.preparation import SAMPLED_PULSES, Preparation
@@ -28,10 +30,13 @@ from sionna_radar.tracing.boresight import trace_boresights
 from sionna_radar.tracing.engine import Engine, EngineInputs, Tracer, build_engine
 from sionna_radar.tracing.paths import Paths
 
+# A glance at so many pulses tells whether rain fills the beam; if it does, so many tell its mean echo.
+GLANCE_PULSES, VOLUME_PULSES = 48, 256
+
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a sensor makes of a block of pulses, before anything is known of the measured pose.
+    """What a sensor makes of a block of pulses; of the measured pose it knows no more than rain asks for.
 
     paths: what was lit.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
@@ -72,8 +77,17 @@ class SawtoothRadar:
         with self._watch("synthesise"):
             beat = received(paths, pulses, self._ready)
         with self._watch("detect"):
-            found = self._ready.detector.find(beat, pulses.index)
+            detector, through = self._ready.detector, self.through
+            if through is None:
+                found = detector.find(beat, pulses.index)
+            else:
+                found = through.find(detector.analyser.power(beat), pulses, self._ready.chirp)
         return Observation(paths=paths, echoes=found.echoes, profiles=found.profiles)
+
+    @cached_property
+    def through(self) -> ThroughVolume | None:
+        """The detector through the volume that the survey shows; None in clear air."""
+        return _volume_in_front(self._ready, self.tracer, (self._ready.chirp,))[0]
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes without the Doppler shift of still ground."""
@@ -105,8 +119,18 @@ class TriangularRadar:
             beats = received_sweeps(paths, pulses, self._ready, self._sweeps)
         with self._watch("detect"):
             detector = self._ready.detector
-            up, down = (detector.uncorrected(detector.spectra(beat), pulses.index) for beat in beats)
+            up, down = (
+                detector.uncorrected(detector.spectra(beat), pulses.index)
+                if through is None
+                else through.find(detector.analyser.power(beat), pulses, sweep).echoes
+                for beat, through, sweep in zip(beats, self.through, self._sweeps, strict=True)
+            )
             return pair_sweeps(up, down, self._sweeps[0])
+
+    @cached_property
+    def through(self) -> list[ThroughVolume | None]:
+        """The detector of each sweep through the volume that the survey shows; None in clear air."""
+        return _volume_in_front(self._ready, self.tracer, self._sweeps)
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes as they are: the pair has taken the Doppler shift out."""
@@ -141,6 +165,23 @@ class Lidar:
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes as they are: light has no Doppler shift to speak of."""
         return echoes
+
+
+def _volume_in_front(ready: Preparation, tracer: Tracer, sweeps: tuple[Chirp, ...]) -> list[ThroughVolume | None]:
+    """Return a detector through the volume for each sweep, from pulses spread over the survey; None in clear air."""
+    if ready.scenario.processing.volume_clutter == "off":
+        return [None] * len(sweeps)
+    for count in (GLANCE_PULSES, VOLUME_PULSES):
+        pulses = ready.schedule.sample(count)
+        beats = received_sweeps(tracer.trace(pulses), pulses, ready, sweeps)
+        found = []
+        for beat, sweep in zip(beats, sweeps, strict=True):
+            power = ready.detector.analyser.power(beat)
+            if not shows_volume(ready.detector, power):
+                return [None] * len(sweeps)
+            if count == VOLUME_PULSES:
+                found.append(volume_in_front(ready.detector, power, pulses, sweep))
+    return found
 
 
 def build_sensor(ready: Preparation, watch: Stopwatch | None = None) -> Sensor:

@@ -250,7 +250,7 @@ class Block:
 
 def fly(ready: Preparation, sensor: Sensor, block_size: int) -> Iterator[Block]:
     """Yield the survey block by block, as the sensor observes it."""
-    for pulses in ready.schedule.blocks(block_size):
+    for pulses in ready.schedule.line_blocks(block_size):
         yield Block(pulses=pulses, seen=sensor.observe(pulses))
 
 

@@ -21,6 +21,7 @@ class Profiles:
 
     first: range cell of each profile's first value; start: where its values begin in `power`, and their end.
     power: calibrated power of the cells; noise: that of the receiver in each profile.
+    volume: mean power of rain in the cells, as far as the ground leaves room for it; None in clear air.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
     """
 
@@ -30,6 +31,7 @@ class Profiles:
     power: Float32[np.ndarray, " value"]
     noise: Float[np.ndarray, " profile"]
     cell_m: float
+    volume: Float32[np.ndarray, " value"] | None = None
 
     def __len__(self) -> int:
         return len(self.pulse)
@@ -37,6 +39,13 @@ class Profiles:
     def values(self, profile: int) -> Float[np.ndarray, " cell"]:
         """Return the powers of one profile."""
         return self.power[self.start[profile] : self.start[profile + 1]].astype(np.float64)
+
+    def background(self, profile: int) -> float | Float[np.ndarray, " cell"]:
+        """Return the mean power that is no ground's in the cells of one profile: of the receiver, and of a volume."""
+        noise = float(self.noise[profile])
+        if self.volume is None:
+            return noise
+        return noise + self.volume[self.start[profile] : self.start[profile + 1]].astype(np.float64)
 
     def only(self, rows: Int[np.ndarray, " kept"]) -> "Profiles":
         """Return some of the profiles, in increasing order."""
@@ -50,12 +59,14 @@ class Profiles:
             power=self.power[index],
             noise=self.noise[rows],
             cell_m=self.cell_m,
+            volume=None if self.volume is None else self.volume[index],
         )
 
     @staticmethod
     def concatenate(tables: Sequence["Profiles"]) -> "Profiles":
         """Return all profiles of some tables, in order."""
         length = np.concatenate([np.diff(t.start) for t in tables])
+        volumes = [t.volume for t in tables if t.volume is not None]
         return Profiles(
             pulse=np.concatenate([t.pulse for t in tables]),
             first=np.concatenate([t.first for t in tables]),
@@ -63,10 +74,16 @@ class Profiles:
             power=np.concatenate([t.power for t in tables]),
             noise=np.concatenate([t.noise for t in tables]),
             cell_m=tables[0].cell_m,
+            volume=np.concatenate(volumes) if volumes else None,
         )
 
 
-def cut_profiles(runs: EchoRuns, pulse: Int[np.ndarray, " pulse"], bins_per_cell: int) -> Profiles:
+def cut_profiles(
+    runs: EchoRuns,
+    pulse: Int[np.ndarray, " pulse"],
+    bins_per_cell: int,
+    volume: Float[np.ndarray, "pulse bin"] | None = None,
+) -> Profiles:
     """Return the profiles around the echoes of a block.
 
     Parameters
@@ -77,6 +94,8 @@ def cut_profiles(runs: EchoRuns, pulse: Int[np.ndarray, " pulse"], bins_per_cell
         Running numbers of the block's pulses.
     bins_per_cell:
         Bins of the spectra in a range cell.
+    volume:
+        Mean power of rain in the spectra; None in clear air.
 
     """
     rows, begin = np.unique(runs.row, return_index=True)
@@ -89,6 +108,7 @@ def cut_profiles(runs: EchoRuns, pulse: Int[np.ndarray, " pulse"], bins_per_cell
             power=np.zeros(0, dtype=np.float32),
             noise=np.zeros(0),
             cell_m=runs.bin_m * bins_per_cell,
+            volume=None if volume is None else np.zeros(0, dtype=np.float32),
         )
     cells = runs.power.shape[1] // bins_per_cell
     first = np.minimum.reduceat(runs.start, begin) // bins_per_cell
@@ -105,4 +125,5 @@ def cut_profiles(runs: EchoRuns, pulse: Int[np.ndarray, " pulse"], bins_per_cell
         power=runs.power[row, cell * bins_per_cell].astype(np.float32),
         noise=np.min(runs.noise[rows], axis=1),
         cell_m=runs.bin_m * bins_per_cell,
+        volume=None if volume is None else volume[row, cell * bins_per_cell].astype(np.float32),
     )

@@ -12,6 +12,9 @@ from sionna_radar.flight.frames import world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Trajectory
 
+# A scan without end is cut into lines of so many pulses, counted from the survey's first.
+LONGEST_LINE = 512
+
 
 @dataclass(frozen=True, kw_only=True)
 class Pose:
@@ -88,6 +91,11 @@ class Pulses:
     def __len__(self) -> int:
         return len(self.index)
 
+    @property
+    def line(self) -> Int[np.ndarray, " pulse"]:
+        """Number of the scan line of each pulse within the block, a long one cut where all blocks cut it."""
+        return np.cumsum(np.concatenate([[False], _ends_of_lines(self.index, self.scan_number)]))
+
 
 @dataclass(frozen=True, kw_only=True)
 class PulseSchedule:
@@ -136,9 +144,33 @@ class PulseSchedule:
         for start in range(0, len(self), block_size):
             yield self.pulses(np.arange(start, min(start + block_size, len(self))))
 
+    def line_blocks(self, block_size: int) -> Iterator[Pulses]:
+        """Yield the pulses in blocks of whole scan lines: of as many as fit into `block_size`, or of one."""
+        number = self._scan_numbers()
+        ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), number)) + 1, len(self))
+        start = 0
+        while start < len(self):
+            fitting = ends[(ends > start) & (ends <= start + block_size)]
+            end = int(fitting[-1] if len(fitting) else ends[ends > start][0])
+            yield self.pulses(np.arange(start, end))
+            start = end
+
+    def _scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+        parts = [self.scan.point(part).scan_number for part in np.array_split(self.time_s, 1 + len(self) // 65_536)]
+        known = [part for part in parts if part is not None]
+        return np.concatenate(known) if known else None
+
     def sample(self, count: int) -> Pulses:
         """Return `count` pulses (or all) spread evenly over the survey, for checks and figures."""
         return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
+
+
+def _ends_of_lines(
+    index: Int[np.ndarray, " pulse"], scan_number: Int[np.ndarray, " pulse"] | None
+) -> Bool[np.ndarray, " step"]:
+    """Tell after which pulses (but the last) a scan line ends."""
+    ends: Bool[np.ndarray, " step"] = np.diff(index // LONGEST_LINE) != 0
+    return ends if scan_number is None else ends | (np.diff(scan_number) != 0)
 
 
 def schedule_pulses(

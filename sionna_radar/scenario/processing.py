@@ -22,6 +22,8 @@ class ProcessingTable(Table):
 
     ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
     moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best.
+    volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
+    is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
     """
 
     window: str = "hann"
@@ -32,6 +34,7 @@ class ProcessingTable(Table):
     dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
     ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
     min_range_m: NonNegative = 3.0
+    volume_clutter: Literal["auto", "off"] = "auto"
     doppler_correction: bool = Field(default=True, strict=True)
 
     @field_validator("window")

@@ -1,0 +1,154 @@
+"""Ground is a surface: what the neighbours in a scan line say of the height that a pulse meets.
+
+Each pulse brings a log-likelihood of ground for every range cell. By its measured pose a range is a height on the
+beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about none, or jump
+anywhere (a wall, an edge) with a small probability. Forward and backward messages along the line give what all
+neighbours together say of each pulse's height; the product with its own likelihood is its posterior.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.signal import lfilter
+from scipy.special import logsumexp
+
+# Ground rises or falls so much for a metre of distance, on average, and jumps so often from pulse to pulse.
+MEAN_SLOPE = 0.35
+JUMP_PROBABILITY = 0.03
+# Least downward cosine of a beam whose range tells a height.
+LEAST_DOWN = 0.1
+HEIGHT_STEPS_PER_CELL = 1.0
+# Posterior cells this far from the strongest are another surface.
+SAME_SURFACE_CELLS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisHeights:
+    """The beam's axis by the measured pose: a height is `position_m[2] - down * (range - shift_m)`.
+
+    shift_m: by how much the platform's motion lengthens ranges as the sweep reads them.
+    """
+
+    position_m: Float[np.ndarray, "pulse 3"]
+    boresight: Float[np.ndarray, "pulse 3"]
+    shift_m: Float[np.ndarray, " pulse"]
+
+    @property
+    def down(self) -> Float[np.ndarray, " pulse"]:
+        """Cosine of the angle from nadir."""
+        return -self.boresight[:, 2]
+
+    @property
+    def top_m(self) -> Float[np.ndarray, " pulse"]:
+        """Height at the range that is read as 0."""
+        return self.position_m[:, 2] + self.down * self.shift_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracked:
+    """Range of each pulse in cells, its standard deviation, and the probability of the surface that it lies on.
+
+    evidence: log-likelihood of ground on that surface against none at all, neighbours counted in.
+    """
+
+    cell: Float[np.ndarray, " pulse"]
+    sigma: Float[np.ndarray, " pulse"]
+    probability: Float[np.ndarray, " pulse"]
+    evidence: Float[np.ndarray, " pulse"]
+
+
+def track(
+    evidence: Float[np.ndarray, "pulse cell"],
+    heights: AxisHeights,
+    cell_m: float,
+    line: Int[np.ndarray, " pulse"],
+) -> Tracked:
+    """Return the most probable ranges of the pulses of whole scan lines.
+
+    Parameters
+    ----------
+    evidence:
+        Log-likelihood of ground at each cell against none; -inf where none may be.
+    heights:
+        From ranges to heights, by the measured poses.
+    cell_m:
+        Length of a range cell.
+    line:
+        Scan line of each pulse; lines know nothing of each other.
+
+    """
+    posterior = np.empty(evidence.shape)
+    for rows in np.split(np.arange(len(line)), np.flatnonzero(np.diff(line)) + 1):
+        if len(rows):
+            posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows)
+    total = logsumexp(posterior, axis=1)
+    share = np.exp(posterior - total[:, None])
+    cell = np.arange(evidence.shape[1])
+    same = np.abs(cell - share.argmax(axis=1)[:, None]) <= SAME_SURFACE_CELLS
+    kept = np.where(same, share, 0.0)
+    probability = kept.sum(axis=1)
+    mean = kept @ cell / probability
+    sigma = np.sqrt(np.sum(kept * (cell - mean[:, None]) ** 2, axis=1) / probability)
+    return Tracked(cell=mean, sigma=np.maximum(sigma, 0.05), probability=probability, evidence=total)
+
+
+def _neighbours(
+    evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
+) -> Float[np.ndarray, "pulse cell"]:
+    """Return the log-probability of each cell given the other pulses of the line, even where they say nothing."""
+    count, cells = evidence.shape
+    top, down = heights.top_m[rows], heights.down[rows]
+    told = down >= LEAST_DOWN
+    if told.sum() < 2:
+        return np.full(evidence.shape, -np.log(cells))
+    range_m = np.arange(cells) * cell_m
+    low = float(np.min(top - np.maximum(down, LEAST_DOWN) * range_m[-1]))
+    step_m = cell_m * HEIGHT_STEPS_PER_CELL
+    height = np.arange(low, float(top.max()) + step_m, step_m)
+    likelihood = np.zeros((count, len(height)))
+    for row in np.flatnonzero(told):
+        peak = evidence[row].max()
+        at = (top[row] - height) / (down[row] * cell_m)
+        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - peak), left=0.0, right=0.0)
+    distance = _distances(evidence, heights, cell_m, rows)
+    decay = np.exp(-step_m / np.maximum(MEAN_SLOPE * distance, step_m))
+    flat = np.full(len(height), 1 / len(height))
+    forward, backward = np.tile(flat, (count, 1)), np.tile(flat, (count, 1))
+    for row in range(1, count):
+        forward[row] = _moved(forward[row - 1], likelihood[row - 1], decay[row - 1])
+    for row in range(count - 2, -1, -1):
+        backward[row] = _moved(backward[row + 1], likelihood[row + 1], decay[row])
+    both = forward * backward
+    out = np.full(evidence.shape, -np.log(cells))
+    for row in np.flatnonzero(told):
+        prior = np.interp(top[row] - down[row] * range_m, height, both[row])
+        out[row] = np.log(np.maximum(prior / max(prior.sum(), 1e-300), 1e-30))
+    return out
+
+
+def _distances(
+    evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
+) -> Float[np.ndarray, " step"]:
+    """Return the distances between where consecutive beams meet level ground at the line's own height."""
+    down = np.maximum(heights.down[rows], LEAST_DOWN)
+    clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
+    place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
+    distance: Float[np.ndarray, " step"] = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    return distance
+
+
+def _moved(
+    message: Float[np.ndarray, " height"], likelihood: Float[np.ndarray, " height"], decay: float
+) -> Float[np.ndarray, " height"]:
+    """Return what a pulse and those beyond it say of its neighbour's height."""
+    here = message * likelihood
+    total = here.sum()
+    flat = np.full(len(here), 1 / len(here))
+    if total <= 0:
+        return flat
+    here /= total
+    up = lfilter([1.0], [1.0, -decay], here)
+    back = lfilter([1.0], [1.0, -decay], here[::-1])[::-1]
+    spread = (up + back - here) * (1 - decay) / (1 + decay)
+    return (1 - JUMP_PROBABILITY) * spread + JUMP_PROBABILITY * flat
