@@ -37,8 +37,19 @@ def replaced_parts(
     return told
 
 
-def warnings_of(echoes: int, rain_echoes: int) -> tuple[str, ...]:
-    """Return what spoils a result: no echo at all, or rain in front of the ground."""
+def warnings_of(echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int = 0) -> tuple[str, ...]:
+    """Return what spoils a result: no echo at all, or rain in front of the ground.
+
+    rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
+    """
+    lost = ()
+    if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
+        lost = (
+            f"rain: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground from the "
+            "rain in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow the beam",
+        )
+        if echoes == 0:
+            return lost
     if echoes == 0:
         return ("no echo was detected; raise radar.snr_db or radar.transmit_power_dbm, or fly lower",)
     if rain_echoes > RAIN_SHARE_WARNED * echoes:
@@ -48,8 +59,9 @@ def warnings_of(echoes: int, rain_echoes: int) -> tuple[str, ...]:
         return (
             f"{share} come from precipitation in front of the ground, and the DEM is wrong or empty there; "
             "lower weather.rain_rate_mm_per_h, fly lower, or narrow the beam",
+            *lost,
         )
-    return ()
+    return lost
 
 
 def _name(made: object) -> str:

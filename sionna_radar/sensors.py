@@ -41,11 +41,13 @@ class Observation:
     paths: what was lit.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
+    through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     """
 
     paths: Paths
     echoes: Echoes
     profiles: Profiles | None = None
+    through_volume: bool = False
 
 
 @runtime_checkable
@@ -77,17 +79,19 @@ class SawtoothRadar:
         with self._watch("synthesise"):
             beat = received(paths, pulses, self._ready)
         with self._watch("detect"):
-            detector, through = self._ready.detector, self.through
+            detector, through = self._ready.detector, self.through[0]
             if through is None:
                 found = detector.find(beat, pulses.index)
             else:
                 found = through.find(detector.analyser.power(beat), pulses, self._ready.chirp)
-        return Observation(paths=paths, echoes=found.echoes, profiles=found.profiles)
+        return Observation(
+            paths=paths, echoes=found.echoes, profiles=found.profiles, through_volume=through is not None
+        )
 
     @cached_property
-    def through(self) -> ThroughVolume | None:
-        """The detector through the volume that the survey shows; None in clear air."""
-        return _volume_in_front(self._ready, self.tracer, (self._ready.chirp,))[0]
+    def through(self) -> list[ThroughVolume | None]:
+        """The detector, of the one sweep, through the volume that the survey shows; None in clear air."""
+        return _volume_in_front(self._ready, self.tracer, (self._ready.chirp,))
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return echoes without the Doppler shift of still ground."""
@@ -111,7 +115,8 @@ class TriangularRadar:
         """Return the echoes of a block of pulses."""
         with self._watch("trace"):
             paths = self.tracer.trace(pulses)
-        return Observation(paths=paths, echoes=self.detect(paths, pulses).echoes)
+        echoes = self.detect(paths, pulses).echoes
+        return Observation(paths=paths, echoes=echoes, through_volume=self.through[0] is not None)
 
     def detect(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths with their range rates."""

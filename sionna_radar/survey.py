@@ -3,7 +3,7 @@
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Inexact
 from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles
+from sionna_radar.detection.through_volume import ThroughVolume
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
@@ -158,8 +159,10 @@ def run(
         lit = recording.lit & truth.filled
         walls = walls_on(ready.grid, ready.built.scene, scenario.buildings)
         off_wall = lit & ~edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], walls)
-        chirp = record_chirp(ready, carried.tracer) if isinstance(carried, SawtoothRadar | TriangularRadar) else None
-    warnings = warnings_of(len(recording.echoes), recording.rain_echoes)
+        chirp = None
+        if isinstance(carried, SawtoothRadar | TriangularRadar):
+            chirp = record_chirp(ready, carried.tracer, carried.through[0])
+    warnings = warnings_of(len(recording.echoes), recording.rain_echoes, recording.lost_to_rain, len(ready.schedule))
     for warning in warnings:
         logger.warning("%s", warning)
     return Survey(
@@ -192,7 +195,8 @@ class Recording:
     profiles: range profiles around them, where the scenario's map models whole echoes; else None.
     lit: cells of the DEM that the beam reached.
     paths: how many were traced.
-    rain_echoes: how many of the echoes hold more of rain than of anything else.
+    rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
+    lost_to_rain: pulses without an echo because rain in front of the ground leaves it too little.
     """
 
     echoes: Echoes
@@ -200,6 +204,7 @@ class Recording:
     lit: Bool[np.ndarray, "row column"]
     paths: int
     rain_echoes: int
+    lost_to_rain: int = 0
 
 
 def record(
@@ -213,7 +218,7 @@ def record(
     """Fly a prepared survey and return what the sensor observed, block by block."""
     watch = watch or Stopwatch()
     illumination = Illumination(ready.grid)
-    echoes, profiles, path_count, rain_count = [], [], 0, 0
+    echoes, profiles, path_count, rain_count, lost_count = [], [], 0, 0, 0
     progress("tracing", 0, len(ready.schedule))
     for block in fly(ready, sensor, block_size):
         echoes.append(block.seen.echoes)
@@ -222,7 +227,10 @@ def record(
         with watch("map"):
             illumination.add(*main_beam_hits(block.seen.paths, block.pulses, ready.antenna))
         path_count += len(block.seen.paths)
-        rain_count += _count_of_rain(block, sensor, ready)
+        if block.seen.through_volume:
+            lost_count += len(block.pulses) - len(np.unique(block.seen.echoes.pulse))
+        else:
+            rain_count += _count_of_rain(block, sensor, ready)
         progress("tracing", int(block.pulses.index[-1]) + 1, len(ready.schedule))
     return Recording(
         echoes=Echoes.concatenate(echoes),
@@ -230,6 +238,7 @@ def record(
         lit=illumination.mask(ready.max_gap_m, true_surface(ready), ready.built.caster.visible),
         paths=path_count,
         rain_echoes=rain_count,
+        lost_to_rain=lost_count,
     )
 
 
@@ -304,12 +313,19 @@ def true_surface(ready: Preparation) -> Raster:
     return truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
 
 
-def record_chirp(ready: Preparation, tracer: Tracer) -> ChirpRecord:
-    """Return the chirp in the middle of the survey, of a triangle its rising half, with what is found in it."""
+def record_chirp(ready: Preparation, tracer: Tracer, through: ThroughVolume | None = None) -> ChirpRecord:
+    """Return the chirp in the middle of the survey, of a triangle its rising half, with what is found in it.
+
+    Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
+    """
     pulses = ready.schedule.pulses(np.array([len(ready.schedule) // 2]))
     beat = received(tracer.trace(pulses), pulses, ready)
     spectra = ready.detector.spectra(beat)
-    echoes = ready.detector.uncorrected(spectra, pulses.index)
+    if through is None:
+        echoes = ready.detector.uncorrected(spectra, pulses.index)
+    else:
+        echoes = through.find(spectra.power, pulses, ready.chirp).echoes
+        spectra = replace(spectra, threshold=through.threshold(spectra))
     tested = np.isfinite(spectra.threshold[0])
     return ChirpRecord(
         pulse=int(pulses.index[0]),

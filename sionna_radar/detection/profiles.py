@@ -22,6 +22,7 @@ class Profiles:
     first: range cell of each profile's first value; start: where its values begin in `power`, and their end.
     power: calibrated power of the cells; noise: that of the receiver in each profile.
     volume: mean power of rain in the cells, as far as the ground leaves room for it; None in clear air.
+    echo_m, echo_sigma_m: where detection puts each profile's ground behind a volume, and how surely; else None.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
     """
 
@@ -32,6 +33,8 @@ class Profiles:
     noise: Float[np.ndarray, " profile"]
     cell_m: float
     volume: Float32[np.ndarray, " value"] | None = None
+    echo_m: Float[np.ndarray, " profile"] | None = None
+    echo_sigma_m: Float[np.ndarray, " profile"] | None = None
 
     def __len__(self) -> int:
         return len(self.pulse)
@@ -60,13 +63,14 @@ class Profiles:
             noise=self.noise[rows],
             cell_m=self.cell_m,
             volume=None if self.volume is None else self.volume[index],
+            echo_m=None if self.echo_m is None else self.echo_m[rows],
+            echo_sigma_m=None if self.echo_sigma_m is None else self.echo_sigma_m[rows],
         )
 
     @staticmethod
     def concatenate(tables: Sequence["Profiles"]) -> "Profiles":
         """Return all profiles of some tables, in order."""
         length = np.concatenate([np.diff(t.start) for t in tables])
-        volumes = [t.volume for t in tables if t.volume is not None]
         return Profiles(
             pulse=np.concatenate([t.pulse for t in tables]),
             first=np.concatenate([t.first for t in tables]),
@@ -74,8 +78,16 @@ class Profiles:
             power=np.concatenate([t.power for t in tables]),
             noise=np.concatenate([t.noise for t in tables]),
             cell_m=tables[0].cell_m,
-            volume=np.concatenate(volumes) if volumes else None,
+            volume=_joined([t.volume for t in tables]),
+            echo_m=_joined([t.echo_m for t in tables]),
+            echo_sigma_m=_joined([t.echo_sigma_m for t in tables]),
         )
+
+
+def _joined(parts: list[np.ndarray | None]) -> np.ndarray | None:
+    """Return columns end to end; a survey has all of them or none."""
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if known else None
 
 
 def cut_profiles(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.detection.detector import Detector, Found
+from sionna_radar.detection.detector import Detector, Found, Spectra
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
 from sionna_radar.detection.profiles import cut_profiles
@@ -25,8 +25,8 @@ from sionna_radar.radar.chirp import Chirp
 LEAST_PROBABILITY = 0.99
 WIDTHS_OF_RUN = 3.0
 # Level of the ground over the volume at which both ways of ranging count alike.
-EVEN_LEVEL = 6.0
-ESTIMATION_ROUNDS = 3
+EVEN_LEVEL = 16.0
+ESTIMATION_ROUNDS = 2
 LEVEL_ROUNDS = 6
 # Levels rarer than this are none.
 RAREST_LEVEL = 1e-3
@@ -81,7 +81,15 @@ class ThroughVolume:
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
         )
         quiet = replace(runs, noise=np.full(power.shape, self.volume.noise))
-        return Found(echoes=echoes, profiles=cut_profiles(quiet, pulses.index, stride, volume))
+        profiles = cut_profiles(quiet, pulses.index, stride, volume)
+        profiles = replace(profiles, echo_m=ranges.range_m, echo_sigma_m=ranges.sigma_m)
+        return Found(echoes=echoes, profiles=profiles)
+
+    def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
+        """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
+        place = np.arange(spectra.power.shape[1]) / self.detector.analyser.zero_padding
+        clutter = self.volume.clutter_threshold(self.detector.processing.cfar.false_alarm_probability)
+        return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def _drift_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, " pulse"]:
         """Return by how much the fall of the volume moves its echo: it recedes from a beam that looks down."""
@@ -126,7 +134,7 @@ class ThroughVolume:
     ) -> Ranges:
         own = ESTIMATORS[self.detector.processing.ranging](runs)
         cell_m = self.end.cell_m
-        share = 1 / (1 + (level[kept] / EVEN_LEVEL) ** 2)
+        share = 1 / (1 + (level[kept] / EVEN_LEVEL) ** 4)
         return Ranges(
             range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,
             sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * own.sigma_m),

@@ -76,7 +76,7 @@ class VolumeEnd:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where none may be."""
         out = np.empty(ratio.shape)
         for rows, terms in self._terms(ratio, cos_nadir, drift_m):
-            out[rows] = logsumexp(terms, axis=(2, 3))
+            out[rows] = _log_sum(terms.reshape(*terms.shape[:2], -1))
         return out
 
     def by_level(
@@ -88,7 +88,7 @@ class VolumeEnd:
         """Return the log-likelihood for each level of the ground, the levels' shares counted in."""
         out = np.empty((*ratio.shape, len(self.volume.level)), dtype=np.float32)
         for rows, terms in self._terms(ratio, cos_nadir, drift_m):
-            out[rows] = logsumexp(terms, axis=2)
+            out[rows] = _log_sum(terms.swapaxes(2, 3))
         return out
 
     def shape_at(
@@ -132,7 +132,7 @@ class VolumeEnd:
         window = sliding_window_view(pad, 2 * HALF + 1, axis=1)
         steps = np.array([self._step(d) for d in drift_m])
         columns = np.arange(self.first, self.cells)
-        for step in np.unique(steps):
+        for step in sorted({int(s) for s in steps}):
             group = np.flatnonzero(steps == step)
             for start in range(0, len(group), ROWS_AT_ONCE):
                 rows = group[start : start + ROWS_AT_ONCE]
@@ -150,7 +150,8 @@ class VolumeEnd:
                         terms[of] = self._compare(window[rows[of], own[of]][:, None], step, float(silent))
                     prior = self._expected_width(cos_nadir[rows], columns)
                     terms += prior[np.arange(len(rows)), own - self.first][:, None]
-                yield rows, terms + np.log(self.volume.level_share).astype(np.float32)
+                terms += np.log(self.volume.level_share).astype(terms.dtype)
+                yield rows, terms
 
     def _compare(
         self, window: Float32[np.ndarray, "pulse cell tap"], step: int, silence: float
@@ -193,6 +194,14 @@ class VolumeEnd:
         return _shapes(
             step, self.volume.drift_spread, self.beam.sine.tobytes(), self.beam.share.tobytes(), self.response.tobytes()
         )
+
+
+def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "..."]:
+    """Return log sum exp over the last axis, in the terms' own precision; -inf of nothing but -inf."""
+    most = terms.max(axis=-1)
+    with np.errstate(divide="ignore"):
+        total = np.exp(terms - np.where(np.isfinite(most), most, 0.0)[..., None]).sum(axis=-1)
+        return np.asarray(np.log(total) + np.where(np.isfinite(most), most, 0.0))
 
 
 def _runs(silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]):  # type: ignore[no-untyped-def]

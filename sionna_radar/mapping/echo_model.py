@@ -159,10 +159,11 @@ class EchoModel:
         spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
-        top = echo_level(power, float(profiles.noise[pulse]))
+        background = profiles.background(pulse)
+        top = echo_level(power, float(profiles.noise[pulse]), background)
         if not shape.any() or top == 0:
             return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
-        level, mean, weight = _fit_level(power, shape, profiles.noise[pulse] + PEDESTAL * top, top)
+        level, mean, weight = _fit_level(power, shape, background + PEDESTAL * top, top)
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
         jacobian = self._jacobian(pulse, spread, len(shape))[used] * (level / mean)[:, None]
@@ -221,14 +222,22 @@ class EchoModel:
         return spreaded * (inverse**2 * self._feet.range_per_height[pulse])
 
 
-def echo_level(power: Float[np.ndarray, " cell"], noise: float) -> float:
-    """Return the level of the box of an echo's power, from E[P^2] = 2 E[P]^2; 0 where nothing leaves the noise."""
-    above = np.maximum(power - OUT_OF_NOISE * noise, 0.0)
+def echo_level(
+    power: Float[np.ndarray, " cell"], noise: float, background: float | Float[np.ndarray, " cell"]
+) -> float:
+    """Return the level of the box of an echo's power, from E[P^2] = 2 E[P]^2; 0 where nothing leaves the noise.
+
+    noise: of the receiver; background: that and the mean of a volume in front of the ground.
+    """
+    above = np.maximum(power - (background - noise) - OUT_OF_NOISE * noise, 0.0)
     return float(above @ above / above.sum() / 2) if above.any() else 0.0
 
 
 def _fit_level(
-    power: Float[np.ndarray, " cell"], shape: Float[np.ndarray, " cell"], background: float, top: float
+    power: Float[np.ndarray, " cell"],
+    shape: Float[np.ndarray, " cell"],
+    background: float | Float[np.ndarray, " cell"],
+    top: float,
 ) -> tuple[float, Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
     """Return the most likely level of an echo, with the mean powers and the weights of the cells there."""
     level = float(power.sum() / shape.sum())
@@ -244,7 +253,7 @@ def _fit_level(
 
 
 def _at_level(
-    level: float, shape: Float[np.ndarray, " cell"], background: float, top: float
+    level: float, shape: Float[np.ndarray, " cell"], background: float | Float[np.ndarray, " cell"], top: float
 ) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
     echo = level * shape
     return echo + background, (echo / (echo + FADING_LEVEL * top)) ** 2

@@ -90,7 +90,9 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings) -> _Reflectivities:
     profiles = sightings.profiles
-    level = np.array([echo_level(profiles.values(i), float(profiles.noise[i])) for i in range(len(profiles))])
+    level = np.array(
+        [echo_level(profiles.values(i), float(profiles.noise[i]), profiles.background(i)) for i in range(len(profiles))]
+    )
     level = level[level > 0]
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)

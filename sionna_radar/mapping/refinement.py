@@ -77,8 +77,14 @@ class MeanRanges:
 
 
 def mean_ranges(sightings: Sightings) -> MeanRanges:
-    """Return the mean range of every profile, from the cells within 20 dB of its strongest."""
+    """Return the mean range of every profile, from the cells within 20 dB of its strongest.
+
+    Behind a volume of rain the strongest cell may be the rain's, and it is the range that detection found.
+    """
     profiles = sightings.profiles
+    axis = sightings.pose.boresight[:, None]
+    if profiles.echo_m is not None and profiles.echo_sigma_m is not None:
+        return MeanRanges(profiles.echo_m - sightings.shift_m(axis)[:, 0], profiles.echo_sigma_m)
     range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     for i in range(len(profiles)):
         power = profiles.values(i)
@@ -88,7 +94,6 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
         spread = power**2 @ (cell - mean) ** 2 / 2 / sightings.looks_per_cell
         range_m[i] = (profiles.first[i] + mean) * profiles.cell_m
         sigma[i] = max(np.sqrt(spread) / total, 0.05) * profiles.cell_m
-    axis = sightings.pose.boresight[:, None]
     return MeanRanges(range_m - sightings.shift_m(axis)[:, 0], sigma)
 
 
