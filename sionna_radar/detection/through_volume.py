@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.detector import Detector, Found, Spectra
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
-from sionna_radar.detection.profiles import cut_profiles
+from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, Ranges, run_cells
 from sionna_radar.detection.volume_clutter import VolumeClutter, first_guess, measured_mean
 from sionna_radar.detection.volume_end import VolumeEnd
@@ -61,6 +61,15 @@ class ThroughVolume:
             The sweep of these spectra, which tells what motion does to ranges.
 
         """
+        # Line by line, so that rounding does not depend on how many lines a block holds.
+        breaks = np.flatnonzero(np.diff(pulses.line)) + 1
+        lines = [self._find_line(power[r], pulses.rows(r), sweep) for r in np.split(np.arange(len(pulses)), breaks)]
+        return Found(
+            echoes=Echoes.concatenate([line.echoes for line in lines]),
+            profiles=Profiles.concatenate([line.profiles for line in lines]),
+        )
+
+    def _find_line(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> Found:
         stride = self.detector.analyser.zero_padding
         ratio = self.end.over_volume(power[:, ::stride])
         down, drift = _looking_down(pulses), self._drift_m(pulses, sweep)

@@ -36,6 +36,8 @@ WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
 # Behind the ground nothing is taken to lie farther below the volume than this: side lobes, echoes by two bounces.
 SILENCE = 0.01
 LARGEST_LOSS = 3.0
+# Cells that must be sampled behind the ground: rain that goes on as far as the beat is sampled ends on nothing.
+FEWEST_BEHIND = 8
 ROWS_AT_ONCE = 32
 FINE = 4
 # Uncertainty of an echo's width about that of level ground, in nepers, and the mean square of the ground's slope.
@@ -128,10 +130,12 @@ class VolumeEnd:
         """Yield rows and their log-likelihoods for cells (or the one given), widths and levels."""
         silence, after = self._silence(ratio)
         pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
-        pad[:, -HALF:] = silence[-1]
+        # Beyond the last cell nothing is known, and nothing counts.
+        inside = np.minimum(self.cells - np.arange(self.cells) + HALF, 2 * HALF + 1)
+        pad[:, -HALF:] = 0.0
         window = sliding_window_view(pad, 2 * HALF + 1, axis=1)
         steps = np.array([self._step(d) for d in drift_m])
-        columns = np.arange(self.first, self.cells)
+        columns = np.arange(self.first, self.cells - FEWEST_BEHIND)
         for step in sorted({int(s) for s in steps}):
             group = np.flatnonzero(steps == step)
             for start in range(0, len(group), ROWS_AT_ONCE):
@@ -140,29 +144,33 @@ class VolumeEnd:
                     terms = np.full((len(rows), self.cells, len(WIDTHS_CELLS), len(self.volume.level)), -np.inf, "f4")
                     for part, silent in _runs(silence, columns):
                         some = np.ix_(rows, part)
-                        terms[:, part] = self._compare(window[some], step, silent) + after[some][..., None, None]
+                        terms[:, part] = self._compare(window[some], step, silent, inside[part]) + after[some][..., None, None]
                     terms[:, columns] += self._expected_width(cos_nadir[rows], columns)
                 else:
                     own = cell[rows]
                     terms = np.empty((len(rows), 1, len(WIDTHS_CELLS), len(self.volume.level)))
-                    for silent in np.unique(silence[own]):
-                        of = np.flatnonzero(silence[own] == silent)
-                        terms[of] = self._compare(window[rows[of], own[of]][:, None], step, float(silent))
+                    for row, at in enumerate(own):
+                        here = slice(at, at + 1)
+                        terms[row] = self._compare(window[None, rows[row], here], step, silence[at], inside[here])
                     prior = self._expected_width(cos_nadir[rows], columns)
-                    terms += prior[np.arange(len(rows)), own - self.first][:, None]
+                    terms += prior[np.arange(len(rows)), np.clip(own, *columns[[0, -1]]) - self.first][:, None]
                 terms += np.log(self.volume.level_share).astype(terms.dtype)
                 yield rows, terms
 
     def _compare(
-        self, window: Float32[np.ndarray, "pulse cell tap"], step: int, silence: float
+        self,
+        window: Float32[np.ndarray, "pulse cell tap"],
+        step: int,
+        silence: float,
+        inside: Int[np.ndarray, " cell"],
     ) -> Float32[np.ndarray, "pulse cell width level"]:
         air, ground = self._shapes(step)
         mean = (air * (1 - silence) + silence)[:, None] + self.volume.level[:, None] * ground[:, None]
         mean = mean.reshape(-1, mean.shape[-1])
         slope = -(1 / mean - 1).T.astype(np.float32)
-        constant = -np.log(mean).sum(axis=1).astype(np.float32)
+        constant = -np.cumsum(np.log(mean), axis=1)[:, inside - 1].T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
-        terms = (flat @ slope + constant) * np.float32(self.looks)
+        terms = ((flat @ slope).reshape(*window.shape[:2], -1) + constant) * np.float32(self.looks)
         return terms.reshape(*window.shape[:2], len(WIDTHS_CELLS), len(self.volume.level))
 
     def _silence(

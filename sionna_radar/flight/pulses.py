@@ -91,6 +91,17 @@ class Pulses:
     def __len__(self) -> int:
         return len(self.index)
 
+    def rows(self, index: Int[np.ndarray, " row"]) -> "Pulses":
+        """Return some of the pulses of the block."""
+        return Pulses(
+            index=self.index[index],
+            time_s=self.time_s[index],
+            scan_rad=self.scan_rad[index],
+            true=self.true.rows(index),
+            measured=self.measured.rows(index),
+            scan_number=None if self.scan_number is None else self.scan_number[index],
+        )
+
     @property
     def line(self) -> Int[np.ndarray, " pulse"]:
         """Number of the scan line of each pulse within the block, a long one cut where all blocks cut it."""

@@ -46,19 +46,23 @@ def test_the_mean_of_rain_is_found_without_being_told(rate):
     chirp, antenna, window = ready.chirp, ready.antenna, ready.detector.analyser.window
     weather = build_weather(ready.scenario.weather, chirp.carrier_hz)
     cells = np.arange(20, 200)
+    # On the axis of the spectrum, where the platform's motion and the fall of the drops move it.
+    pose = ready.schedule.sample(200).true
+    rate_mps = pose.boresight_range_rate_mps - weather.rain_speeds().at(np.array([0.5])) * pose.boresight[:, 2]
+    shift_m = float(chirp.doppler_range_m(rate_mps).mean())
     known = rain_clutter_power(
-        (np.append(cells, 200) - 0.5) * chirp.range_resolution_m,
+        (np.append(cells, 200) - 0.5) * chirp.range_resolution_m - shift_m,
         reflectivity_per_m=weather.rain_reflectivity_per_m,
         two_way_beam_sr=two_way_beam_sr(antenna),
         peak_gain=antenna.peak_gain,
         wavelength_m=chirp.wavelength_m,
         specific_attenuation_db_per_km=0.0,
     )
-    # What a window makes of noise, and the loss on the way: at most 2 dB over these 60 m of rain.
+    # What a window makes of noise. The loss on the way is left out: 0.7 dB over 24 m of 25 mm/h, 2 dB over 60 m.
     known *= ready.transmit_power_w * len(window) * np.sum(window**2)
     error_db = 10 * np.log10(found.volume.mean[cells] / known)
     near = cells < 80
-    assert np.abs(error_db[near]).max() < 0.6
+    assert np.abs(error_db[near]).max() < 0.9
     assert -2.5 < error_db[~near].mean() < 0.3
 
 
