@@ -1,127 +1,89 @@
 """
-Mapping in rain
-===============
+Maps through rain
+=================
 
-How heavy may the rain be? Rain weakens the echo of the ground on its way, and sends an echo of its own from every
-range in front of it. Both are simulated here from 0.1 to 150 mm/h, with the noise of a real receiver, and three ways
-of processing are held against each other. With SIONNA_RADAR_SMALL=1 in the environment the study is a short one.
+Rain fills the beam with an echo of its own, which is the strongest there is a few metres in front of the antenna and
+hides weak ground. Nothing is told to the processing. It finds the rain's mean echo, which is the same in every pulse,
+and in each pulse the ground: by its own echo, and because behind the ground there is no rain. With
+SIONNA_RADAR_SMALL=1 in the environment the flights are short ones.
 """
 
 # %%
 import os
-from dataclasses import replace
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario, run
+from sionna_radar import load_scenario
 from sionna_radar.preparation import prepare
-from sionna_radar.radar.equation import plane_echo, two_way_beam_sr
-from sionna_radar.sensors import build_tracer, received
-from sionna_radar.tracing.atmosphere import build_atmosphere, build_weather
-from sionna_radar.weather.path import rain_clutter_power, two_way_attenuation
+from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
+from sionna_radar.sensors import build_sensor, received
+from sionna_radar.survey import run
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
-RATES = [1.0, 50.0] if SMALL else [0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 80.0, 150.0]
-SIZE = {"platform.length_m": 60.0, "tracing.paths_per_pulse": 512}
-if SMALL:
-    SIZE = {"platform.length_m": 6.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0}
-PROCESSING = {
-    "smallest-of CFAR, centroid (default)": {"processing.ranging": "centroid"},
-    "smallest-of CFAR, peak": {"processing.ranging": "peak"},
-    "greatest-of CFAR, centroid": {"processing.ranging": "centroid", "processing.cfar.kind": "GO"},
-}
-GROUND_M = 3.0  # an echo this close to the surface on the boresight is the ground's
+RATES = [0.0, 10.0] if SMALL else [0.0, 4.0, 10.0, 25.0]
+SIZE = {"platform.length_m": 5.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}
+GROUND = {"materials.ground.terrain_class": "rolling_hills"}  # 7 dB weaker than the scene's own
 
 
 def in_rain(rate, **changes):
-    return load_scenario("rain", {"weather.rain_rate_mm_per_h": rate, **SIZE, **changes})
+    return load_scenario("rain", {"weather.rain_rate_mm_per_h": rate, **GROUND, **SIZE, **changes})
 
 
 # %%
-# The closed forms: what rain takes from the ground's echo 71 m away, and how strong its own is in a range cell there.
-figure = Figure(figsize=(11, 7.5), layout="constrained")
-(spectrum_axes, budget_axes), (rms_axes, rate_axes) = figure.subplots(2, 2)
-ready = prepare(in_rain(0.0))
-antenna, chirp = ready.antenna, ready.chirp
-ground = ready.built.scene.materials["ground"]
-slant_m = 50.0 / np.cos(np.deg2rad(45))
-clear_echo = plane_echo(antenna, ground, chirp.wavelength_m, 50.0, np.deg2rad(45))
-footprint_cells = slant_m * np.deg2rad(2.0) / chirp.range_resolution_m  # tan 45 deg = 1
+# What the beam hears in one turn of the antenna: power times range squared, and where the ground is found in it.
+def one_turn(scenario):
+    ready = prepare(scenario)
+    sensor = build_sensor(ready)
+    turns = list(ready.schedule.line_blocks(1))
+    pulses = turns[len(turns) // 2]
+    analyser = ready.detector.analyser
+    power = analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    echoes = sensor.observe(pulses).echoes
+    where = np.searchsorted(pulses.index, echoes.pulse)
+    level_db = 10 * np.log10(np.maximum(power * analyser.range_m**2, 1e-30) / ready.transmit_power_w)
+    return np.rad2deg(pulses.scan_rad), analyser.range_m, level_db, where, echoes.range_m
 
 
-def clutter(rate, edges_m):
-    weather = build_weather(in_rain(rate).weather, chirp.carrier_hz)
-    return rain_clutter_power(
-        edges_m,
-        reflectivity_per_m=weather.rain_reflectivity_per_m,
-        two_way_beam_sr=two_way_beam_sr(antenna),
-        peak_gain=antenna.peak_gain,
-        wavelength_m=chirp.wavelength_m,
-        specific_attenuation_db_per_km=loss_db_per_km(rate),
+def draw_turn(axes, scenario, title):
+    scan_deg, range_m, level_db, where, found_m = one_turn(scenario)
+    image = axes.pcolormesh(scan_deg, range_m, level_db.T, cmap="magma", vmin=-125, vmax=-60, shading="nearest")
+    axes.plot(scan_deg[where], found_m, ".", color="#56b4e9", markersize=3.5, label="ground found")
+    axes.set(ylim=(120, 0), xlabel="Scan angle (deg)", title=title)
+    return image
+
+
+figure = Figure(figsize=(3.7 * len(RATES) + 1.2, 9.2), layout="constrained")
+rows = figure.subplots(3, len(RATES))
+heights, errors = Normalize(-1.0, 9.0), Normalize(-1.0, 1.0)
+for column, rate in enumerate(RATES):
+    name = f"Rain of {rate:g} mm/h" if rate else "Clear air"
+    image = draw_turn(rows[0, column], in_rain(rate), name)
+    survey = run(in_rain(rate))
+    lit = survey.lit_error
+    off = np.abs(survey.error.height_m[survey.lit & survey.dem.filled])
+    print(
+        f"{name}: RMS {lit.rms_m:.3f} m over {lit.coverage:.1%} of the lit cells, {np.mean(off > 1):.2%} of them off "
+        f"by more than 1 m; {len(survey.points)} of {survey.pulses} pulses tell the ground"
     )
-
-
-def loss_db_per_km(rate):
-    looking_down = ready.schedule.sample(1).true
-    atmosphere = build_atmosphere(in_rain(rate).weather, antenna, chirp, 1)
-    return float(atmosphere.attenuation_db_per_km(looking_down)[0])
-
-
-curve = np.geomspace(0.1, 150, 40)
-loss = np.array([-10 * np.log10(two_way_attenuation(np.array([slant_m]), loss_db_per_km(r))[0]) for r in curve])
-cell = slant_m + np.array([-0.5, 0.5]) * chirp.range_resolution_m
-near = 45.0 + np.array([-0.5, 0.5]) * chirp.range_resolution_m
-for place, label in ((cell, "at the ground's range"), (near, "at 45 m, where the gate opens")):
-    rain = np.array([clutter(r, place)[0] for r in curve])
-    ratio = 10 * np.log10(clear_echo / footprint_cells / rain) - loss
-    budget_axes.semilogx(curve, ratio, label=f"ground over rain, per range cell, {label}")
-budget_axes.semilogx(curve, loss, "k--", label="two-way attenuation over 71 m")
-budget_axes.axhline(0, color="0.7", linewidth=0.8)
-budget_axes.set(xlabel="Rain rate (mm/h)", ylabel="dB", title="Rain takes little and gives much")
-budget_axes.legend(fontsize="small")
+    show_raster(rows[1, column], survey.dem, "viridis", heights)
+    finish_map(rows[1, column], survey.truth.grid.extent_m, "The map")
+    show_raster(rows[2, column], survey.error, "RdBu_r", errors)
+    finish_map(rows[2, column], survey.truth.grid.extent_m, f"Its error: RMS {lit.rms_m:.2f} m, {lit.coverage:.0%} covered")
+    for axes in rows[:, column] if column else ():
+        axes.set_ylabel("")
+rows[0, 0].set_ylabel("Range (m)")
+rows[0, 0].legend(loc="upper left", fontsize="small", labelcolor="linecolor", framealpha=0.3)
+colour_bar(rows[0, -1], image, "Power times range squared (dB m²)", 2.6, extend="both")
+colour_bar(rows[1, -1], ScalarMappable(heights, "viridis"), "Height (m)", 2.6)
+colour_bar(rows[2, -1], ScalarMappable(errors, "RdBu_r"), "DEM minus truth (m)", 2.6, extend="both")
+figure.legend(handles=[empty_patch()], loc="outside lower center", frameon=False)
+figure.suptitle("Rolling hills from 50 m, 2 deg beam at 77 GHz: what one turn of the beam hears, and the map")
 
 # %%
-# Spectra: mean over pulses that look ahead, with the closed form of the rain dashed (as a window sees noise).
-for rate, colour in zip([0.0, 1.0, 10.0, 100.0], ("0.3", "C0", "C1", "C3"), strict=True):
-    rainy = replace(ready, scenario=in_rain(rate))
-    pulses = ready.schedule.sample(20 if SMALL else 200)
-    ahead = ready.schedule.pulses(pulses.index[np.abs(pulses.scan_rad) < 0.3])
-    beat = received(build_tracer(rainy).trace(ahead), ahead, rainy)
-    power = ready.detector.spectra(beat).power.mean(axis=0) / ready.transmit_power_w
-    range_m = ready.detector.analyser.range_m
-    spectrum_axes.plot(range_m, 10 * np.log10(power), color=colour, linewidth=0.9, label=f"{rate:g} mm/h")
-    if rate > 0:
-        edges = np.arange(10, 240) * chirp.range_resolution_m
-        window = ready.detector.analyser.window
-        seen = clutter(rate, edges) * len(window) * np.sum(window**2)
-        spectrum_axes.plot(edges[:-1], 10 * np.log10(seen), "--", color=colour, linewidth=0.9)
-spectrum_axes.axvline(45, color="0.7", linewidth=0.8)
-spectrum_axes.set(xlim=(3, 100), xlabel="Range (m)", ylabel="Power over sent power (dB)")
-spectrum_axes.set_title("Mean spectrum looking ahead; dashed: rain, closed form")
-spectrum_axes.legend(fontsize="small")
-
-# %%
-# The surveys. A pulse has detected the ground when an echo lies within 3 m of the surface on its boresight.
-for name, changes in PROCESSING.items():
-    rms, found = [], []
-    for rate in RATES:
-        scenario = in_rain(rate, **changes)
-        survey = run(scenario)
-        rms.append(survey.dem_error.rms_m)
-        pose = ready.schedule.pulses(survey.points.pulse).true
-        true_m = ready.built.caster.cast(pose.position_m, pose.boresight).distance_m
-        hit = np.unique(survey.points.pulse[np.abs(survey.points.range_m - true_m) < GROUND_M])
-        false = np.mean(np.abs(survey.points.range_m - true_m) >= GROUND_M) if len(true_m) else 0.0
-        found.append(len(hit) / survey.pulses)
-        print(
-            f"{name}: {rate:g} mm/h: {rms[-1]:.2f} m RMS over {survey.dem_error.coverage:.0%} of the ground, "
-            f"{found[-1]:.1%} of pulses detect it, {false:.1%} of echoes are rain"
-        )
-    rms_axes.loglog(RATES, rms, "o-", markersize=4, label=name)
-    rate_axes.semilogx(RATES, 100 * np.array(found), "o-", markersize=4, label=name)
-rms_axes.set(xlabel="Rain rate (mm/h)", ylabel="DEM error (m RMS)", title="Error of the elevation model")
-rms_axes.legend(fontsize="small")
-rate_axes.set(xlabel="Rain rate (mm/h)", ylabel="Pulses (%)", title="Pulses that detect the ground", ylim=(-3, 103))
-figure.suptitle("Hills of the class 'mountain', 50 m up, 45 deg, 2 deg beam, 10 dBm, noise figure 15 dB")
-figure.savefig("rain.png")
+# The same flight without looking for the rain.
+blind = run(in_rain(RATES[-1], **{"processing.volume_clutter": "off"}))
+print(f"{RATES[-1]:g} mm/h, processing.volume_clutter = 'off': RMS {blind.dem_error.rms_m:.1f} m")
+figure.savefig("rain.png", dpi=110, bbox_inches="tight")

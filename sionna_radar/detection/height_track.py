@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 # Ground rises or falls so much for a metre of distance, on average, and jumps so often from pulse to pulse.
-MEAN_SLOPE = 0.35
+MEAN_SLOPE = 0.12
 JUMP_PROBABILITY = 0.03
 # Least downward cosine of a beam whose range tells a height.
 LEAST_DOWN = 0.1
