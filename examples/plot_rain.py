@@ -71,7 +71,8 @@ for column, rate in enumerate(RATES):
     show_raster(rows[1, column], survey.dem, "viridis", heights)
     finish_map(rows[1, column], survey.truth.grid.extent_m, "The map")
     show_raster(rows[2, column], survey.error, "RdBu_r", errors)
-    finish_map(rows[2, column], survey.truth.grid.extent_m, f"Its error: RMS {lit.rms_m:.2f} m, {lit.coverage:.0%} covered")
+    said = f"Its error: RMS {lit.rms_m:.2f} m, {lit.coverage:.0%} covered"
+    finish_map(rows[2, column], survey.truth.grid.extent_m, said)
     for axes in rows[:, column] if column else ():
         axes.set_ylabel("")
 rows[0, 0].set_ylabel("Range (m)")

@@ -42,7 +42,7 @@ def warnings_of(echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
     """
-    lost = ()
+    lost: tuple[str, ...] = ()
     if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
         lost = (
             f"rain: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground from the "

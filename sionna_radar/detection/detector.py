@@ -138,7 +138,7 @@ class Detector:
             row=row,
             start=start,
             stop=stop,
-            peak=_peaks(spectra.power, row, start, stop),
+            peak=strongest_bins(spectra.power, row, start, stop),
             bin_m=self.analyser.bin_m,
             looks_per_bin=self.analyser.looks_per_cell / self.analyser.zero_padding,
             beam=self.beam,
@@ -217,7 +217,7 @@ def _true_runs(
     return row, start, np.nonzero(step == -1)[1]
 
 
-def _peaks(
+def strongest_bins(
     power: Float[np.ndarray, "row bin"],
     row: Int[np.ndarray, " run"],
     start: Int[np.ndarray, " run"],

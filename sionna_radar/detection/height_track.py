@@ -108,17 +108,17 @@ def _neighbours(
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
     for row in np.flatnonzero(told):
-        peak = evidence[row].max()
+        most = evidence[row].max()
         at = (top[row] - height) / (down[row] * cell_m)
-        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - peak), left=0.0, right=0.0)
+        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - most), left=0.0, right=0.0)
     distance = _distances(evidence, heights, cell_m, rows)
     decay = np.exp(-step_m / np.maximum(MEAN_SLOPE * distance, step_m))
     flat = np.full(len(height), 1 / len(height))
     forward, backward = np.tile(flat, (count, 1)), np.tile(flat, (count, 1))
-    for row in range(1, count):
-        forward[row] = _moved(forward[row - 1], likelihood[row - 1], decay[row - 1])
-    for row in range(count - 2, -1, -1):
-        backward[row] = _moved(backward[row + 1], likelihood[row + 1], decay[row])
+    for step in range(count - 1):
+        forward[step + 1] = _moved(forward[step], likelihood[step], decay[step])
+    for step in reversed(range(count - 1)):
+        backward[step] = _moved(backward[step + 1], likelihood[step + 1], decay[step])
     both = forward * backward
     out = np.full(evidence.shape, -np.log(cells))
     for row in np.flatnonzero(told):

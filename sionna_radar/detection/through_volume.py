@@ -9,13 +9,13 @@ the posterior mean of the likelihood does, which knows the end of the volume too
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from sionna_radar.detection.detector import Detector, Found, Spectra
+from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
 from sionna_radar.detection.profiles import Profiles, cut_profiles
-from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, Ranges, run_cells
+from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, Ranges
 from sionna_radar.detection.volume_clutter import VolumeClutter, first_guess, measured_mean
 from sionna_radar.detection.volume_end import VolumeEnd
 from sionna_radar.flight.pulses import Pulses
@@ -24,6 +24,8 @@ from sionna_radar.radar.chirp import Chirp
 # Probability that the echo lies on the surface it is put on, and that there is any ground at all.
 LEAST_PROBABILITY = 0.99
 WIDTHS_OF_RUN = 3.0
+# Half of the window's response that shapes are spread by, in range cells.
+RESPONSE_CELLS = 4
 # Level of the ground over the volume at which both ways of ranging count alike.
 EVEN_LEVEL = 16.0
 ESTIMATION_ROUNDS = 2
@@ -121,17 +123,13 @@ class ThroughVolume:
         reach = WIDTHS_OF_RUN * width + 1
         start = np.clip(np.floor((cell - reach) * stride), 0, bins - 1).astype(np.int64)
         stop = np.clip(np.ceil((cell + reach) * stride) + 1, start + 1, bins).astype(np.int64)
-        row, bin_, begin = run_cells(kept, start[kept], stop[kept])
-        value = power[row, bin_]
-        highest = np.repeat(np.maximum.reduceat(value, begin), np.diff(np.append(begin, len(value)))) if len(kept) else value
-        peak = np.minimum.reduceat(np.where(value == highest, bin_, bins), begin) if len(kept) else kept
         runs = EchoRuns(
             power=power,
             noise=volume + self.volume.noise,
             row=kept,
             start=start[kept],
             stop=stop[kept],
-            peak=peak,
+            peak=strongest_bins(power, kept, start[kept], stop[kept]),
             bin_m=analyser.bin_m,
             looks_per_bin=analyser.looks_per_cell / stride,
             beam=self.detector.beam,
@@ -196,13 +194,12 @@ def volume_in_front(
 def _through(detector: Detector, volume: VolumeClutter, first: int, cells: int) -> ThroughVolume:
     analyser = detector.analyser
     assert detector.beam is not None
-    half = 4
     end = VolumeEnd(
         volume=volume,
         beam=detector.beam,
         cell_m=analyser.chirp.range_resolution_m,
         looks=analyser.looks_per_cell,
-        response=analyser.response(half, 1),
+        response=analyser.response(RESPONSE_CELLS, 1),
         first=first,
         cells=cells,
     )
@@ -210,7 +207,10 @@ def _through(detector: Detector, volume: VolumeClutter, first: int, cells: int) 
 
 
 def _estimated_again(
-    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp,
+    through: ThroughVolume,
+    cells: Float[np.ndarray, "pulse cell"],
+    pulses: Pulses,
+    sweep: Chirp,
     range_m: Float[np.ndarray, " cell"],
 ) -> ThroughVolume:
     """Return the volume's mean from what lies before the ground, and how strong the ground is over it."""
@@ -255,7 +255,7 @@ def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:
     return AxisHeights(position_m=pose.position_m, boresight=pose.boresight, shift_m=shift_m)
 
 
-def _accepted(tracked: Tracked, false_alarm_probability: float) -> np.ndarray:
+def _accepted(tracked: Tracked, false_alarm_probability: float) -> Bool[np.ndarray, " pulse"]:
     strong = tracked.evidence > -np.log(false_alarm_probability)
-    accepted: np.ndarray = strong & (tracked.probability >= LEAST_PROBABILITY)
+    accepted: Bool[np.ndarray, " pulse"] = strong & (tracked.probability >= LEAST_PROBABILITY)
     return accepted

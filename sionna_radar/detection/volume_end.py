@@ -18,6 +18,7 @@ W (g - log(1 + g)) on average; N competing places cost log N. The silence behind
 for as many cells as are sampled behind the ground, which is why the volume's own end finds the ground when g < 1.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -102,10 +103,16 @@ class VolumeEnd:
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
         """Return the mean width in cells and the mean level of the ground's echo about given cells."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
-        for rows, terms in self._terms(ratio, cos_nadir, drift_m, cell):
-            share = np.exp(terms[:, 0] - logsumexp(terms[:, 0], axis=(1, 2), keepdims=True))
-            width[rows] = np.exp(share.sum(axis=2) @ np.log(WIDTHS_CELLS))
-            level[rows] = share.sum(axis=1) @ self.volume.level
+        own = np.clip(cell, self._columns[0], self._columns[-1])
+        silence, _ = self._silence(ratio)
+        window, expected = self._windows(ratio), self._expected_width(cos_nadir, self._columns)
+        for row, at in enumerate(own):
+            here = np.array([at])
+            terms = self._compare(window[None, row, here], self._step(drift_m[row]), float(silence[at]), here)[0, 0]
+            terms = terms + expected[row, at - self._columns[0]] + self._log_level_share
+            share = np.exp(terms - logsumexp(terms))
+            width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
+            level[row] = share.sum(axis=0) @ self.volume.level
         return width, level
 
     def in_air(
@@ -124,50 +131,57 @@ class VolumeEnd:
             out[row] = np.interp(place - one, at, air[number], left=1.0, right=0.0)
         return out
 
-    def _terms(  # type: ignore[no-untyped-def]
-        self, ratio, cos_nadir, drift_m, cell=None
-    ):
-        """Yield rows and their log-likelihoods for cells (or the one given), widths and levels."""
-        silence, after = self._silence(ratio)
-        pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
-        # Beyond the last cell nothing is known, and nothing counts.
-        inside = np.minimum(self.cells - np.arange(self.cells) + HALF, 2 * HALF + 1)
-        pad[:, -HALF:] = 0.0
-        window = sliding_window_view(pad, 2 * HALF + 1, axis=1)
-        steps = np.array([self._step(d) for d in drift_m])
-        columns = np.arange(self.first, self.cells - FEWEST_BEHIND)
-        for step in sorted({int(s) for s in steps}):
+    def _terms(
+        self,
+        ratio: Float[np.ndarray, "pulse cell"],
+        cos_nadir: Float[np.ndarray, " pulse"],
+        drift_m: Float[np.ndarray, " pulse"],
+    ) -> Iterator[tuple[Int[np.ndarray, " row"], Float32[np.ndarray, "row cell width level"]]]:
+        """Yield rows and their log-likelihoods for cells, widths and levels."""
+        silence, behind = self._silence(ratio)
+        window = self._windows(ratio)
+        steps = np.array([self._step(one) for one in drift_m])
+        for step in sorted({int(one) for one in steps}):
             group = np.flatnonzero(steps == step)
             for start in range(0, len(group), ROWS_AT_ONCE):
                 rows = group[start : start + ROWS_AT_ONCE]
-                if cell is None:
-                    terms = np.full((len(rows), self.cells, len(WIDTHS_CELLS), len(self.volume.level)), -np.inf, "f4")
-                    for part, silent in _runs(silence, columns):
-                        some = np.ix_(rows, part)
-                        terms[:, part] = self._compare(window[some], step, silent, inside[part]) + after[some][..., None, None]
-                    terms[:, columns] += self._expected_width(cos_nadir[rows], columns)
-                else:
-                    own = cell[rows]
-                    terms = np.empty((len(rows), 1, len(WIDTHS_CELLS), len(self.volume.level)))
-                    for row, at in enumerate(own):
-                        here = slice(at, at + 1)
-                        terms[row] = self._compare(window[None, rows[row], here], step, silence[at], inside[here])
-                    prior = self._expected_width(cos_nadir[rows], columns)
-                    terms += prior[np.arange(len(rows)), np.clip(own, *columns[[0, -1]]) - self.first][:, None]
-                terms += np.log(self.volume.level_share).astype(terms.dtype)
+                shape = (len(rows), self.cells, len(WIDTHS_CELLS), len(self.volume.level))
+                terms = np.full(shape, -np.inf, dtype=np.float32)
+                for part, silent in _runs(silence, self._columns):
+                    some = np.ix_(rows, part)
+                    terms[:, part] = self._compare(window[some], step, silent, part) + behind[some][..., None, None]
+                terms[:, self._columns] += self._expected_width(cos_nadir[rows], self._columns)
+                terms += self._log_level_share
                 yield rows, terms
+
+    @property
+    def _columns(self) -> Int[np.ndarray, " column"]:
+        """Cells that the ground may lie in."""
+        return np.arange(self.first, self.cells - FEWEST_BEHIND)
+
+    @property
+    def _log_level_share(self) -> Float32[np.ndarray, " level"]:
+        return np.log(self.volume.level_share).astype(np.float32)
+
+    def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
+        """Return the cells about each cell: volume alone before the first; beyond the last nothing is known."""
+        pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
+        pad[:, -HALF:] = 0.0
+        return sliding_window_view(pad, 2 * HALF + 1, axis=1)
 
     def _compare(
         self,
         window: Float32[np.ndarray, "pulse cell tap"],
         step: int,
         silence: float,
-        inside: Int[np.ndarray, " cell"],
+        cell: Int[np.ndarray, " cell"],
     ) -> Float32[np.ndarray, "pulse cell width level"]:
         air, ground = self._shapes(step)
         mean = (air * (1 - silence) + silence)[:, None] + self.volume.level[:, None] * ground[:, None]
         mean = mean.reshape(-1, mean.shape[-1])
         slope = -(1 / mean - 1).T.astype(np.float32)
+        # Taps beyond the last cell do not count.
+        inside = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
         constant = -np.cumsum(np.log(mean), axis=1)[:, inside - 1].T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
         terms = ((flat @ slope).reshape(*window.shape[:2], -1) + constant) * np.float32(self.looks)
@@ -212,7 +226,9 @@ def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "...
         return np.asarray(np.log(total) + np.where(np.isfinite(most), most, 0.0))
 
 
-def _runs(silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]):  # type: ignore[no-untyped-def]
+def _runs(
+    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
+) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
     """Yield the runs of columns with equal silence."""
     for part in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
         if len(part):
