@@ -108,7 +108,7 @@ def crosscheck(
     seed: SeedOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Fly a scenario with both engines on the same pulses, and tell whether they agree."""
+    """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
     from sionna_radar import crosscheck as check
     from sionna_radar.report.terminal import number
 
@@ -122,8 +122,12 @@ def crosscheck(
         for name, part in result.verdict().items():
             word = "agrees" if part["agrees"] else "DIFFERS"
             value = number(part["value"], "+.4f")
-            typer.echo(f"{name:32}{value:>10}   within {number(part['tolerance'], '.4f')}   {word}")
+            chance = f"   (by speckle alone: {part['probability']:.4f})" if "probability" in part else ""
+            typer.echo(f"{name:32}{value:>10}   within {number(part['tolerance'], '.4f')}   {word}{chance}")
         typer.echo(f"the engines {'agree' if result.agrees else 'DIFFER'}; {len(written)} files in {directory}")
+        typer.echo("shared by both, so not checked: ray casting, antenna, backscatter models, targets, mirrors")
+    if not result.agrees:
+        raise typer.Exit(1)
 
 
 @app.command()
