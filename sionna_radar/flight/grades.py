@@ -19,13 +19,11 @@ wanders and does not jump. What each number rests on:
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm a kilometre, is left out.
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from sionna_radar.errors import InputFileError
+from sionna_radar.input_file import parse_toml, read_text
 from sionna_radar.scenario.navigation import NavigationTable
 
 GRTK = "Blicube GRTK, the maker's performance specifications (github.com/blikvm/ardupilot_rtk)"
@@ -84,8 +82,9 @@ def load_grades(path: Path) -> dict[str, Grade]:
         The file is missing, no TOML, or a table is wrong.
 
     """
+    text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = parse_toml(text)
         return {
             name: Grade(
                 source=str(table.get("source", path)),
@@ -93,6 +92,6 @@ def load_grades(path: Path) -> dict[str, Grade]:
             )
             for name, table in tables.items()
         }
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, ValidationError, AttributeError) as error:
+    except (ValueError, AttributeError) as error:
         message = f"{path}: no table of navigation grades ({error}); give [name] tables of platform.navigation keys"
         raise InputFileError(message) from error

@@ -26,7 +26,7 @@ class CoverPolygon(Table):
 
 
 class CoverRaster(Table):
-    """A raster of class values, each mapped to a material: GeoTIFF or anything GDAL reads.
+    """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid.
 
     classes: material by class value; ground of any other class keeps `terrain.material`. Over synthetic
     ground the raster's own coordinates are the local metres, and it has no CRS.

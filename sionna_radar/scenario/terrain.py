@@ -64,7 +64,7 @@ class SampleTerrain(CoveredTerrain):
 
 
 class RasterTerrain(CoveredTerrain):
-    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt or anything GDAL reads."""
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED, USGS DEM, or a plain grid with a header."""
 
     kind: Literal["raster"]
     path: Path
