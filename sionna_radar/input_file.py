@@ -54,7 +54,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT
     try:
         found = path.stat()
     except (ValueError, OSError) as error:  # ValueError: a NUL, or characters that the file system cannot encode
-        message = f"{name} {shown(path)} {_why_not(error)}; {remedy}"
+        message = f"{name} {shown(path)} {why_not(error)}; {remedy}"
         raise InputFileError(message) from error
     if not stat.S_ISREG(found.st_mode):
         kind = "a directory" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
@@ -112,7 +112,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     raise ValueError(message)
 
 
-def _why_not(error: ValueError | OSError) -> str:
+def why_not(error: ValueError | OSError) -> str:
     """Return why a path leads to no file."""
     if isinstance(error, ValueError):
         return "holds characters that no path can"

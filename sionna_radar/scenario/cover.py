@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.table import Point2, Positive, Table, refuse
+from sionna_radar.scenario.table import InputPath, Point2, Positive, Table, refuse
 
 
 class MaterialField(Table):
@@ -32,7 +31,7 @@ class CoverRaster(Table):
     ground the raster's own coordinates are the local metres, and it has no CRS.
     """
 
-    path: Path
+    path: InputPath
     classes: dict[str, str]
 
     @model_validator(mode="after")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
-from sionna_radar.scenario.table import Point2, Positive, Real, Seed, Table
+from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Seed, Table
 
 SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
 KEEP_SIONNA = "sionna"
@@ -67,7 +66,7 @@ class RasterTerrain(CoveredTerrain):
     """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED, USGS DEM, or a plain grid with a header."""
 
     kind: Literal["raster"]
-    path: Path
+    path: InputPath
     crs: str | None = None
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
