@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, model_validator
+from pydantic import Discriminator, Field, field_validator, model_validator
 
 from sionna_radar.scenario.media import Medium
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
@@ -195,6 +195,13 @@ class SionnaItu(Table):
     scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
     xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0
     thickness_m: Positive = 0.1
+
+    @field_validator("itu_type")
+    @classmethod
+    def _is_something(cls, value: str) -> str:
+        if value == "vacuum":
+            raise refuse("", "'vacuum' reflects nothing, so that it echoes nothing; give another ITU material")
+        return value
 
 
 Material = Annotated[

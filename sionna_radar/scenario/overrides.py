@@ -12,7 +12,7 @@ from sionna_radar.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.input_file import parse_toml, read_text, shown
 from sionna_radar.scenario.materials import Material
 from sionna_radar.scenario.media import Medium
-from sionna_radar.scenario.terrain import CityTerrain, Terrain
+from sionna_radar.scenario.terrain import Terrain
 
 UNSET_WORD = "none"
 LONGEST_ASSIGNMENT = 100_000
@@ -25,7 +25,7 @@ EITHER_OR = (
 )
 EITHER_OR_OF_A_MATERIAL = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))
 # (key, value): what means nothing beside it.
-MEANINGLESS_BESIDE = {
+MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
     ("weather.gases", False): ("weather.dry_pressure_hpa", "weather.vapour_g_per_m3"),
     ("radar.sweep", "triangular"): ("processing.echoes",),
     ("tracing.engine", "path_solver"): ("tracing.speckle",),
@@ -57,7 +57,7 @@ def parse_value(key: str, text: str) -> Any:
     try:
         if len(text) > LONGEST_ASSIGNMENT:
             message = f"the text has {len(text):,} characters"
-            raise ValueError(message)  # noqa: TRY301 (one message for all values that are refused)
+            raise ValueError(message)
         return parse_toml(f"value = {text}")["value"]
     except ValueError as error:
         if _is_a_word(text):
@@ -194,8 +194,6 @@ def _keys_beside(key: str, value: Any) -> set[str]:
     """Return the keys that a table may hold once a key that tells its kind has a value; none for any other key."""
     place = key.split(".")
     if key == "terrain.kind":
-        if isinstance(value, str) and value.startswith("sionna:"):
-            return set(CityTerrain.model_fields)
         return _fields_of_kind(Terrain, "kind", value)
     if place[0] == "materials" and len(place) == 3 and place[2] == "model":
         return _fields_of_kind(Material, "model", value)

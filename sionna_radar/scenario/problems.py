@@ -63,6 +63,11 @@ def nearest(word: str, known: Sequence[str]) -> str:
     return f" Did you mean {folded[found[0]]}?" if found else ""
 
 
+def unknown(word: object, known: Sequence[str]) -> str:
+    """Return what to say of a word that is none of those known."""
+    return f"{shown(word)} is unknown; give one of {', '.join(known)}.{nearest(str(word), known)}"
+
+
 def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
     key, kind, given = _key(error["loc"]), error["type"], error["input"]
     context = error.get("ctx", {})
@@ -75,19 +80,16 @@ def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
         case "missing":
             return Problem(".".join(key), "required, but not given; add it")
         case "union_tag_not_found":
-            return Problem(".".join([*key, context["discriminator"].strip("'")]), "required, but not given; add it")
+            tag = context["discriminator"].strip("'")
+            return Problem(".".join([*key, *([] if tag.endswith("()") else [tag])]), "required, but not given; add it")
         case "union_tag_invalid":
             known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
             tag = context["discriminator"].strip("'")
-            message = f"{shown(context['tag'])} is unknown; give one of {', '.join(known)}.{nearest(context['tag'], known)}"
-            return Problem(".".join([*key, tag]), message)
+            return Problem(".".join([*key, tag]), unknown(context["tag"], known))
         case "literal_error":
             said = f"give one of {context['expected'].replace(' or ', ', ')}"
             known = [word.strip(" '") for word in context["expected"].replace(" or ", ",").split(",")]
             said += f".{nearest(given, known)}" if isinstance(given, str) else ""
-        case "string_pattern_mismatch":
-            known = context["pattern"].strip("^$").replace("sionna:(", "sionna:").rstrip(")").split("|")
-            said = f"give one of {', '.join(known)}"
         case _ if kind in TABLE_TYPES:
             name = ".".join(key)
             said = f"give a table: [{name}] with its keys below" if name else "give tables of keys"
@@ -119,11 +121,10 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
         fields = [t.model_fields[part].annotation for t in tables if part in t.model_fields]
         tagged = [t for t in tables if part in _tags(t)]
         tables = [t for annotation in fields for t in _tables(annotation)] if fields else tagged or tables
-    beside = nearest(str(last), [name for table in tables for name in table.model_fields])
-    if beside:
-        return beside
     elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last]
-    return f" Did you mean {elsewhere[0]}?" if elsewhere else ""
+    if elsewhere:
+        return f" Did you mean {elsewhere[0]}?"
+    return nearest(str(last), [name for table in tables for name in table.model_fields])
 
 
 def _tags(table: type[BaseModel]) -> tuple[Any, ...]:

@@ -85,8 +85,10 @@ class RadarTable(Table):
                 "snr_db",
                 "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only",
             )
-        if self.snr_db is None and any(value is None for value in physical):
+        if self.snr_db is None and self.transmit_power_dbm is None:
             raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
+        if self.snr_db is None and self.noise_figure_db is None:
+            raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
         return self
 
     @property

@@ -10,11 +10,13 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from sionna_radar.input_file import shown
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, PointTarget
 from sionna_radar.scenario.platform import Platform
+from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
@@ -48,7 +50,9 @@ class Scenario(Table):
         known = self.all_materials
         for field, name in self._used_materials():
             if name not in known:
-                raise refuse(field, f"{name!r} is not defined; add [materials.{name}] or use {sorted(known)}")
+                near = nearest(name, sorted(known))
+                message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
+                raise refuse(field, f"{message}{', '.join(sorted(known))}.{near}")
         return self
 
     @model_validator(mode="after")

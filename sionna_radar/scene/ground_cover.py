@@ -129,7 +129,7 @@ def classes_at(
 def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, "row column"]:
     """Return class values as whole numbers; what cannot be one is NO_CLASS."""
     if cells.dtype.kind != "f":
-        return cells.astype(np.int64).filled(NO_CLASS)
+        return np.ma.filled(cells.astype(np.int64), NO_CLASS)
     stored = cells.filled(np.nan)
     return np.where(np.abs(stored) < -NO_CLASS, stored, NO_CLASS).astype(np.int64)
 

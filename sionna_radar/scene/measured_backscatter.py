@@ -131,7 +131,8 @@ def _read_rows(path: Path) -> list[tuple[float, float]]:
         raise InputFileError(message)
     header = tuple(name.strip() for name in _cells(path, *lines[0]))
     if header != _COLUMNS:
-        message = f"{path}: line {lines[0][0]} reads {shown(','.join(header))[1:-1]}; the header is {','.join(_COLUMNS)}"
+        given = shown(",".join(header))[1:-1]
+        message = f"{path}: line {lines[0][0]} reads {given}; the header is {','.join(_COLUMNS)}"
         raise InputFileError(message)
     rows = [_parse_row(path, number, line) for number, line in lines[1:]]
     _check_rows(path, rows, (number for number, _ in lines[1:]))

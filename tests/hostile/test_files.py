@@ -119,7 +119,7 @@ def test_no_server_is_asked(key, server, tmp_path):
 
 @pytest.mark.parametrize("key", AS_RASTER)
 def test_text_in_place_of_a_path_is_no_raster(key, tmp_path):
-    with pytest.raises(InputFileError, match="does not exist|too long"):
+    with pytest.raises(InputFileError, match=r"does not exist|too long"):
         AS_RASTER[key](Path(vrt_of(asc(tmp_path / "other.asc"))))
 
 
