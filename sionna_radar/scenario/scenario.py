@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from pydantic import model_validator
 
 from sionna_radar.input_file import shown
@@ -25,6 +26,10 @@ from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+
+
+# Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
+WIDEST_FITTED_DEG = 30.0
 
 
 class Scenario(Table):
@@ -84,6 +89,30 @@ class Scenario(Table):
                 "processing.echoes",
                 "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _map_has_its_echoes(self) -> Scenario:
+        method = self.dem.method
+        if method != "linear" and self.sensor == "lidar":
+            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar brings none; set 'linear'")
+        if method != "linear" and self.radar.sweep == "triangular":
+            raise refuse(
+                "dem.method",
+                f"{method!r} models whole echoes, which a pair of sweeps does not bring; set 'linear', or "
+                "radar.sweep = 'up'",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _beam_is_modelled(self) -> Scenario:
+        width_deg = float(np.rad2deg(self.radar.antenna.beamwidths_rad[1]))
+        if self.processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
+            raise refuse(
+                "processing.ranging",
+                f"'model_fit' takes ranges to grow along the beam, as they do over at most {WIDEST_FITTED_DEG:g} deg; "
+                f"radar.antenna.beamwidth_deg is {width_deg:g} in elevation; set 'centroid' or narrow it",
             )
         return self
 
