@@ -23,6 +23,8 @@ from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 # It loads libLLVM, which the import above has chosen.
 import drjit as dr
 
+RAYS_AT_ONCE = 4_000_000
+
 
 class BeamEngine:
     """Traces blocks of pulses; see the module's text."""
@@ -46,7 +48,14 @@ class BeamEngine:
         ]
 
     def trace(self, pulses: Pulses) -> Paths:
-        """Return the paths of a block of pulses."""
+        """Return the paths of a block of pulses, in wavefronts of no more than `RAYS_AT_ONCE` rays."""
+        step = max(1, RAYS_AT_ONCE // self._sampler.rays)
+        if len(pulses) <= step:
+            return self._wavefront(pulses)
+        starts = range(0, len(pulses), step)
+        return Paths.concatenate([self._wavefront(pulses.rows(slice(start, start + step))) for start in starts])
+
+    def _wavefront(self, pulses: Pulses) -> Paths:
         pose = pulses.true
         origin = _point(pose.position_m)
         angles = _point(sionna_angles(pose.R_world_antenna))
