@@ -172,7 +172,7 @@ def navigation_budget(
     exact = survey.dem_error(None).rms_m
     if not exact > LEAST_RMS_M:
         message = (
-            "no echo is detected, so that there is no DEM whose error could grow; raise radar.snr_db or lower the flight"
+            "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
             if math.isnan(exact)
             else f"the DEM has an error of {exact:g} m with the pose known exactly, of which no share can be told"
         )

@@ -26,6 +26,7 @@ ORDER = (
     ("detection",),
     ("imaging",),
     ("mapping",),
+    ("limits",),
     ("preparation",),
     ("sensors",),
     ("survey",),

@@ -1,8 +1,8 @@
 """The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
 
 import warnings
-from functools import partial
 from datetime import date
+from functools import partial
 from pathlib import Path
 
 import laspy

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.table import Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Real, Table, refuse
 
 
 class AntennaTable(Table):

@@ -27,7 +27,6 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
 
-
 # Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
 WIDEST_FITTED_DEG = 30.0
 

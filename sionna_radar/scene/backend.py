@@ -110,7 +110,7 @@ def load_mitsuba() -> Any:
 
 
 def _wheel_libraries() -> list[Path]:
-    """Return the libraries of the wheel, newest first, wherever it was installed: in a prefix, for a user, on a path."""
+    """Return the libraries of the wheel, newest first, wherever it is installed: in a prefix, for a user, on a path."""
     try:
         files = metadata.files(WHEEL) or []
     except metadata.PackageNotFoundError:

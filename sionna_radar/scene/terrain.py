@@ -95,7 +95,7 @@ def _synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Gri
     # The small number keeps 1.1 / 0.1 = 11.000000000000002 from asking for a twelfth cell.
     columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
     if terrain.spacing_m > min(terrain.size_m):
-        message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m, {min(terrain.size_m):g} m; lower it"
+        message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m ({min(terrain.size_m):g} m)"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     if columns * rows > MAX_SYNTHETIC_CELLS:
         message = (
