@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from threadpoolctl import threadpool_limits
 
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.errors import Problem, ScenarioError
@@ -49,6 +50,7 @@ class Preparation:
     max_gap_m: float
 
 
+@threadpool_limits.wrap(limits=1)  # the rounding of linear algebra depends on the number of its threads
 def prepare(
     scenario: Scenario,
     *,

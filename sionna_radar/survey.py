@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
+from threadpoolctl import threadpool_limits
 
 from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.echoes import Echoes
@@ -83,6 +84,7 @@ class Survey:
     peak_memory_mb: float
 
 
+@threadpool_limits.wrap(limits=1)  # the rounding of linear algebra depends on the number of its threads
 def run(
     scenario: Scenario,
     *,
@@ -163,6 +165,7 @@ class Recording:
     paths: int
 
 
+@threadpool_limits.wrap(limits=1)
 def record(
     ready: Preparation,
     sensor: Sensor,
@@ -221,6 +224,7 @@ def grid_dem(points: Points, ready: Preparation) -> Raster:
     return grid_points(points, ready.grid, ready.max_gap_m, shadow_rad)
 
 
+@threadpool_limits.wrap(limits=1)
 def map_points(points: Points, profiles: Profiles | None, ready: Preparation) -> Raster:
     """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles.
 

@@ -20,6 +20,7 @@ from typing import Any
 from sionna_radar.errors import BackendError
 
 OLDEST_LLVM = 17
+FEWEST_THREADS = 2
 VARIANTS = ("cuda_ad_mono_polarized", "llvm_ad_mono_polarized")
 WHEEL = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -106,7 +107,20 @@ def load_mitsuba() -> Any:
 
     if mitsuba.variant() not in VARIANTS:
         mitsuba.set_variant(VARIANTS[0] if use_cuda else VARIANTS[1])
+    if not use_cuda:
+        _use_two_threads()
     return mitsuba
+
+
+def _use_two_threads() -> None:
+    """Have Dr.Jit use two threads at least, on a single core too.
+
+    With one, rays along the edge of two triangles are decided otherwise; from two on, their number does not matter.
+    """
+    import drjit
+
+    if drjit.thread_count() < FEWEST_THREADS:
+        drjit.set_thread_count(FEWEST_THREADS)
 
 
 def _wheel_libraries() -> list[Path]:
