@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from threadpoolctl import threadpool_limits
 
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.errors import Problem, ScenarioError
@@ -13,6 +12,7 @@ from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulse
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
 from sionna_radar.limits import check_limits
+from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_chirp
@@ -50,7 +50,7 @@ class Preparation:
     max_gap_m: float
 
 
-@threadpool_limits.wrap(limits=1)  # the rounding of linear algebra depends on the number of its threads
+@on_one_thread
 def prepare(
     scenario: Scenario,
     *,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Inexact
-from threadpoolctl import threadpool_limits
 
 from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.echoes import Echoes
@@ -14,6 +13,7 @@ from sionna_radar.detection.profiles import Profiles
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
@@ -84,7 +84,7 @@ class Survey:
     peak_memory_mb: float
 
 
-@threadpool_limits.wrap(limits=1)  # the rounding of linear algebra depends on the number of its threads
+@on_one_thread
 def run(
     scenario: Scenario,
     *,
@@ -165,7 +165,7 @@ class Recording:
     paths: int
 
 
-@threadpool_limits.wrap(limits=1)
+@on_one_thread
 def record(
     ready: Preparation,
     sensor: Sensor,
@@ -224,7 +224,7 @@ def grid_dem(points: Points, ready: Preparation) -> Raster:
     return grid_points(points, ready.grid, ready.max_gap_m, shadow_rad)
 
 
-@threadpool_limits.wrap(limits=1)
+@on_one_thread
 def map_points(points: Points, profiles: Profiles | None, ready: Preparation) -> Raster:
     """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles.
 

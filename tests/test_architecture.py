@@ -15,7 +15,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # Each may import itself and what stands before it. The radar comes after the scene, whose backscatter its radar
 # equation integrates.
 ORDER = (
-    ("errors", "decibel", "input_file", "randomness", "raster", "stopwatch"),
+    ("errors", "decibel", "input_file", "linear_algebra", "randomness", "raster", "stopwatch"),
     ("weather",),
     ("scenario",),
     ("flight",),

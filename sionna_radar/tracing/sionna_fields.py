@@ -13,7 +13,6 @@ import sionna.rt as rt
 from sionna.rt.path_solvers.field_calculator import FieldCalculator
 from sionna.rt.path_solvers.paths_buffer import PathsBuffer
 
-
 # What `diffuse_buffer` fills. Setting a name that a release has no use for would leave its own column empty.
 BUFFER_COLUMNS = (
     "_src_indices",

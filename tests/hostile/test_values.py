@@ -155,7 +155,7 @@ def test_a_closing_is_that_by_a_disk(radius):
 def test_polygons_take_no_more_than_their_own_vertices():
     square = np.array([[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]])
     cover = [
-        {"polygon_m": (square + [x, y]).tolist(), "material": "building"}
+        {"polygon_m": (square + np.array([x, y])).tolist(), "material": "building"}
         for x in range(-100, 101, 20)
         for y in range(-100, 101, 20)
     ]
