@@ -128,7 +128,7 @@ def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     for _ in range(3):
         if cut.side_lobe_level == 0.0:  # a beam too wide to have side lobes
             break
-        wanted_db = design_db + side_lobe_db - to_db(cut.side_lobe_level)
+        wanted_db = design_db + (side_lobe_db - to_db(cut.side_lobe_level))
         if wanted_db > HIGHEST_DESIGN_DB:  # what is left of a side lobe at the horizon says nothing of the taper
             break
         design_db = wanted_db
