@@ -16,6 +16,7 @@ from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.sionna_contract import check_sionna
 from sionna_radar.tracing.sionna_fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 
@@ -38,6 +39,7 @@ class BeamEngine:
         paths_per_pulse: int,
         side_lobe_share: float,
     ) -> None:
+        check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._sampler = beam_sampler(antenna, paths_per_pulse, side_lobe_share)
         self._seed = seed

@@ -55,3 +55,19 @@ def test_a_release_that_computes_another_gain_is_refused(monkeypatch):
     check_sionna.cache_clear()
     with pytest.raises(BackendError, match="gives a known path the power"):
         check_sionna()
+
+
+def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil, chirp_of):
+    from sionna_radar.tracing.beam_solver import BeamEngine
+    from sionna_radar.tracing.persistent import PersistentEngine
+
+    def refuse():
+        message = "another release"
+        raise BackendError(message)
+
+    for module in ("beam_solver", "persistent"):
+        monkeypatch.setattr(f"sionna_radar.tracing.{module}.check_sionna", refuse)
+    with pytest.raises(BackendError, match="another release"):
+        BeamEngine(plane, pencil, chirp_of(), 1, 16, 0.05)
+    with pytest.raises(BackendError, match="another release"):
+        PersistentEngine(plane, pencil, chirp_of(), 1, 0.1)
