@@ -28,7 +28,7 @@ ORDER = (
     ("signal",),
     ("detection",),
     ("imaging",),
-    ("mapping",),
+    ("mapping", "speckle_test"),
     ("limits",),
     ("preparation",),
     ("sensors",),
