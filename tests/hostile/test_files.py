@@ -251,3 +251,16 @@ def test_a_value_is_shown_on_one_line_and_short():
     assert shown("a\nb\0c") == r"'a\nb\x00c'"
     assert shown(Path("a\nb")) == r"a\nb"
     assert len(shown("9" * 5000)) < 160
+
+
+@pytest.mark.parametrize("suffix", [".msk", ".OVR"])
+def test_a_mask_beside_a_raster_may_not_point_elsewhere(tmp_path, suffix):
+    path = asc(tmp_path / "ground.asc")
+    beside = tmp_path / f"ground.asc{suffix}"
+    beside.write_text(vrt_of("/etc/hostname"))
+    with pytest.raises(InputFileError, match="beside it, which is not a TIFF; remove it"):
+        as_terrain(path)
+    with rasterio.open(beside, "w", driver="GTiff", width=10, height=10, count=1, dtype="uint8", crs="EPSG:32631",
+                       transform=Affine(10, 0, -50, 0, -10, 50)) as mask:  # fmt: skip
+        mask.write(np.full((1, 10, 10), 255, dtype=np.uint8))
+    as_terrain(path)
