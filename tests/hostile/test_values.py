@@ -104,7 +104,7 @@ def test_a_remedys_value_works():
     said = said_of({"platform.speed_mps": 1e-6})
     value = float(said.partition("raise it to ")[2].partition(",")[0])
     assert "chirps" not in said_of({"platform.speed_mps": value})
-    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 400.0})
+    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 1000.0})
     value = float(said.partition("lower it to ")[2].partition(",")[0])
     assert said_of(PERSISTENT | {"tracing.scatterers_per_m2": value}) == ""
 
