@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.grades import GRADES, Grade
 from sionna_radar.notes import Brief
 from sionna_radar.progress import Progress, silent
@@ -24,6 +25,7 @@ GROWTH = 0.1
 # The search ends this close to the growth asked for.
 TOLERANCE = 0.003
 MOST_STEPS = 20
+LEAST_RMS_M = 1e-6
 
 Kind = Literal["constant", "white", "markov"]
 
@@ -179,6 +181,13 @@ def navigation_budget(
     survey = record_survey(scenario, progress=progress)
     progress("mapping", 0, rows)
     exact = survey.dem_error(None).rms_m
+    if not exact > LEAST_RMS_M:
+        message = (
+            "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
+            if math.isnan(exact)
+            else f"the DEM has an error of {exact:g} m with the pose known exactly, of which no share can be told"
+        )
+        raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
     limits, results = [], []
     for error in errors:
         limits.append(Limit(error=error, size=find_limit(survey, error, exact, growth, repeat)))
@@ -202,7 +211,9 @@ def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, gro
     """Return the size of an error at which the RMS has grown by a share of the exact one; infinite if none."""
 
     def grown(size: float) -> float:
-        return rms_with(survey, error, size, repeat) / exact - 1
+        rms = rms_with(survey, error, size, repeat)
+        # An error so large that no DEM is left has grown beyond all bounds.
+        return math.inf if math.isnan(rms) else rms / exact - 1
 
     size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
     for _ in range(MOST_STEPS):
@@ -251,7 +262,7 @@ def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> fl
 def _between(low: tuple[float, float], high: tuple[float, float], growth: float) -> float:
     """Return the next size to try: the mean square grows about as the square of the error does."""
     square = [(1 + found) ** 2 for found in (low[1], high[1], growth)]
-    share = (square[2] - square[0]) / (square[1] - square[0])
+    share = (square[2] - square[0]) / (square[1] - square[0]) if square[1] > square[0] else 0.5
     # Kept off the ends: where the mean square grows otherwise, this still closes in.
     share = min(max(share, 0.1), 0.9)
     return math.sqrt(low[0] ** 2 + share * (high[0] ** 2 - low[0] ** 2))

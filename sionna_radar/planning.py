@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.limits import MOST_CHIRPS
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.terrain import FlatTerrain
 
@@ -31,6 +32,7 @@ RELIEF = 0.15
 LEAST_INCIDENCE_RAD = math.radians(5.0)
 # Cruise beyond each end of a line, in ground samples.
 RUN_OUT_SAMPLES = 2.0
+MOST_LINES = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +131,9 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
     most_turns_hz = min(wanted.most_rotation_rpm / 60, wanted.most_chirp_rate_hz * step_rad / (2 * math.pi))
     speed = min(wanted.speed_mps, most_turns_hz / turns_per_m)
     turns_hz = speed * turns_per_m
+    _check_lines(wanted, altitude, half_swath)
     spacing, waypoints = _lines(wanted, altitude, incidence, half_swath)
-    return Plan(
+    plan = Plan(
         wanted=wanted,
         altitude_m=altitude,
         speed_mps=speed,
@@ -142,6 +145,8 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
         line_spacing_m=spacing,
         waypoints_m=waypoints,
     )
+    _check_chirps(plan)
+    return plan
 
 
 def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
@@ -185,6 +190,27 @@ def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
         data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
     data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
     return parse_scenario(data, source="plan")
+
+
+def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
+    lines = min(wanted.size_m) / (2 * altitude * math.tan(half_swath) * (1 - wanted.overlap))
+    if lines > MOST_LINES:
+        message = f"{wanted.sampling_m:g} m takes {lines:.3g} lines, more than {MOST_LINES:,}; raise it"
+        raise ScenarioError([Problem("sampling", message)], "plan")
+
+
+def _check_chirps(plan: Plan) -> None:
+    """Refuse a flight of more chirps than can be flown over the terrain to check it."""
+    chirps = plan.flight_s * plan.chirp_rate_hz
+    if chirps > MOST_CHIRPS:
+        wanted = plan.wanted
+        enough_m = 1.1 * wanted.sampling_m * math.sqrt(chirps / MOST_CHIRPS)
+        message = (
+            f"{wanted.sampling_m:g} m over {wanted.size_m[0]:g} x {wanted.size_m[1]:g} m takes {chirps:.3g} chirps, "
+            f"more than {MOST_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
+            "a part of the area at a time"
+        )
+        raise ScenarioError([Problem("sampling", message)], "plan")
 
 
 def _check(wanted: Wanted) -> None:

@@ -11,6 +11,9 @@ from sionna_radar.flight.navigation import build_navigation
 from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
+from sionna_radar.limits import check_limits
+from sionna_radar.linear_algebra import on_one_thread
+from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_chirp
 from sionna_radar.radar.equation import plane_echo
@@ -19,10 +22,12 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene, build_scene
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
+from sionna_radar.tracing.scatterers import check_scatterers
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
 MAX_DEM_CELLS = 25_000_000
+MAX_CLOSED_CELLS = 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +50,7 @@ class Preparation:
     max_gap_m: float
 
 
+@on_one_thread
 def prepare(
     scenario: Scenario,
     *,
@@ -69,14 +75,14 @@ def prepare(
         The elevation file is no good.
 
     """
-    chirp = build_chirp(scenario.radar)
+    chirp, track = build_chirp(scenario.radar), plan_track(scenario.platform)
+    check_limits(scenario, chirp, track.length_m)
     own_scan = scan is not None
     scan = scan or build_scan(scenario.radar.scan)
     antenna = antenna or build_antenna(scenario.radar.antenna)
     detector = build_detector(scenario.processing, chirp, antenna)
     if not own_scan:
         _check_nominal_range(scenario, chirp)
-    track = plan_track(scenario.platform)
     built = build_scene(scenario, _window(track, chirp.max_range_m))
     _check_track(track, built)
     trajectory = plan_trajectory(scenario.platform, track, built.ground_m)
@@ -84,6 +90,8 @@ def prepare(
     _check_pulses(schedule, scenario)
     looks = _look(schedule, built)
     _check_geometry(looks, schedule, built, chirp)
+    _check_scatterers(scenario, schedule, built, chirp)
+    max_gap_m = scenario.dem.max_gap_m or _sampling_gap(scenario)
     return Preparation(
         scenario=scenario,
         chirp=chirp,
@@ -91,10 +99,10 @@ def prepare(
         detector=detector,
         schedule=schedule,
         built=built,
-        grid=_dem_grid(scenario, looks),
+        grid=_dem_grid(scenario, looks, max_gap_m),
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
-        max_gap_m=scenario.dem.max_gap_m or _sampling_gap(scenario),
+        max_gap_m=max_gap_m,
     )
 
 
@@ -233,12 +241,36 @@ def _over_hole(looks: _Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarr
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
 
 
-def _dem_grid(scenario: Scenario, looks: _Looks) -> Grid:
+def _check_scatterers(scenario: Scenario, schedule: PulseSchedule, built: BuiltScene, chirp: Chirp) -> None:
+    tracing = scenario.tracing
+    if tracing.engine == "sionna" and tracing.speckle == "persistent":
+        check_scatterers(built.scene, tracing.scatterers_per_m2, region_in_reach_m(schedule, chirp))
+
+
+def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray, "2 3"]:
+    """Return the lowest and highest corner of the box that the survey can see."""
+    position = schedule.sample(SAMPLED_PULSES).true.position_m
+    return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
+
+
+def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float) -> Grid:
+    spacing_m = scenario.dem.spacing_m
+    if not len(looks.hit_m):
+        raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
     (west, south), (east, north) = looks.hit_m[:, :2].min(axis=0), looks.hit_m[:, :2].max(axis=0)
-    grid = Grid.covering(west, south, east, north, scenario.dem.spacing_m)
-    if grid.rows * grid.columns > MAX_DEM_CELLS:
-        message = f"{scenario.dem.spacing_m:g} m makes {grid.columns} x {grid.rows} cells; raise it"
+    cells = (east - west + 2 * spacing_m) * (north - south + 2 * spacing_m) / spacing_m**2
+    if cells > MAX_DEM_CELLS:
+        enough = spacing_m * 1.05 * np.sqrt(cells / MAX_DEM_CELLS)
+        message = (
+            f"{spacing_m:g} m makes {cells:.3g} cells of {east - west:.0f} x {north - south:.0f} m, more than "
+            f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
+        )
         raise ScenarioError([Problem("dem.spacing_m", message)])
+    grid = Grid.covering(west, south, east, north, spacing_m)
+    border = 2 * closing_cells(max_gap_m, spacing_m)
+    if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
+        message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"
+        raise ScenarioError([Problem("dem.max_gap_m", message)])
     return grid
 
 

@@ -18,7 +18,7 @@ from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.through_volume import ThroughVolume, shows_volume, volume_in_front
 from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.preparation import SAMPLED_PULSES, Preparation
+from sionna_radar.preparation import Preparation, region_in_reach_m
 from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
@@ -206,15 +206,13 @@ def build_tracer(ready: Preparation) -> Tracer:
 
 def engine_inputs(ready: Preparation) -> EngineInputs:
     """Return what an engine is made from."""
-    reach = ready.chirp.max_range_m
-    position = ready.schedule.sample(SAMPLED_PULSES).true.position_m
     return EngineInputs(
         scene=ready.built.scene,
         antenna=ready.antenna,
         chirp=ready.chirp,
         seed=ready.scenario.seed,
         caster=ready.built.caster,
-        region_m=np.array([position.min(axis=0) - reach, position.max(axis=0) + reach]),
+        region_m=region_in_reach_m(ready.schedule, ready.chirp),
     )
 
 

@@ -15,6 +15,7 @@ from sionna_radar.detection.through_volume import ThroughVolume
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
 from sionna_radar.mapping.coverage import Illumination
@@ -110,6 +111,7 @@ class Survey(Brief):
         return "\n".join(lines + [f"  warning: {warning}" for warning in self.warnings])
 
 
+@on_one_thread
 def run(
     scenario: Scenario,
     *,
@@ -207,6 +209,7 @@ class Recording:
     lost_to_rain: int = 0
 
 
+@on_one_thread
 def record(
     ready: Preparation,
     sensor: Sensor,
@@ -279,6 +282,7 @@ def grid_dem(points: Points, ready: Preparation) -> Raster:
     return grid_points(points, ready.grid, ready.max_gap_m, shadow_rad)
 
 
+@on_one_thread
 def map_points(points: Points, profiles: Profiles | None, ready: Preparation) -> Raster:
     """Return the DEM by the method that the scenario asks for; "linear" alone needs no profiles.
 

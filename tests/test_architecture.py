@@ -17,7 +17,8 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # Each may import itself and what stands before it. The radar comes after the scene, whose backscatter its radar
 # equation integrates.
 ORDER = (
-    ("errors", "decibel", "interrupts", "progress", "randomness", "raster", "stopwatch"),
+    ("errors", "decibel", "input_file", "interrupts", "linear_algebra"),
+    ("progress", "randomness", "raster", "stopwatch"),
     ("weather",),
     ("scenario",),
     ("flight",),
@@ -27,7 +28,8 @@ ORDER = (
     ("signal",),
     ("detection",),
     ("imaging",),
-    ("mapping",),
+    ("mapping", "speckle_test"),
+    ("limits",),
     ("preparation",),
     ("sensors",),
     ("notes",),

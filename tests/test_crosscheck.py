@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from sionna_radar.crosscheck import CrossCheck, crosscheck, write
+import sionna_radar.crosscheck
+from sionna_radar.crosscheck import CrossCheck, Tolerances, crosscheck, write
 from sionna_radar.errors import OutputError
 from sionna_radar.scenario import parse_scenario
 
@@ -132,3 +134,12 @@ def test_a_folder_of_something_else_is_left_alone(check, tmp_path):
     with pytest.raises(OutputError, match="holds no earlier result"):
         write(check, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_the_command_fails_where_the_engines_differ(cli, small, tmp_path, monkeypatch):
+    strict = partial(Tolerances, mean_power_db=0.0)
+    monkeypatch.setattr(sionna_radar.crosscheck, "Tolerances", strict)
+    done = cli("crosscheck", small, "-o", tmp_path / "check", "--set", "platform.length_m=2")
+    assert done.returncode == 1
+    assert "DIFFER" in done.stdout
+    assert (tmp_path / "check" / "crosscheck.json").is_file()

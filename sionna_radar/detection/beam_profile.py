@@ -93,12 +93,14 @@ def _fit(
         state = np.array([centroid / mean_range, slope])
         starts.append((_loss(beam, bins, power, background, state)[0], state))
     loss, state = min(starts, key=lambda entry: entry[0])
-    damping = 1e-3
+    damping, fisher = 1e-3, np.zeros((2, 2))
     for _ in range(ITERATIONS):
         _, mean, level = _loss(beam, bins, power, background, state)
         jacobian = _jacobian(beam, bins, state) * (level / mean)[:, None]
         # The level is fitted along with each step: what it can explain is taken out of the other columns.
         shape = (mean - background) / mean
+        if not shape.any():  # the best of the slopes puts no power on these bins
+            return centroid, float(len(bins))
         jacobian -= np.outer(shape, shape @ jacobian / (shape @ shape))
         fisher = jacobian.T @ jacobian
         step = np.linalg.solve(fisher + damping * np.diag(np.diag(fisher) + 1e-12), jacobian.T @ (power / mean - 1))
@@ -117,7 +119,7 @@ def _fit(
 
 
 def _ranges(beam: BeamProfile, boresight: float, log_slope: float) -> Float[np.ndarray, " sample"]:
-    closing = np.sqrt(1 - beam.sine**2 - beam.across) - beam.sine * np.exp(log_slope)
+    closing = np.sqrt(np.maximum(1 - beam.sine**2 - beam.across, 0.0)) - beam.sine * np.exp(log_slope)
     return boresight / np.maximum(closing, 0.2)
 
 

@@ -19,14 +19,16 @@ wanders and does not jump. What each number rests on:
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm a kilometre, is left out.
 """
 
-import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
-from sionna_radar.errors import InputFileError
+from sionna_radar.errors import InputFileError, RadarError, ScenarioError
+from sionna_radar.input_file import parse_toml, read_text
 from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.problems import translate
 
 GRTK = "Blicube GRTK, the maker's performance specifications (github.com/blikvm/ardupilot_rtk)"
 
@@ -84,15 +86,27 @@ def load_grades(path: Path) -> dict[str, Grade]:
         The file is missing, no TOML, or a table is wrong.
 
     """
+    text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = parse_toml(text)
         return {
             name: Grade(
                 source=str(table.get("source", path)),
-                errors=NavigationTable.model_validate({key: v for key, v in table.items() if key != "source"}),
+                errors=_errors(path, name, {key: v for key, v in table.items() if key != "source"}),
             )
             for name, table in tables.items()
         }
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError, ValidationError, AttributeError) as error:
+    except RadarError:
+        raise
+    except (ValueError, AttributeError) as error:
         message = f"{path}: no table of navigation grades ({error}); give [name] tables of platform.navigation keys"
+        raise InputFileError(message) from error
+
+
+def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
+    try:
+        return NavigationTable.model_validate(table)
+    except ValidationError as error:
+        problems = [replace(p, field=f"{name}.{p.field}") for p in translate(error.errors(), NavigationTable)]
+        message = str(ScenarioError(problems, f"{path}: no table of navigation grades"))
         raise InputFileError(message) from error

@@ -12,6 +12,7 @@ from sionna_radar.flight.frames import world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Trajectory
 
+CHIRPS_AT_ONCE = 100_000
 # A scan without end is cut into lines of so many pulses, counted from the survey's first.
 LONGEST_LINE = 512
 
@@ -24,7 +25,7 @@ class Pose:
     velocity_mps: Float[np.ndarray, "pulse 3"]
     R_world_antenna: Float[np.ndarray, "pulse 3 3"]
 
-    def rows(self, index: Int[np.ndarray, " row"] | Bool[np.ndarray, " pulse"]) -> "Pose":
+    def rows(self, index: Int[np.ndarray, " row"] | Bool[np.ndarray, " pulse"] | slice) -> "Pose":
         """Return some of the poses."""
         return Pose(**{f.name: getattr(self, f.name)[index] for f in fields(Pose)})
 
@@ -91,15 +92,15 @@ class Pulses:
     def __len__(self) -> int:
         return len(self.index)
 
-    def rows(self, index: Int[np.ndarray, " row"]) -> "Pulses":
-        """Return some of the pulses of the block."""
+    def rows(self, rows: slice | Int[np.ndarray, " row"]) -> "Pulses":
+        """Return some pulses of the block."""
         return Pulses(
-            index=self.index[index],
-            time_s=self.time_s[index],
-            scan_rad=self.scan_rad[index],
-            true=self.true.rows(index),
-            measured=self.measured.rows(index),
-            scan_number=None if self.scan_number is None else self.scan_number[index],
+            index=self.index[rows],
+            time_s=self.time_s[rows],
+            scan_rad=self.scan_rad[rows],
+            true=self.true.rows(rows),
+            measured=self.measured.rows(rows),
+            scan_number=None if self.scan_number is None else self.scan_number[rows],
         )
 
     @property
@@ -196,10 +197,12 @@ def schedule_pulses(
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
+    # Block by block: the pointing of all chirps at once would take far more memory than their times.
+    active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
     return PulseSchedule(
         trajectory=trajectory,
         scan=scan,
-        time_s=time_s[scan.point(time_s).active],
+        time_s=time_s[np.concatenate(active)] if active else time_s,
         lever_arm_m=lever_arm_m,
         navigation=navigation,
     )

@@ -48,14 +48,23 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
     u, fine_u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
     v, fine_v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
-    share = np.outer(power_u, power_v).ravel()
+    fine_beyond = np.add.outer(fine_u**2, fine_v**2) >= 1
+    share = np.where(fine_beyond, 0.0, np.outer(power_u, power_v)).ravel()
     return BeamNodes(
-        direction=np.column_stack([np.sqrt(1 - U**2 - V**2), U, V]),
+        direction=_directions(U, V),
         share=share / share.sum(),
         azimuth=fine_u,
         elevation=fine_v,
         between=csr_matrix(np.kron(between_u, between_v)),
     )
+
+
+def _directions(u: Float[np.ndarray, " node"], v: Float[np.ndarray, " node"]) -> Float[np.ndarray, "node 3"]:
+    """Return unit vectors of direction cosines; those of no direction, in the corners of a wide beam, lie abeam."""
+    direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
+    beyond = u**2 + v**2 > 1
+    direction[beyond] /= np.linalg.norm(direction[beyond], axis=1, keepdims=True)
+    return direction
 
 
 def _axis(

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_closing, distance_transform_edt
+from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.raster import Grid, Raster
 
@@ -51,9 +51,20 @@ class Illumination:
 def closed(
     cells: Bool[np.ndarray, "row column"], gap_m: float, spacing_m: float
 ) -> Bool[np.ndarray, "row column"]:
-    """Return some cells with the gaps between them closed that are narrower than `gap_m`."""
-    reach = int(np.ceil(gap_m / 2 / spacing_m))
-    offset = np.arange(-reach, reach + 1)
-    disk = offset[:, None] ** 2 + offset[None] ** 2 <= reach**2
-    result: Bool[np.ndarray, "row column"] = binary_closing(np.pad(cells, reach), disk)
-    return result[reach : reach + cells.shape[0], reach : reach + cells.shape[1]]
+    """Return some cells with the gaps between them closed that are narrower than `gap_m`.
+
+    A closing by a disk of whole cells: what lies within its radius of a cell is taken, then what lies within it of a
+    cell not taken is given back. By distances this costs the same whatever the radius.
+    """
+    reach = closing_cells(gap_m, spacing_m)
+    if reach == 0 or not cells.any():
+        return cells.copy()
+    taken = distance_transform_edt(~np.pad(cells, reach)) <= reach
+    # The corners of the border lie farther off than the radius, so that some cells are not taken.
+    kept: Bool[np.ndarray, "row column"] = distance_transform_edt(taken) > reach
+    return kept[reach : reach + cells.shape[0], reach : reach + cells.shape[1]]
+
+
+def closing_cells(gap_m: float, spacing_m: float) -> int:
+    """Return the radius, in cells, of the disk that closes a gap."""
+    return int(np.ceil(gap_m / 2 / spacing_m))

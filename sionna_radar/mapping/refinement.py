@@ -20,15 +20,14 @@ from jaxtyping import Bool, Float
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
 from sionna_radar.mapping.heightfield import Heightfield
-from sionna_radar.mapping.smoothing import Heights, Smoothed, conjugate_gradients, smooth
+from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
 from sionna_radar.raster import Grid
 
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
+# As many, however small they get: where they end must not hang on rounding.
 FIRST_STEPS, LAST_STEPS = 2, 5
-# A step below this root mean square ends the scoring.
-SMALL_STEP_M = 0.01
 CELLS_BELOW_PEAK = 1e-2
 OUTLIER_SIGMAS = 4.0
 
@@ -107,16 +106,14 @@ def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Height
     grid = _reaching(grid, sightings, echoes)
     fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
     for _ in range(FIRST_STEPS):
-        fitted, _ = _score_step(sightings, fitted, 1.0)
+        fitted = _score_step(sightings, fitted, 1.0)
     bias, outlier = _bias(sightings, fitted.surface, echoes)
     heights = _heights(sightings, echoes, bias)
     keep = ~outlier
     heights = Heights(heights.place_m[keep], heights.height_m[keep], heights.sigma_m[keep])
     fitted = smooth(heights, grid)
     for _ in range(LAST_STEPS):
-        fitted, step_m = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))
-        if step_m < SMALL_STEP_M:
-            break
+        fitted = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))
     return fitted.surface
 
 
@@ -125,8 +122,8 @@ def evenly(echoes: MeanRanges) -> MeanRanges:
     return MeanRanges(echoes.range_m, np.full(len(echoes.sigma_m), np.median(echoes.sigma_m)))
 
 
-def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> tuple[Smoothed, float]:
-    """Return the surface after one step of Fisher scoring, and the step's root mean square."""
+def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> Smoothed:
+    """Return the surface after one step of Fisher scoring."""
     model, white = fitted.model, fitted.white
     linear = EchoModel(sightings, fitted.surface).linearise(noise_factor)
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
@@ -137,9 +134,8 @@ def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> 
         return step + model.coloured(transposed @ _curvature(linear, under).ravel())
 
     right = model.coloured(transposed @ linear.score.ravel()) - white
-    step = conjugate_gradients(curved, right, 60, 0.03)
-    moved = model.coloured(step)
-    return Smoothed(model, white + step, fitted.noise_factor), float(np.sqrt(np.mean(moved**2)))
+    step = conjugate_gradients(curved, right, MOST_ITERATIONS, 1e-6)
+    return Smoothed(model, white + step, fitted.noise_factor)
 
 
 def _curvature(linear: Linearised, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:

@@ -24,6 +24,8 @@ from sionna_radar.raster import Grid
 # Reach of the padding in covariance lengths: the periodic field must not tie opposite borders together.
 PADDING_LENGTHS = 1.0
 PADDING_M = 20.0
+# Systems are solved so far that one iteration more or less, which rounding may decide, changes nothing that is seen.
+MOST_ITERATIONS = 1000
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def smooth_with(heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fit
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.coloured(transposed @ (precision * excess))
-    return Smoothed(model, conjugate_gradients(normal, right, 400, 1e-4), fitted.noise_factor)
+    return Smoothed(model, conjugate_gradients(normal, right, MOST_ITERATIONS, 1e-9), fitted.noise_factor)
 
 
 def conjugate_gradients(

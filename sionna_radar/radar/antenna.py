@@ -21,6 +21,8 @@ from sionna_radar.scenario.radar import AntennaTable
 # Low side lobes lengthen the array by up to 1.7 at the same number of elements: this keeps them within half a
 # wavelength, and leaves a wide beam enough of them to shape its side lobes.
 SPACING_WAVELENGTHS = 0.25
+# A taper has side lobes below its peak.
+HIGHEST_DESIGN_DB = -3.0
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,10 @@ def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     for _ in range(3):
         if cut.side_lobe_level == 0.0:  # a beam too wide to have side lobes
             break
-        design_db += side_lobe_db - to_db(cut.side_lobe_level)
+        wanted_db = design_db + (side_lobe_db - to_db(cut.side_lobe_level))
+        if wanted_db > HIGHEST_DESIGN_DB:  # what is left of a side lobe at the horizon says nothing of the taper
+            break
+        design_db = wanted_db
         cut = _designed_cut(beamwidth_rad, design_db)
     return cut
 

@@ -1,6 +1,7 @@
 """The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
 
 import warnings
+from datetime import date
 from functools import partial
 from pathlib import Path
 
@@ -158,6 +159,8 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
     header.offsets = offset_m
     header.generating_software = "sionna-radar"
     header.system_identifier = "simulated FMCW radar"
+    # A day without a time zone: files of the same survey are the same, wherever and whenever they are written.
+    header.creation_date = date(2000, 1, 1)
     # The standard asks for this bit with point format 6, whether or not a CRS follows.
     header.global_encoding.wkt = True
     header.add_extra_dims(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.table import Point2, Positive, Table, refuse
+from sionna_radar.scenario.table import InputPath, Point2, Positive, Table, refuse
 
 
 class MaterialField(Table):
@@ -26,13 +25,13 @@ class CoverPolygon(Table):
 
 
 class CoverRaster(Table):
-    """A raster of class values, each mapped to a material: GeoTIFF or anything GDAL reads.
+    """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid.
 
     classes: material by class value; ground of any other class keeps `terrain.material`. Over synthetic
     ground the raster's own coordinates are the local metres, and it has no CRS.
     """
 
-    path: Path
+    path: InputPath
     classes: dict[str, str]
 
     @model_validator(mode="after")

@@ -6,13 +6,12 @@ made of and how rough it is; the rough-surface models know, the others are told 
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, model_validator
+from pydantic import Discriminator, Field, field_validator, model_validator
 
 from sionna_radar.scenario.media import Medium
-from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 Level = Annotated[Real, Field(ge=-100, le=20)]
 Incidence = Annotated[Real, Field(ge=0, le=90)]
@@ -130,7 +129,7 @@ class MeasuredTable(EmpiricalTable):
     """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db."""
 
     model: Literal["table"]
-    path: Path
+    path: InputPath
 
 
 class RoughTable(SurfaceTable):
@@ -196,6 +195,13 @@ class SionnaItu(Table):
     scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
     xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0
     thickness_m: Positive = 0.1
+
+    @field_validator("itu_type")
+    @classmethod
+    def _is_something(cls, value: str) -> str:
+        if value == "vacuum":
+            raise refuse("", "'vacuum' reflects nothing, so that it echoes nothing; give another ITU material")
+        return value
 
 
 Material = Annotated[

@@ -1,11 +1,17 @@
 """What the navigation system gets wrong: `[platform.navigation]`."""
 
+from typing import Annotated
+
 import numpy as np
+from pydantic import Field
 
-from sionna_radar.scenario.table import NonNegative, Point3, Positive, Real, Table
+from sionna_radar.scenario.table import NonNegative, Positive, Real, Table
 
-Axes = Real | Point3
-SpreadAxes = NonNegative | tuple[NonNegative, NonNegative, NonNegative]
+# Products count places in whole millimetres, 32 bits of them; no navigation system errs by so much.
+Error = Annotated[Real, Field(ge=-1e4, le=1e4)]
+Spread = Annotated[NonNegative, Field(le=1e4)]
+Axes = Error | tuple[Error, Error, Error]
+SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
 class NavigationTable(Table):
@@ -29,8 +35,8 @@ class NavigationTable(Table):
     attitude_white_deg: SpreadAxes = 0.0
     attitude_markov_deg: SpreadAxes = 0.0
     attitude_correlation_s: Positive = 60.0
-    time_offset_s: Real = 0.0
-    lever_arm_m: Point3 = (0.0, 0.0, 0.0)
+    time_offset_s: Error = 0.0
+    lever_arm_m: tuple[Error, Error, Error] = (0.0, 0.0, 0.0)
     lever_arm_error_m: Axes = 0.0
     boresight_error_deg: Axes = 0.0
 

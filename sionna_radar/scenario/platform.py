@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.scenario.table import Point2, Positive, Real, Table, refuse
@@ -13,8 +13,8 @@ from sionna_radar.scenario.table import Point2, Positive, Real, Table, refuse
 class Platform(Table):
     """The flight: straight legs, level or following the terrain, with or without take-off and landing."""
 
-    altitude_m: Positive
-    speed_mps: Positive
+    altitude_m: Annotated[Positive, Field(le=1e5)]
+    speed_mps: Annotated[Positive, Field(le=1e4)]
     start_m: Point2 | None = None
     heading_deg: Real = 90.0
     length_m: Positive = 100.0

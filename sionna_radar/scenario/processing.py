@@ -2,19 +2,30 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from sionna_radar.scenario.table import Count, NonNegative, Real, Table, refuse
+from sionna_radar.input_file import shown
+from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
 
 
 class CfarTable(Table):
     """Constant false-alarm rate detection; guard and training count range cells on each side."""
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
-    guard: Annotated[int, Field(strict=True, ge=0)] = 48
-    training: Count = 32
+    guard: Annotated[int, Field(strict=True, ge=0, le=4096)] = 48
+    training: Annotated[int, Field(strict=True, ge=1, le=512)] = 32
     rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
     false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
+
+    @model_validator(mode="after")
+    def _rank_of_a_cell(self) -> "CfarTable":
+        if self.kind == "OS" and self.rank * self.training < 0.5:
+            raise refuse(
+                "rank",
+                f"{self.rank:g} of {self.training} training cells is less than half a cell; "
+                f"give at least {0.5 / self.training:g}",
+            )
+        return self
 
 
 class ProcessingTable(Table):
@@ -31,7 +42,7 @@ class ProcessingTable(Table):
     cfar: CfarTable = CfarTable()
     echoes: Literal["first", "strongest", "all"] = "strongest"
     merge_gap_m: NonNegative = 3.0
-    dynamic_range_db: Annotated[Real, Field(gt=0)] = 20.0
+    dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
     ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
@@ -44,7 +55,7 @@ class ProcessingTable(Table):
 
         try:
             get_window(value, 32)
-        except ValueError as error:
-            message = f"{value!r} is no window of scipy.signal.get_window; try 'hann' or 'blackman'"
+        except (ValueError, TypeError) as error:
+            message = f"{shown(value)} is no window of scipy.signal.get_window; try 'hann' or 'blackman'"
             raise refuse("", message) from error
         return value

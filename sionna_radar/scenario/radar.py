@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.table import Positive, Real, Table, refuse
+from sionna_radar.scenario.table import Real, Table, refuse
 
 
 class AntennaTable(Table):
@@ -40,7 +40,7 @@ class ScanTable(Table):
     side: Literal["left", "right"] = "right"
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
-    rotation_rpm: Positive = 120.0
+    rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 120.0
     start_deg: Real = 0.0
     stabilised: bool = Field(default=True, strict=True)
 
@@ -60,15 +60,15 @@ class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
-    bandwidth_hz: Positive = 500e6
-    chirp_rate_hz: Positive = 360.0
-    samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**20)] = 1024
+    bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
+    chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
+    samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**18)] = 1024
     sweep: Literal["up", "down", "triangular"] = "up"
     sampling: Literal["real", "iq"] = "real"
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
-    temperature_k: Positive = 290.0
+    temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
     antenna: AntennaTable = AntennaTable()
     scan: ScanTable = ScanTable()
 
@@ -85,8 +85,10 @@ class RadarTable(Table):
                 "snr_db",
                 "contradicts transmit_power_dbm and noise_figure_db; describe the noise one way only",
             )
-        if self.snr_db is None and any(value is None for value in physical):
+        if self.snr_db is None and self.transmit_power_dbm is None:
             raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
+        if self.snr_db is None and self.noise_figure_db is None:
+            raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
         return self
 
     @property

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from pydantic import model_validator
 
+from sionna_radar.input_file import shown
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, PointTarget
 from sionna_radar.scenario.platform import Platform
+from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
@@ -23,6 +26,9 @@ from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+
+# Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
+WIDEST_FITTED_DEG = 30.0
 
 
 class Scenario(Table):
@@ -48,7 +54,9 @@ class Scenario(Table):
         known = self.all_materials
         for field, name in self._used_materials():
             if name not in known:
-                raise refuse(field, f"{name!r} is not defined; add [materials.{name}] or use {sorted(known)}")
+                near = nearest(name, sorted(known))
+                message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
+                raise refuse(field, f"{message}{', '.join(sorted(known))}.{near}")
         return self
 
     @model_validator(mode="after")
@@ -80,6 +88,30 @@ class Scenario(Table):
                 "processing.echoes",
                 "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _map_has_its_echoes(self) -> Scenario:
+        method = self.dem.method
+        if method != "linear" and self.sensor == "lidar":
+            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar brings none; set 'linear'")
+        if method != "linear" and self.radar.sweep == "triangular":
+            raise refuse(
+                "dem.method",
+                f"{method!r} models whole echoes, which a pair of sweeps does not bring; set 'linear', or "
+                "radar.sweep = 'up'",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _beam_is_modelled(self) -> Scenario:
+        width_deg = float(np.rad2deg(self.radar.antenna.beamwidths_rad[1]))
+        if self.processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
+            raise refuse(
+                "processing.ranging",
+                f"'model_fit' takes ranges to grow along the beam, as they do over at most {WIDEST_FITTED_DEG:g} deg; "
+                f"radar.antenna.beamwidth_deg is {width_deg:g} in elevation; set 'centroid' or narrow it",
             )
         return self
 

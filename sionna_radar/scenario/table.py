@@ -1,22 +1,44 @@
 """What every table of a scenario shares: numbers that are numbers, frozen models, and errors with a key."""
 
+from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Real, Field(gt=0)]
-NonNegative = Annotated[Real, Field(ge=0)]
-Count = Annotated[int, Field(strict=True, ge=1)]
-Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
-Point2 = tuple[Real, Real]
-Point3 = tuple[Real, Real, Real]
+from sionna_radar.input_file import shown
+
+# Far beyond anything a survey can mean, and far within what its products and powers can reach without an overflow.
+LARGEST, SMALLEST = 1e15, 1e-15
+LONGEST_PATH = 4096
 
 
 def refuse(field: str, message: str) -> PydanticCustomError:
     """Return the error of a check that spans fields, bound to the dotted key it names."""
     return PydanticCustomError("scenario", "{message}", {"message": message, "field": field})
+
+
+def _not_vanishing(value: float) -> float:
+    if value < SMALLEST:
+        raise refuse("", f"{value:g} is refused: it must be at least {SMALLEST:g}")
+    return value
+
+
+def _a_path(path: Path) -> Path:
+    text = str(path)
+    if "\0" in text or len(text) > LONGEST_PATH or any("\ud800" <= c <= "\udfff" for c in text):
+        raise refuse("", f"{shown(path)} is no path: it is too long, or holds characters that no path can")
+    return path
+
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+NonNegative = Annotated[Real, Field(ge=0)]
+Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_vanishing)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+Point2 = tuple[Real, Real]
+Point3 = tuple[Real, Real, Real]
+InputPath = Annotated[Path, AfterValidator(_a_path)]
 
 
 class Table(BaseModel):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
-from sionna_radar.scenario.table import Point2, Positive, Real, Seed, Table
+from sionna_radar.scenario.problems import unknown
+from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Seed, Table, refuse
 
-SIONNA_CITIES = ("san_francisco", "munich", "florence", "etoile")
 KEEP_SIONNA = "sionna"
 
 
@@ -64,10 +63,10 @@ class SampleTerrain(CoveredTerrain):
 
 
 class RasterTerrain(CoveredTerrain):
-    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt or anything GDAL reads."""
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid."""
 
     kind: Literal["raster"]
-    path: Path
+    path: InputPath
     crs: str | None = None
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
@@ -79,7 +78,7 @@ class CityTerrain(Table):
     A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
     """
 
-    kind: Annotated[str, Field(pattern=rf"^sionna:({'|'.join(SIONNA_CITIES)})$")]
+    kind: Literal["sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"]
     materials: dict[str, str] = {}
 
     @property
@@ -88,7 +87,22 @@ class CityTerrain(Table):
         return self.kind.removeprefix("sionna:")
 
 
-TERRAIN_KINDS = ("flat", "hills", "fractal", "jacksboro", "raster", *(f"sionna:{name}" for name in SIONNA_CITIES))
+TERRAIN_KINDS = tuple(
+    kind
+    for table in (FlatTerrain, HillsTerrain, FractalTerrain, SampleTerrain, RasterTerrain, CityTerrain)
+    for kind in get_args(table.model_fields["kind"].annotation)
+)
+
+
+def _known_kind(value: Any) -> Any:
+    """Refuse a table whose kind is unknown, in the words of the file."""
+    if isinstance(value, dict):
+        kind = value.get("kind")
+        if kind is None:
+            raise refuse("kind", "required, but not given; add it")
+        if kind not in TERRAIN_KINDS:
+            raise refuse("kind", unknown(kind, TERRAIN_KINDS))
+    return value
 
 
 def _terrain_tag(value: Any) -> str | None:
@@ -105,9 +119,6 @@ Terrain = Annotated[
     | Annotated[SampleTerrain, Tag("jacksboro")]
     | Annotated[RasterTerrain, Tag("raster")]
     | Annotated[CityTerrain, Tag("sionna")],
-    Discriminator(
-        _terrain_tag,
-        custom_error_type="scenario",
-        custom_error_message=f"unknown terrain kind; give one of {', '.join(TERRAIN_KINDS)}",
-    ),
+    Discriminator(_terrain_tag),
+    BeforeValidator(_known_kind),
 ]

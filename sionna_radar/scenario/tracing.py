@@ -8,6 +8,8 @@ from pydantic import Field, model_validator
 
 from sionna_radar.scenario.table import Real, Table, refuse
 
+MOST_PATHS_PER_PULSE = 100_000
+
 
 class TracingTable(Table):
     """How the scene is turned into paths.
@@ -28,4 +30,10 @@ class TracingTable(Table):
     def _speckle_of_the_engine(self) -> TracingTable:
         if self.engine == "path_solver" and self.speckle == "persistent":
             raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
+        if self.engine == "sionna" and self.paths_per_pulse > MOST_PATHS_PER_PULSE:
+            raise refuse(
+                "paths_per_pulse",
+                f"{self.paths_per_pulse:,} of a block of pulses do not fit into memory; give at most "
+                f"{MOST_PATHS_PER_PULSE:,} (the rays of engine = 'path_solver', most of which miss, may be more)",
+            )
         return self

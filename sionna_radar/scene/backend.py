@@ -10,15 +10,19 @@ import functools
 import os
 import platform
 import re
+import site
 import sys
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from sionna_radar.errors import BackendError
 
 OLDEST_LLVM = 17
+FEWEST_THREADS = 2
 VARIANTS = ("cuda_ad_mono_polarized", "llvm_ad_mono_polarized")
+WHEEL = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "SIONNA_RADAR_VARIANT"
 
@@ -61,7 +65,7 @@ def find_llvm() -> LlvmLibrary:
     for path in _wheel_libraries():
         version = _llvm_version(str(path))
         if version is not None:
-            return LlvmLibrary(str(path), version, "wheel karellen-llvm-core")
+            return LlvmLibrary(str(path), version, f"wheel {WHEEL}")
     for name in _system_libraries():
         version = _llvm_version(name)
         if version is not None:
@@ -103,11 +107,33 @@ def load_mitsuba() -> Any:
 
     if mitsuba.variant() not in VARIANTS:
         mitsuba.set_variant(VARIANTS[0] if use_cuda else VARIANTS[1])
+    if not use_cuda:
+        _use_two_threads()
     return mitsuba
 
 
+def _use_two_threads() -> None:
+    """Have Dr.Jit use two threads at least, on a single core too.
+
+    With one, rays along the edge of two triangles are decided otherwise; from two on, their number does not matter.
+    """
+    import drjit
+
+    if drjit.thread_count() < FEWEST_THREADS:
+        drjit.set_thread_count(FEWEST_THREADS)
+
+
 def _wheel_libraries() -> list[Path]:
-    return sorted((Path(sys.prefix) / "lib").glob("libLLVM.so.*"), reverse=True)
+    """Return the libraries of the wheel, newest first, wherever it is installed: in a prefix, for a user, on a path."""
+    try:
+        files = metadata.files(WHEEL) or []
+    except metadata.PackageNotFoundError:
+        files = []
+    recorded = [Path(str(file.locate())) for file in files if file.name.startswith("libLLVM.so")]
+    roots = {Path(sys.prefix), Path(site.getuserbase()), *(Path(entry) for entry in sys.path)}
+    beside = [path for root in roots for path in (root / "lib").glob("libLLVM.so.*")]
+    found = {path.resolve() for path in [*recorded, *beside] if path.is_file()}
+    return sorted(found, key=_number_in_name, reverse=True)
 
 
 def _system_libraries() -> list[str]:

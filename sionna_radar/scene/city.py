@@ -5,6 +5,7 @@ Their ITU materials (concrete, marble, brick, ...) are slabs with a specular ref
 scenario maps a Sionna material to one of its own.
 """
 
+import hashlib
 import logging
 from typing import Any
 
@@ -39,9 +40,9 @@ def load_city(
 
     scene = rt.load_scene(getattr(rt.scene, terrain.city))
     surfaces, mapped, theirs_by_name = [], {}, {}
-    for name, thing in scene.objects.items():
+    for number, (name, thing) in enumerate(sorted(scene.objects.items(), key=_place)):
         theirs = thing.radio_material.name
-        default = "ground" if name.lower().startswith(GROUND_OBJECTS) else "building"
+        default = "ground" if _is_ground(name) else "building"
         ours = terrain.materials.get(theirs, default)
         if ours == KEEP_SIONNA:
             ours = f"{KEEP_SIONNA}:{theirs}"
@@ -52,7 +53,7 @@ def load_city(
         faces = mesh.faces_buffer().numpy().reshape(-1, 3)
         surfaces.append(
             Surface(
-                name=name,
+                name=name if _is_ground(name) else f"{terrain.city}-{number}",
                 vertices_m=vertices.astype(np.float64),
                 faces=faces.astype(np.int64),
                 material=ours,
@@ -68,6 +69,17 @@ def load_city(
         ", ".join(f"{theirs} -> {ours}" for theirs, ours in sorted(mapped.items())),
     )
     return tuple(surfaces), _kept(theirs_by_name, carrier_hz, channel)
+
+
+def _is_ground(name: str) -> bool:
+    return name.lower().startswith(GROUND_OBJECTS)
+
+
+def _place(named: tuple[str, Any]) -> tuple[bool, str, bytes]:
+    """Return what orders the objects of a city: Mitsuba loads them on many threads, and names them as they come."""
+    name, thing = named
+    vertices = thing.mi_mesh.vertex_positions_buffer().numpy()
+    return not _is_ground(name), thing.radio_material.name, hashlib.sha256(vertices.tobytes()).digest()
 
 
 def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[str, RadarMaterial]:

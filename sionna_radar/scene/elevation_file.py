@@ -4,24 +4,21 @@
 """
 
 import math
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rasterio
 from jaxtyping import Shaped
-from pyproj.exceptions import ProjError
-from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
-from sionna_radar.errors import InputFileError, RadarError
+from sionna_radar.errors import InputFileError
+from sionna_radar.input_file import shown
 from sionna_radar.raster import Georeference, Grid, Raster
 from sionna_radar.scene.cutout import Cutout, grid_of, outside
 from sionna_radar.scene.file_heights import heights_on
 from sionna_radar.scene.local_frame import place_file
+from sionna_radar.scene.raster_file import open_raster
 
 
 def read_file(path: Path, cutout: Cutout) -> tuple[Raster, Georeference]:
@@ -30,11 +27,7 @@ def read_file(path: Path, cutout: Cutout) -> tuple[Raster, Georeference]:
     Raises InputFileError for a file that cannot be read or holds no elevation, ScenarioError for a frame
     or window that does not suit it.
     """
-    if not path.is_file():
-        what = "is a directory" if path.is_dir() else "does not exist"
-        message = f"terrain.path = {path} {what}; give the path of an elevation file (GeoTIFF, .asc, .hgt)"
-        raise InputFileError(message)
-    with _gdal_errors_as_input_errors(path), rasterio.open(path) as dataset:
+    with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
         return _cut(dataset, cutout)
 
@@ -54,25 +47,6 @@ def read_array(
             return _cut(dataset, cutout)
 
 
-@contextmanager
-def _gdal_errors_as_input_errors(path: Path) -> Iterator[None]:
-    """Turn what GDAL and PROJ raise about a file into one message; let our own errors pass."""
-    try:
-        with warnings.catch_warnings():
-            # Said as an error below, with the remedy.
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            yield
-    except RadarError:
-        raise
-    except (RasterioError, CRSError, ProjError, OSError) as error:
-        reason = str(error.__cause__ or error).splitlines()[0]
-        message = (
-            f"terrain.path = {path} cannot be read as an elevation raster ({reason}); "
-            "give a complete GeoTIFF, Esri ASCII grid or .hgt, or convert it with gdal_translate"
-        )
-        raise InputFileError(message) from error
-
-
 def _check_content(dataset: Any, path: Path) -> None:
     problem = None
     if dataset.count == 0:
@@ -86,7 +60,7 @@ def _check_content(dataset: Any, path: Path) -> None:
     elif dataset.transform.is_degenerate:
         problem = "has cells of no size; repair its geotransform with gdal_translate -a_ullr"
     if problem:
-        message = f"terrain.path = {path} {problem}"
+        message = f"terrain.path = {shown(path)} {problem}"
         raise InputFileError(message)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import rasterio
 from jaxtyping import Float, Int
 from matplotlib.path import Path as Outline
-from pyproj import CRS, Transformer
-from rasterio.errors import RasterioError
+from pyproj import CRS
+from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
@@ -17,9 +17,11 @@ from sionna_radar.raster import Georeference
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.placed_raster import apply_affine
+from sionna_radar.scene.placed_raster import apply_affine, horizontal_part, reproject
+from sionna_radar.scene.raster_file import open_raster
 
 NO_CLASS = -(2**31)
+MOST_CELLS_READ = 100_000_000
 
 
 def cover_ground(
@@ -36,6 +38,8 @@ def cover_ground(
         A polygon covers nothing; the raster of classes cannot be read or placed.
 
     """
+    if terrain.cover_raster is None and not terrain.cover and not getattr(terrain, "fields", ()):
+        return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=terrain.material),)
     middle = vertices_m[faces][:, :, :2].mean(axis=1)
     names = [terrain.material]
     owner = np.zeros(len(faces), dtype=np.int64)
@@ -48,17 +52,37 @@ def cover_ground(
         owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
         names.append(field.material)
     for index, polygon in enumerate(terrain.cover):
-        inside = Outline(np.array(polygon.polygon_m)).contains_points(middle)
-        if not inside.any():
+        inside = _inside(np.array(polygon.polygon_m), middle)
+        if len(inside) == 0:
             message = "covers no face of the terrain; move it, enlarge it, or refine terrain.spacing_m"
             raise ScenarioError([Problem(f"terrain.cover.{index}.polygon_m", message)])
         owner[inside] = len(names)
         names.append(polygon.material)
+    count = np.bincount(owner, minlength=len(names))
+    if np.count_nonzero(count) == 1:
+        number = int(np.argmax(count))
+        return (Surface(name=f"terrain-{number}", vertices_m=vertices_m, faces=faces, material=names[number]),)
+    parts = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
     return tuple(
-        Surface(name=f"terrain-{number}", vertices_m=vertices_m, faces=faces[owner == number], material=name)
-        for number, name in enumerate(names)
-        if np.any(owner == number)
+        _part(vertices_m, faces[part], number, names[number]) for number, part in enumerate(parts) if len(part)
     )
+
+
+def _part(
+    vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], number: int, material: str
+) -> Surface:
+    """Return some faces of the ground as a surface, with no more vertices than they need."""
+    used, index = np.unique(faces, return_inverse=True)
+    return Surface(
+        name=f"terrain-{number}", vertices_m=vertices_m[used], faces=index.reshape(-1, 3), material=material
+    )
+
+
+def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
+    """Return which points lie in a polygon; only those in the box around it are held against its sides."""
+    low, high = corner_m.min(axis=0), corner_m.max(axis=0)
+    near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
+    return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near
 
 
 def classes_at(
@@ -74,24 +98,40 @@ def classes_at(
         Only one of the raster and the terrain has a place on the Earth.
 
     """
-    try:
-        with rasterio.open(cover.path) as source:
-            x, y = _in_crs_of(source, point_m, georeference)
-            column, row = apply_affine(~source.transform, x, y)
-            inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
-            value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
-            if not inside.any():
-                message = f"{cover.path}: lies nowhere over the terrain; check its place and CRS"
-                raise InputFileError(message)
-            column, row = (c[inside].astype(np.int64) for c in (column, row))
-            # No more of the file is read than the ground needs.
-            window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
-            cells = source.read(1, window=window, masked=True).astype(np.int64).filled(NO_CLASS)
-            value[inside] = cells[row - row.min(), column - column.min()]
-            return value
-    except RasterioError as error:
-        message = f"{cover.path}: cannot be read as a raster ({error}); give a GeoTIFF of class values"
-        raise InputFileError(message) from error
+    with open_raster(cover.path, "terrain.cover_raster.path") as source:
+        if source.count == 0 or np.dtype(source.dtypes[0]).kind not in "iuf":
+            message = f"{cover.path}: holds no band of class values; give a GeoTIFF of whole numbers"
+            raise InputFileError(message)
+        if source.transform.is_degenerate:
+            message = f"{cover.path}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
+            raise InputFileError(message)
+        x, y = _in_crs_of(source, point_m, georeference)
+        column, row = apply_affine(~source.transform, x, y)
+        inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
+        value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
+        if not inside.any():
+            message = f"{cover.path}: lies nowhere over the terrain; check its place and CRS"
+            raise InputFileError(message)
+        column, row = (c[inside].astype(np.int64) for c in (column, row))
+        # No more of the file is read than the ground needs.
+        window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
+        if window.width * window.height > MOST_CELLS_READ:
+            message = (
+                f"{cover.path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
+                f"{MOST_CELLS_READ:,}; make it coarser, with gdal_translate -tr"
+            )
+            raise InputFileError(message)
+        cells = _whole(source.read(1, window=window, masked=True))
+        value[inside] = cells[row - row.min(), column - column.min()]
+        return value
+
+
+def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, "row column"]:
+    """Return class values as whole numbers; what cannot be one is NO_CLASS."""
+    if cells.dtype.kind != "f":
+        return np.ma.filled(cells.astype(np.int64), NO_CLASS)
+    stored = cells.filled(np.nan)
+    return np.where(np.abs(stored) < -NO_CLASS, stored, NO_CLASS).astype(np.int64)
 
 
 def _in_crs_of(
@@ -110,10 +150,14 @@ def _in_crs_of(
     if source.crs is None:
         message = "the raster has no CRS, so it cannot be placed; add one, e.g. with gdal_translate -a_srs"
         raise ScenarioError([Problem("terrain.cover_raster.path", message)])
-    local = CRS.from_wkt(georeference.crs_wkt)
-    # Only the plan is asked for: of a compound CRS the horizontal part.
-    local = local.sub_crs_list[0] if local.is_compound else local
-    turn = Transformer.from_crs(local, CRS.from_wkt(source.crs.to_wkt()), always_xy=True)
+    local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
+    own = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
+    if not (own.is_projected or own.is_geographic):
+        message = f"the raster's CRS, {own.name!r}, is neither projected nor geographic; give the raster one that is"
+        raise ScenarioError([Problem("terrain.cover_raster.path", message)])
     east, north = georeference.origin_m[:2]
-    there: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] = turn.transform(x + east, y + north)
-    return there
+    try:
+        return reproject(local, own, x + east, y + north)
+    except ProjError as error:
+        message = f"the raster's CRS, {own.name!r}, cannot be reached from the terrain's, {local.name!r} ({error})"
+        raise ScenarioError([Problem("terrain.cover_raster.path", message)]) from error

@@ -15,7 +15,7 @@ from pyproj.database import query_utm_crs_info
 from pyproj.exceptions import ProjError
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.scene.placed_raster import PlacedRaster, middle_of, reproject
+from sionna_radar.scene.placed_raster import PlacedRaster, horizontal_part, middle_of, reproject
 
 logger = logging.getLogger("sionna_radar")
 
@@ -44,7 +44,7 @@ def place_file(dataset: Any, crs_name: str | None, centre_lonlat_deg: tuple[floa
 
     """
     whole = _crs_of(dataset, crs_name)
-    crs = _horizontal(whole)
+    crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
@@ -70,13 +70,6 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
         message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
     return CRS.from_wkt(dataset.crs.to_wkt())
-
-
-def _horizontal(crs: CRS) -> CRS:
-    """Return the part of a CRS that places points on the map."""
-    while crs.is_compound:
-        crs = crs.sub_crs_list[0]
-    return crs.to_2d() if len(crs.axis_info) == 3 and not crs.is_geocentric else crs
 
 
 def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -> tuple[float, float]:

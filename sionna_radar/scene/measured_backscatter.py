@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import PchipInterpolator
 
 from sionna_radar.errors import InputFileError
+from sionna_radar.input_file import read_text, shown
 
 _COLUMNS = ("incidence_deg", "sigma0_db")
 
@@ -119,14 +120,7 @@ def _is_lit(incidence_rad: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
 
 def _read_rows(path: Path) -> list[tuple[float, float]]:
     """Return the (incidence_deg, sigma0_db) rows of a CSV file, checked."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        message = f"{path}: cannot be read ({error.strerror}); check the path"
-        raise InputFileError(message) from error
-    except UnicodeDecodeError as error:
-        message = f"{path}: is not text; save the table as CSV in UTF-8"
-        raise InputFileError(message) from error
+    text = read_text(path, "table of sigma0", f"give a CSV file with the columns {' and '.join(_COLUMNS)}")
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -135,21 +129,30 @@ def _read_rows(path: Path) -> list[tuple[float, float]]:
     if not lines:
         message = f"{path}: is empty; give the header {','.join(_COLUMNS)} and two rows or more"
         raise InputFileError(message)
-    header = tuple(name.strip() for name in next(csv.reader([lines[0][1]])))
+    header = tuple(name.strip() for name in _cells(path, *lines[0]))
     if header != _COLUMNS:
-        message = f"{path}: line {lines[0][0]} reads {','.join(header)}; the header is {','.join(_COLUMNS)}"
+        given = shown(",".join(header))[1:-1]
+        message = f"{path}: line {lines[0][0]} reads {given}; the header is {','.join(_COLUMNS)}"
         raise InputFileError(message)
     rows = [_parse_row(path, number, line) for number, line in lines[1:]]
     _check_rows(path, rows, (number for number, _ in lines[1:]))
     return rows
 
 
+def _cells(path: Path, number: int, line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except csv.Error as error:
+        message = f"{path}: line {number} is no line of a table ({error}); give {' and '.join(_COLUMNS)}"
+        raise InputFileError(message) from error
+
+
 def _parse_row(path: Path, number: int, line: str) -> tuple[float, float]:
-    cells = next(csv.reader([line]))
+    cells = _cells(path, number, line)
     try:
         angle_deg, level_db = (float(cell) for cell in cells)
     except ValueError as error:
-        message = f"{path}: line {number} reads {line.strip()!r}; give two numbers, {' and '.join(_COLUMNS)}"
+        message = f"{path}: line {number} reads {shown(line.strip())}; give two numbers, {' and '.join(_COLUMNS)}"
         raise InputFileError(message) from error
     return angle_deg, level_db
 

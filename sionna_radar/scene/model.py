@@ -1,6 +1,7 @@
 """What a scene is made of, in plain arrays that any engine can use."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,7 +47,7 @@ class Scene:
     ground_material: str
     georeference: Georeference | None
 
-    @property
+    @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of the box around all surfaces."""
         low = np.min([s.vertices_m.min(axis=0) for s in self.surfaces], axis=0)

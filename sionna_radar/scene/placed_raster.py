@@ -65,6 +65,13 @@ class PlacedRaster:
         return math.hypot(x[1] - x[0], y[1] - y[0]), math.hypot(x[2] - x[0], y[2] - y[0])
 
 
+def horizontal_part(crs: CRS) -> CRS:
+    """Return the part of a CRS that places points on the map."""
+    while crs.is_compound:
+        crs = crs.sub_crs_list[0]
+    return crs.to_2d() if len(crs.axis_info) == 3 and not crs.is_geocentric else crs
+
+
 def reproject(
     source: CRS, target: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:

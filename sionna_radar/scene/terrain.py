@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.cbook import get_sample_data
 from rasterio import Affine
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Georeference, Grid, Raster
@@ -19,6 +19,8 @@ from sionna_radar.scene.cutout import Cutout
 from sionna_radar.scene.elevation_file import read_array, read_file
 
 MAX_SYNTHETIC_CELLS = 16_000_000
+# Cells times filter width up to which a filter is applied tap by tap; beyond it Fourier transforms are faster.
+MOST_DIRECT_FILTERING = 1e8
 
 
 def load_elevation(
@@ -64,9 +66,11 @@ def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarr
     """
     index = np.arange(raster.height_m.size).reshape(raster.grid.shape)
     corners = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
-    whole = np.logical_and.reduce([raster.filled.ravel()[corner] for corner in corners])
-    a, b, c, d = (corner[whole] for corner in corners)
-    faces = np.stack([np.column_stack([a, b, d]), np.column_stack([a, d, c])], axis=1).reshape(-1, 3)
+    filled = raster.filled
+    if filled.all():
+        return np.column_stack([raster.grid.centres_m, raster.height_m.ravel()]), _two_triangles(corners)
+    whole = filled[:-1, :-1] & filled[:-1, 1:] & filled[1:, :-1] & filled[1:, 1:]
+    faces = _two_triangles([corner[whole] for corner in corners])
 
     used = np.zeros(index.size, dtype=bool)
     used[faces] = True
@@ -75,10 +79,24 @@ def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarr
     return vertices.astype(np.float64), renumbered[faces]
 
 
+def _two_triangles(corners: list[Int[np.ndarray, "..."]]) -> Int[np.ndarray, "face 3"]:
+    """Return two triangles for each square of corners a, b, c, d."""
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.empty((len(a), 2, 3), dtype=np.int64)
+    for place, corner in enumerate((a, b, d)):
+        faces[:, 0, place] = corner
+    for place, corner in enumerate((a, d, c)):
+        faces[:, 1, place] = corner
+    return faces.reshape(-1, 3)
+
+
 def _synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Grid:
     """Return the grid whose outermost centres bound the terrain, so that its mesh has the whole size."""
     # The small number keeps 1.1 / 0.1 = 11.000000000000002 from asking for a twelfth cell.
     columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
+    if terrain.spacing_m > min(terrain.size_m):
+        message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m ({min(terrain.size_m):g} m)"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
     if columns * rows > MAX_SYNTHETIC_CELLS:
         message = (
             f"{terrain.spacing_m:g} makes {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
@@ -107,8 +125,21 @@ def _hills(terrain: HillsTerrain) -> Raster:
     noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
     # Wrapped, every cell averages equally many independent neighbours; a mirrored or repeated edge
     # would count some twice and make the hills rougher along the border.
-    surface = gaussian_filter(noise, terrain.filter_sigma_m / terrain.spacing_m, mode="wrap")
-    return _scaled(surface, grid, terrain.height_m)
+    return _scaled(_filtered(noise, terrain.filter_sigma_m / terrain.spacing_m), grid, terrain.height_m)
+
+
+def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.ndarray, "row column"]:
+    """Return noise under a wrapped Gaussian filter of so many cells."""
+    if noise.size * sigma < MOST_DIRECT_FILTERING:
+        return gaussian_filter(noise, sigma, mode="wrap")
+    spectrum = np.fft.rfft2(noise)
+    for axis, cells in enumerate(noise.shape):
+        impulse = np.zeros(cells)
+        impulse[0] = 1.0
+        # The same taps as above, so that a terrain does not depend on which way it was filtered.
+        response = np.fft.fft(gaussian_filter1d(impulse, sigma, mode="wrap")).real
+        spectrum *= response[:, None] if axis == 0 else response[: spectrum.shape[1]]
+    return np.fft.irfft2(spectrum, s=noise.shape)
 
 
 def _fractal(terrain: FractalTerrain) -> Raster:

@@ -16,12 +16,15 @@ from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.sionna_contract import check_sionna
 from sionna_radar.tracing.sionna_fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 
 # isort: split
 # It loads libLLVM, which the import above has chosen.
 import drjit as dr
+
+RAYS_AT_ONCE = 4_000_000
 
 
 class BeamEngine:
@@ -36,6 +39,7 @@ class BeamEngine:
         paths_per_pulse: int,
         side_lobe_share: float,
     ) -> None:
+        check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._sampler = beam_sampler(antenna, paths_per_pulse, side_lobe_share)
         self._seed = seed
@@ -46,7 +50,14 @@ class BeamEngine:
         ]
 
     def trace(self, pulses: Pulses) -> Paths:
-        """Return the paths of a block of pulses."""
+        """Return the paths of a block of pulses, in wavefronts of no more than `RAYS_AT_ONCE` rays."""
+        step = max(1, RAYS_AT_ONCE // self._sampler.rays)
+        if len(pulses) <= step:
+            return self._wavefront(pulses)
+        starts = range(0, len(pulses), step)
+        return Paths.concatenate([self._wavefront(pulses.rows(slice(start, start + step))) for start in starts])
+
+    def _wavefront(self, pulses: Pulses) -> Paths:
         pose = pulses.true
         origin = _point(pose.position_m)
         angles = _point(sionna_angles(pose.R_world_antenna))

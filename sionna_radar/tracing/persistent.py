@@ -15,6 +15,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.scatterers import scatter
+from sionna_radar.tracing.sionna_contract import check_sionna
 from sionna_radar.tracing.sionna_fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna_parts import SionnaScene, mi, sionna_angles
 
@@ -45,6 +46,7 @@ class PersistentEngine:
         per_m2: float,
         region_m: Float[np.ndarray, "2 3"] | None = None,
     ) -> None:
+        check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._scatterers = scatter(scene, per_m2, seed, region_m)
         self._reach = _reach(antenna.azimuth), _reach(antenna.elevation)

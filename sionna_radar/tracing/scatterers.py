@@ -112,10 +112,7 @@ def scatter(
     """
     corners = [s.vertices_m[s.faces] for s in scene.surfaces]
     inside = [_touching(c, region_m) for c in corners]
-    count = sum(_area(c[i]).sum() for c, i in zip(corners, inside, strict=True)) * per_m2
-    if count > MAX_SCATTERERS:
-        message = f"{per_m2:g} makes {count:.3g} scatterers, more than {MAX_SCATTERERS:,}; lower it"
-        raise ScenarioError([Problem("tracing.scatterers_per_m2", message)])
+    _check_count(sum(_area(c[i]).sum() for c, i in zip(corners, inside, strict=True)), per_m2)
     parts = []
     for index, (corner, use) in enumerate(zip(corners, inside, strict=True)):
         generator = np.random.default_rng([seed, index])
@@ -141,6 +138,25 @@ def scatter(
         area_m2=1 / per_m2,
         cells=_cells(position, first),
     )
+
+
+def check_scatterers(scene: Scene, per_m2: float, region_m: Float[np.ndarray, "2 3"] | None = None) -> None:
+    """Refuse what `scatter` would refuse, before anything is strewn; for the parameters see there."""
+    area = 0.0
+    for surface in scene.surfaces:
+        corner = surface.vertices_m[surface.faces]
+        area += float(_area(corner[_touching(corner, region_m)]).sum())
+    _check_count(area, per_m2)
+
+
+def _check_count(area_m2: float, per_m2: float) -> None:
+    count = area_m2 * per_m2
+    if count > MAX_SCATTERERS:
+        message = (
+            f"{per_m2:g} makes {count:.3g} scatterers, more than {MAX_SCATTERERS:,}; "
+            f"lower it to {0.99 * MAX_SCATTERERS / area_m2:.3g}"
+        )
+        raise ScenarioError([Problem("tracing.scatterers_per_m2", message)])
 
 
 def _cell_order(position_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:

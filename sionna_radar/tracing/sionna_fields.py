@@ -1,7 +1,9 @@
 """Sionna's field calculator over monostatic single-bounce paths found by an engine of ours."""
 
+from importlib import metadata
 from typing import Any
 
+from sionna_radar.errors import BackendError
 from sionna_radar.tracing.sionna_parts import SionnaScene, mi
 
 # isort: split
@@ -10,6 +12,19 @@ import drjit as dr
 import sionna.rt as rt
 from sionna.rt.path_solvers.field_calculator import FieldCalculator
 from sionna.rt.path_solvers.paths_buffer import PathsBuffer
+
+# What `diffuse_buffer` fills. Setting a name that a release has no use for would leave its own column empty.
+BUFFER_COLUMNS = (
+    "_src_indices",
+    "_tgt_indices",
+    "_vertices_x",
+    "_vertices_y",
+    "_vertices_z",
+    "_shapes",
+    "_primitives",
+    "_interaction_types",
+    "_probs",
+)
 
 
 def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probability: Any, valid: Any) -> Any:
@@ -26,10 +41,22 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
     valid:
         Which paths there are.
 
+    Raises
+    ------
+    BackendError
+        This release of Sionna RT keeps its paths otherwise.
+
     """
     count = dr.width(row)
     size = (count, 1)
     buffer = PathsBuffer(count, 1, False)
+    missing = [name for name in BUFFER_COLUMNS if not hasattr(buffer, name)]
+    if missing:
+        message = (
+            f"sionna-rt {metadata.version('sionna-rt')} keeps its paths otherwise than the releases that were tested: "
+            f"its buffer has no {', '.join(missing)}; install sionna-rt~=2.2.0"
+        )
+        raise BackendError(message)
     buffer.valid = valid
     # Sionna fills these columns by scattering path after path; all of them are known here at once.
     buffer._src_indices = buffer._tgt_indices = row

@@ -210,7 +210,11 @@ class SionnaScene:
     """
 
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
-        materials = {name: _material(name, model) for name, model in scene.materials.items()}
+        # Sionna knows materials and objects by names from one list: those of the user's stay out of it.
+        materials = {
+            name: _material(f"material-{number}", model)
+            for number, (name, model) in enumerate(scene.materials.items())
+        }
         self.rt_scene = rt.Scene()
         # Before the materials arrive, some of which are undefined at Sionna's default frequency.
         self.rt_scene.frequency = carrier_hz

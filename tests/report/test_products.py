@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import laspy
@@ -173,6 +174,7 @@ def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
     assert place is not None
     write_laz(path, points, georeferenced.schedule.time_s, place)
     las = laspy.read(path)
+    assert las.header.creation_date == date(2000, 1, 1)  # no clock, no time zone
     assert (str(las.header.version), las.header.point_format.id) == ("1.4", 6)
     assert las.header.parse_crs() == CRS.from_epsg(32616)
     assert las.header.global_encoding.wkt

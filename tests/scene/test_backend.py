@@ -106,3 +106,45 @@ except backend.BackendError as error:
     print(error)
 """
     assert "set DRJIT_LIBLLVM_PATH=/some/libLLVM.so" in run(code).stdout
+
+
+def test_the_wheel_is_found_where_it_was_installed(monkeypatch, tmp_path):
+    """For a user, or on PYTHONPATH, it is not under the interpreter's prefix."""
+    for name in ("user", "path", "prefix"):
+        (tmp_path / name / "lib").mkdir(parents=True)
+    monkeypatch.setattr(backend.sys, "prefix", str(tmp_path / "prefix"))
+    monkeypatch.setattr(backend.site, "getuserbase", lambda: str(tmp_path / "user"))
+    monkeypatch.setattr(backend.sys, "path", [str(tmp_path / "path")])
+    recorded = tmp_path / "elsewhere" / "libLLVM.so.19.1"
+    recorded.parent.mkdir()
+    recorded.touch()
+
+    class Recorded:
+        name = recorded.name
+
+        def locate(self):
+            return recorded
+
+    monkeypatch.setattr(backend.metadata, "files", lambda name: [Recorded()] if name == backend.WHEEL else None)
+    (tmp_path / "user" / "lib" / "libLLVM.so.20.1").touch()
+    (tmp_path / "path" / "lib" / "libLLVM.so.18.1").touch()
+    assert [path.name for path in backend._wheel_libraries()] == [f"libLLVM.so.{v}.1" for v in (20, 19, 18)]
+
+    def absent(name):
+        raise backend.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(backend.metadata, "files", absent)
+    assert [path.name for path in backend._wheel_libraries()] == ["libLLVM.so.20.1", "libLLVM.so.18.1"]
+
+
+def test_one_core_is_given_two_threads():
+    backend.load_mitsuba()
+    import drjit as dr
+
+    before = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        backend._use_two_threads()
+        assert dr.thread_count() == 2
+    finally:
+        dr.set_thread_count(max(before, 2))

@@ -102,7 +102,7 @@ def test_bad_files_name_the_line_and_the_remedy(tmp_path, text, words):
 
 
 def test_a_missing_and_a_binary_file(tmp_path):
-    with pytest.raises(InputFileError, match="check the path"):
+    with pytest.raises(InputFileError, match="does not exist; give a CSV file"):
         TableBackscatter.from_csv(tmp_path / "absent.csv")
     binary = tmp_path / "binary.csv"
     binary.write_bytes(b"\xff\xfe\x00\x81")

@@ -1,0 +1,147 @@
+"""What pydantic finds wrong with a scenario, in the words of somebody who writes TOML."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel
+
+from sionna_radar.errors import Problem
+from sionna_radar.input_file import shown
+
+# By the type of pydantic's error; the fields are those of its context.
+WORDS = {
+    "greater_than": "it must be greater than {gt:g}",
+    "greater_than_equal": "it must be at least {ge:g}",
+    "less_than": "it must be less than {lt:g}",
+    "less_than_equal": "it must be at most {le:g}",
+    "finite_number": "give a finite number",
+    "float_type": "give a number, without quotes",
+    "float_parsing": "give a number, without quotes",
+    "int_type": "give a whole number",
+    "int_from_float": "give a whole number",
+    "int_parsing": "give a whole number",
+    "int_parsing_size": "give a smaller whole number",
+    "bool_type": "give true or false",
+    "bool_parsing": "give true or false",
+    "string_type": "give text in quotes",
+    "string_unicode": "it holds characters that no text can; write it in UTF-8",
+    "string_too_short": "it is empty; write something",
+    "path_type": "give a path in quotes",
+    "tuple_type": "give a list, such as [1.0, 2.0]",
+    "list_type": "give a list, such as [1.0, 2.0]",
+    "too_short": "it has {actual_length} entries and needs at least {min_length}",
+    "too_long": "it has {actual_length} entries and may have at most {max_length}",
+}
+TABLE_TYPES = ("model_type", "model_attributes_type", "dict_type", "dataclass_type")
+# What pydantic puts into the place of an error when a key may hold several kinds of value.
+KINDS_OF_VALUE = ("float", "int", "constrained-float", "constrained-int")
+
+
+def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> list[Problem]:
+    """Return the problems of a validation, the first of each key, in their order.
+
+    Parameters
+    ----------
+    errors:
+        What `ValidationError.errors()` tells.
+    model:
+        The table that was validated; its keys are suggested for misspelt ones.
+
+    """
+    problems: dict[str, Problem] = {}
+    for error in errors:
+        problem = _problem(error, model)
+        problems.setdefault(problem.field, problem)
+    return list(problems.values())
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """Return a question that suggests the known word nearest to one, with a space before it; empty if none is near."""
+    folded = {name.lower(): name for name in known}
+    found = get_close_matches(word.lower()[:100], list(folded), n=1, cutoff=0.6)
+    return f" Did you mean {folded[found[0]]}?" if found else ""
+
+
+def unknown(word: object, known: Sequence[str]) -> str:
+    """Return what to say of a word that is none of those known."""
+    return f"{shown(word)} is unknown; give one of {', '.join(known)}.{nearest(str(word), known)}"
+
+
+def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
+    key, kind, given = _key(error["loc"]), error["type"], error["input"]
+    context = error.get("ctx", {})
+    match kind:
+        case "scenario":
+            field = context.get("field", "")
+            return Problem(".".join([*key, *([field] if field else [])]) or "scenario", error["msg"])
+        case "extra_forbidden":
+            return Problem(".".join(key), f"unknown key; remove it or correct its spelling.{_other_key(error, model)}")
+        case "missing":
+            return Problem(".".join(key), "required, but not given; add it")
+        case "union_tag_not_found":
+            tag = context["discriminator"].strip("'")
+            return Problem(".".join([*key, *([] if tag.endswith("()") else [tag])]), "required, but not given; add it")
+        case "union_tag_invalid":
+            known = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
+            tag = context["discriminator"].strip("'")
+            return Problem(".".join([*key, tag]), unknown(context["tag"], known))
+        case "literal_error":
+            said = f"give one of {context['expected'].replace(' or ', ', ')}"
+            known = [word.strip(" '") for word in context["expected"].replace(" or ", ",").split(",")]
+            said += f".{nearest(given, known)}" if isinstance(given, str) else ""
+        case _ if kind in TABLE_TYPES:
+            name = ".".join(key)
+            said = f"give a table: [{name}] with its keys below" if name else "give tables of keys"
+        case _:
+            said = WORDS[kind].format(**context) if kind in WORDS else error["msg"].lower()
+    return Problem(".".join(key), f"{shown(given)} is refused: {said}")
+
+
+def _key(location: Sequence[str | int]) -> list[str]:
+    """Return the key of a place as it stands in the file, without what pydantic adds to it."""
+    key = [shown(part)[1:-1] if isinstance(part, str) else str(part) for part in location]
+    if key[:1] == ["terrain"] and len(key) > 1:
+        del key[1]  # the tag of the terrain kind is no key of the file
+    first = 1
+    if key[:1] == ["materials"]:
+        first = 2
+        if len(key) > 2:
+            del key[2]  # nor is the material model
+            if key[2:3] == ["medium"] and len(key) > 3:
+                del key[3]  # nor the kind of the medium
+    return [*key[:first], *(p for p in key[first:] if p not in KINDS_OF_VALUE and not p.startswith("tuple["))]
+
+
+def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
+    """Return a question for the key that a misspelt or misplaced one may stand for; empty if there is none."""
+    *place, last = error["loc"]
+    tables: list[type[BaseModel]] = [model]
+    for part in place:
+        fields = [t.model_fields[part].annotation for t in tables if part in t.model_fields]
+        tagged = [t for t in tables if part in _tags(t)]
+        tables = [t for annotation in fields for t in _tables(annotation)] if fields else tagged or tables
+    elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last]
+    if elsewhere:
+        return f" Did you mean {elsewhere[0]}?"
+    return nearest(str(last), [name for table in tables for name in table.model_fields])
+
+
+def _tags(table: type[BaseModel]) -> tuple[Any, ...]:
+    """Return what tells a table from others in its place."""
+    field = table.model_fields.get("kind") or table.model_fields.get("model")
+    return get_args(field.annotation) if field else ()
+
+
+def _tables(annotation: Any) -> list[type[BaseModel]]:
+    """Return the tables that an annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [table for part in get_args(annotation) for table in _tables(part)]
+
+
+def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield prefix + name
+        for table in _tables(field.annotation):
+            yield from _all_keys(table, f"{prefix}{name}.")

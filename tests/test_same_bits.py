@@ -1,0 +1,39 @@
+"""The same scenario and seed give the same bits, however many cores and BLAS threads the machine has."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+FLOWN = """
+import hashlib, os, sys
+if sys.argv[1] == "one":
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+from sionna_radar import load_scenario, run
+
+def tell(name, changes):
+    survey = run(load_scenario(name, changes))
+    print(survey.points.sha256(), hashlib.sha256(survey.dem.height_m.tobytes()).hexdigest())
+
+tell("san_francisco", {"platform.length_m": 20.0})
+small = {"platform.length_m": 6.0, "platform.start_m": [-60.0, 0.0], "dem.spacing_m": 2.0}
+for method in ("refined", "smooth"):
+    tell("buildings", small | {"dem.method": method})
+"""
+
+
+def flown(cores: str, threads: str) -> list[str]:
+    settings = os.environ | {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+    command = [sys.executable, "-c", FLOWN, cores]
+    done = subprocess.run(command, capture_output=True, text=True, env=settings, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to a core")
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="a single core")
+def test_cores_and_threads_change_nothing():
+    many = flown("all", "2")
+    assert len(many) == 6
+    assert flown("one", "1") == many
