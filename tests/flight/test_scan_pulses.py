@@ -105,6 +105,19 @@ def test_blocks_hold_every_pulse_once_whatever_their_size(size):
         np.testing.assert_array_equal(joined, getattr(whole.true, part))
 
 
+@pytest.mark.parametrize("size", [1, 120, 10_000])
+def test_blocks_of_lines_never_cut_a_line(size):
+    survey = schedule()
+    blocks = list(survey.line_blocks(size))
+    np.testing.assert_array_equal(np.concatenate([b.index for b in blocks]), np.arange(len(survey)))
+    whole = survey.pulses(np.arange(len(survey))).line
+    for block in blocks:
+        own = whole[block.index]
+        assert np.isin(whole, own).sum() == len(block)
+        np.testing.assert_array_equal(block.line, own - own[0])
+        assert len(block) <= size or own[0] == own[-1]
+
+
 def test_a_sample_is_spread_from_the_first_pulse_to_the_last():
     survey = schedule()
     index = survey.sample(9).index
