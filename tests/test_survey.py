@@ -90,8 +90,7 @@ def test_progress_tells_every_stage_and_counts_every_pulse():
         ("preparing", 0, 0),
         ("preparing", 1, 1),
         ("tracing", 0, 50),
-        ("tracing", 20, 50),
-        ("tracing", 40, 50),
+        ("tracing", 25, 50),  # blocks hold whole turns of the antenna
         ("tracing", 50, 50),
         ("mapping", 0, 0),
         ("mapping", 1, 1),
