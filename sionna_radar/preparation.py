@@ -11,6 +11,7 @@ from sionna_radar.flight.navigation import build_navigation
 from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
+from sionna_radar.georeference import Georeference
 from sionna_radar.limits import check_limits
 from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.coverage import closing_cells
@@ -99,7 +100,7 @@ def prepare(
         detector=detector,
         schedule=schedule,
         built=built,
-        grid=_dem_grid(scenario, looks, max_gap_m),
+        grid=_dem_grid(scenario, looks, max_gap_m, built.scene.georeference),
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=max_gap_m,
@@ -253,7 +254,8 @@ def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray
     return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
 
 
-def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float) -> Grid:
+def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float, place: Georeference | None) -> Grid:
+    """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it."""
     spacing_m = scenario.dem.spacing_m
     if not len(looks.hit_m):
         raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
@@ -266,7 +268,8 @@ def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float) -> Grid:
             f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
         )
         raise ScenarioError([Problem("dem.spacing_m", message)])
-    grid = Grid.covering(west, south, east, north, spacing_m)
+    centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
+    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
     border = 2 * closing_cells(max_gap_m, spacing_m)
     if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
         message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"

@@ -14,6 +14,7 @@ from sionna_radar.detection.profiles import Profiles
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.georeference import Georeference
 from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
@@ -28,7 +29,7 @@ from sionna_radar.notes import Brief, replaced_parts, warnings_of
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.progress import Progress, silent
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.raster import Georeference, Raster
+from sionna_radar.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor, received

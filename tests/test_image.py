@@ -8,10 +8,10 @@ import pytest
 from scipy.io import netcdf_file
 
 from sionna_radar.errors import ScenarioError
+from sionna_radar.georeference import Georeference
 from sionna_radar.image import MARKER, fly_images, write
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.point_response import Point, Widths, alone, measured_in_patch
-from sionna_radar.raster import Georeference
 from sionna_radar.report.image_products import write_slar
 from sionna_radar.report.image_table import print_image
 from sionna_radar.scenario import parse_scenario

@@ -16,8 +16,9 @@ from pyproj.exceptions import CRSError
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 
+from sionna_radar.georeference import Georeference
 from sionna_radar.mapping.points import Points
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.report.figures import draw_all
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.summary import summary_json
@@ -110,8 +111,9 @@ def _transform(grid: Grid, georeference: Georeference | None) -> Affine:
     east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
     west_edge, _, _, north_edge = grid.extent_m
     size = grid.spacing_m
+    # To a micrometre: sums of local and map coordinates leave round-off that other rasters of the same cells have not.
     # Not rasterio's from_origin: it multiplies in a way that affine 3 warns of.
-    return Affine(size, 0.0, west_edge + east_m, 0.0, -size, north_edge + north_m)
+    return Affine(size, 0.0, round(west_edge + east_m, 6), 0.0, -size, round(north_edge + north_m, 6))
 
 
 def write_laz(

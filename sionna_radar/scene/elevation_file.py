@@ -13,11 +13,13 @@ from jaxtyping import Shaped
 from rasterio.io import MemoryFile
 
 from sionna_radar.errors import InputFileError
+from sionna_radar.georeference import Georeference, MapCells
 from sionna_radar.input_file import shown
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.scene.cutout import Cutout, grid_of, outside
 from sionna_radar.scene.file_heights import heights_on
 from sionna_radar.scene.local_frame import place_file
+from sionna_radar.scene.placed_raster import PlacedRaster
 from sionna_radar.scene.raster_file import open_raster
 
 
@@ -73,8 +75,18 @@ def _cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
         raise outside(source, cutout, f"no 2 x 2 cells of {grid.spacing_m:g} m there have heights")
     raster = _without_empty_border(Raster(grid=grid, height_m=height_m))
     base_m = math.floor(np.nanmin(raster.height_m))
-    georeference = Georeference(crs_wkt=source.local.to_wkt(), origin_m=(*source.origin, float(base_m)))
+    georeference = Georeference(
+        crs_wkt=source.local.to_wkt(), origin_m=(*source.origin, float(base_m)), cells=_map_cells(source)
+    )
     return Raster(grid=raster.grid, height_m=raster.height_m - base_m), georeference
+
+
+def _map_cells(source: PlacedRaster) -> MapCells | None:
+    if source.is_reprojected:
+        return None
+    west, south, east, north = source.dataset.bounds
+    transform = source.dataset.transform
+    return MapCells(corner_m=(min(west, east), min(south, north)), size_m=(abs(transform.a), abs(transform.e)))
 
 
 def _without_empty_border(raster: Raster) -> Raster:

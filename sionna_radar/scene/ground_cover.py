@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.raster import Georeference
+from sionna_radar.georeference import Georeference
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.raster import Georeference
+from sionna_radar.georeference import Georeference
 from sionna_radar.scene.backscatter import Backscatter
 
 

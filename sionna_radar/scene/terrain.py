@@ -13,7 +13,8 @@ from rasterio import Affine
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.georeference import Georeference
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, RasterTerrain, SampleTerrain
 from sionna_radar.scene.cutout import Cutout
 from sionna_radar.scene.elevation_file import read_array, read_file
