@@ -54,6 +54,13 @@ SeedOption = Annotated[int | None, typer.Option(help="Replace the scenario's see
 BlockOption = Annotated[
     int | None, typer.Option(min=1, help="Pulses simulated at once; changes speed and memory, never the result.")
 ]
+MapOption = Annotated[
+    bool,
+    typer.Option(
+        "--map-coordinates/--local-coordinates",
+        help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
+    ),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
@@ -85,9 +92,9 @@ def _options(
 
 
 @app.command()
-def demo(output: OutputOption = None, quiet: QuietOption = False) -> None:
+def demo(output: OutputOption = None, map_coordinates: MapOption = True, quiet: QuietOption = False) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
-    _fly(DEMO, output or Path("results/demo"), {}, None, quiet)
+    _fly(DEMO, output or Path("results/demo"), {}, None, map_coordinates, quiet)
 
 
 @app.command(name="run")
@@ -98,11 +105,12 @@ def run_command(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     block_size: BlockOption = None,
+    map_coordinates: MapOption = True,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
     overrides = _overrides(set_, set_file, seed)
-    _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, quiet)
+    _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, map_coordinates, quiet)
 
 
 @app.command()
@@ -198,9 +206,9 @@ def plan(
     base: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
     ] = None,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
-    ] = Path("plan.toml"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")] = Path(
+        "plan.toml"
+    ),
     position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
     heading: Annotated[float, typer.Option(help="Turns the area clockwise about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
@@ -381,8 +389,14 @@ def fit(
 
 
 def _fly(
-    scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
+    scenario: str,
+    output: Path,
+    overrides: dict[str, object],
+    block_size: int | None,
+    map_coordinates: bool,
+    quiet: bool,
 ) -> None:
+    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.products import MARKER, write_products
     from sionna_radar.report.survey_table import print_survey
     from sionna_radar.survey import BLOCK_SIZE, run
@@ -392,7 +406,8 @@ def _fly(
     directory = check_output(output, MARKER)
     with _progress(quiet) as progress:
         survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
-    written = write_products(survey, directory)
+    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    written = write_products(survey, directory, coordinates)
     if not quiet:
         print_survey(survey)
         typer.echo(f"{len(written)} files in {directory}")

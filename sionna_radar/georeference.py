@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from pyproj import CRS
+
 
 @dataclass(frozen=True, kw_only=True)
 class MapCells:
@@ -26,6 +28,14 @@ class Georeference:
     crs_wkt: str
     origin_m: tuple[float, float, float]
     cells: MapCells | None = None
+
+    @property
+    def vertical_name(self) -> str:
+        """What its heights are, as "NAVD88 height"; empty where the vertical datum is unknown."""
+        crs = CRS.from_wkt(self.crs_wkt)
+        if crs.is_compound:
+            return str(crs.sub_crs_list[1].name)
+        return "Ellipsoidal height" if len(crs.axis_info) == 3 else ""
 
     def cell_centre_m(self, spacing_m: float) -> tuple[float, float]:
         """Return the centre, in local metres, of a cell of the map's grid of some spacing.

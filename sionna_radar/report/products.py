@@ -19,6 +19,7 @@ from rasterio.transform import Affine
 from sionna_radar.georeference import Georeference
 from sionna_radar.mapping.points import Points
 from sionna_radar.raster import Grid, Raster
+from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.figures import draw_all
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.summary import summary_json
@@ -29,10 +30,19 @@ MARKER = "summary.json"
 POINT_SCALE_M = 0.001
 
 
-def write_products(survey: Survey, directory: Path) -> list[Path]:
+def write_products(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Write the results into a directory, whole or not at all, and return the files.
 
     Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
+
+    Parameters
+    ----------
+    survey:
+        A finished survey.
+    directory:
+        Where to write.
+    coordinates:
+        Those of the figures; rasters and points always have map coordinates where there are any.
 
     Raises
     ------
@@ -40,10 +50,10 @@ def write_products(survey: Survey, directory: Path) -> list[Path]:
         The directory holds something else, or cannot be written; see `write_folder`.
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey))
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))
 
 
-def _write_all(survey: Survey, directory: Path) -> None:
+def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> None:
     place = survey.georeference
     write_text(directory / MARKER, summary_json(survey))
     write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
@@ -53,7 +63,7 @@ def _write_all(survey: Survey, directory: Path) -> None:
     write_geotiff(directory / "truth.tif", survey.truth, place, "true height", origin_height_m)
     # A difference of heights does not depend on where they are counted from.
     write_geotiff(directory / "error.tif", survey.error, place, "DEM minus truth", 0.0)
-    draw_all(survey, directory / "figures")
+    draw_all(survey, directory / "figures", coordinates)
 
 
 def _header(survey: Survey) -> str:

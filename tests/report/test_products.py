@@ -56,7 +56,7 @@ FILES = [
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures have tests of their own."""
-    monkeypatch.setattr(products, "draw_all", lambda survey, directory: [])
+    monkeypatch.setattr(products, "draw_all", lambda survey, directory, coordinates: [])
 
 
 # ----------------------------------------------------------------------------------------- summary
