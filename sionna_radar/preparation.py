@@ -21,6 +21,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.raster import Grid
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene, build_scene
+from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
 from sionna_radar.tracing.scatterers import check_scatterers
@@ -35,6 +36,7 @@ MAX_CLOSED_CELLS = 100_000_000
 class Preparation:
     """A survey that is ready to fly.
 
+    scenario: with all positions in local metres.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     max_gap_m: farthest that a DEM cell may lie from a point.
     """
@@ -76,6 +78,7 @@ def prepare(
         The elevation file is no good.
 
     """
+    scenario = in_local_frame(scenario)
     chirp, track = build_chirp(scenario.radar), plan_track(scenario.platform)
     check_limits(scenario, chirp, track.length_m)
     own_scan = scan is not None

@@ -159,7 +159,7 @@ def run(
         truth = true_surface(ready)
         error = difference(dem, truth)
         lit = recording.lit & truth.filled
-        walls = walls_on(ready.grid, ready.built.scene, scenario.buildings)
+        walls = walls_on(ready.grid, ready.built.scene, ready.scenario.buildings)
         off_wall = lit & ~edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], walls)
         chirp = record_chirp(ready, carried.tracer) if isinstance(carried, SawtoothRadar | TriangularRadar) else None
     warnings = warnings_of(len(recording.echoes), recording.rain_echoes)

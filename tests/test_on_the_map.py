@@ -5,14 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
+from pyproj import Transformer
 from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
 
+from sionna_radar.errors import ScenarioError
 from sionna_radar.georeference import Georeference, MapCells
 from sionna_radar.report import products
 from sionna_radar.report.products import write_products
-from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
+from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey import run
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.
@@ -76,3 +79,76 @@ def test_a_grid_that_fits_no_cells_lies_on_whole_multiples_of_its_spacing() -> N
         centre = np.array(place.cell_centre_m(spacing)) + place.origin_m[:2]
         steps = (centre - spacing / 2) / spacing
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-5)
+
+
+# ----------------------------------------------------------------------------------- positions on the map
+
+
+START = (450_110.0, 5_000_000.0)
+CORNERS = ((450_090.0, 4_999_970.0), (450_150.0, 4_999_970.0), (450_150.0, 5_000_030.0))
+BOX = (450_140.0, 5_000_010.0)
+
+
+def placed_scenario(path: Path, coordinates: str, crs: str = "EPSG:32632") -> Scenario:
+    """The same places, written in some CRS or as longitudes and latitudes."""
+    to = Transformer.from_crs("EPSG:32632", crs, always_xy=True)
+
+    def at(position: tuple[float, float]) -> list[float]:
+        return list(to.transform(*position))
+
+    scenario = scenario_over(
+        path,
+        terrain={"cover": [{"polygon_m": [at(c) for c in CORNERS], "material": "building"}]},
+        platform={"start_m": at(START)},
+    )
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    data["coordinates"] = coordinates
+    data["buildings"] = [{"position_m": at(BOX), "size_m": [8.0, 6.0, 5.0]}]
+    data["targets"] = [{"position_m": at(BOX), "rcs_dbsm": 10.0}]
+    return parse_scenario(data)
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "crs"), [("EPSG:32632", "EPSG:32632"), ("lonlat", "EPSG:4326"), ("EPSG:25833", "EPSG:25833")]
+)
+def test_positions_on_the_map_come_to_lie_where_they_are(tmp_path: Path, coordinates: str, crs: str) -> None:
+    scenario = placed_scenario(write_file(tmp_path / "in.tif"), coordinates, crs)
+    local = in_local_frame(scenario)
+    origin = np.array([WEST + 120, NORTH - 120])
+    tolerance = {"atol": 1e-4, "rtol": 0}
+    np.testing.assert_allclose(local.platform.start_m + origin, START, **tolerance)
+    np.testing.assert_allclose(np.array(local.terrain.cover[0].polygon_m) + origin, CORNERS, **tolerance)
+    np.testing.assert_allclose(local.buildings[0].position_m + origin, BOX, **tolerance)
+    np.testing.assert_allclose(local.targets[0].position_m + origin, BOX, **tolerance)
+    assert in_local_frame(local) == local
+
+
+def test_a_survey_flies_from_its_start_on_the_map(tmp_path: Path) -> None:
+    path = write_file(tmp_path / "in.tif")
+    survey = run(placed_scenario(path, "lonlat", "EPSG:4326"))
+    assert survey.scenario.coordinates == "lonlat"
+    start = survey.schedule.trajectory.position(np.zeros(1))[0, :2] + survey.georeference.origin_m[:2]
+    np.testing.assert_allclose(start, START, atol=1e-4)
+    assert survey.off_wall_error is not None  # the building stands where the map of walls looks for it
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "field", "why"),
+    [
+        ("EPSG:999999", "coordinates", "is not a coordinate reference system"),
+        ("EPSG:5703", "coordinates", "neither projected nor geographic"),
+        ("lonlat", "platform.start_m", "has no place in 'WGS 84'; give longitude and latitude, in this order"),
+    ],
+)
+def test_positions_without_a_place_are_refused(tmp_path: Path, coordinates: str, field: str, why: str) -> None:
+    scenario = placed_scenario(write_file(tmp_path / "in.tif"), coordinates)
+    with pytest.raises(ScenarioError) as caught:
+        in_local_frame(scenario)
+    assert caught.value.problems[0].field == field
+    assert why in caught.value.problems[0].message
+
+
+@pytest.mark.parametrize("scene", ["hills", "san_francisco"])
+def test_a_world_that_lies_nowhere_takes_no_map_coordinates(scene: str) -> None:
+    with pytest.raises(ScenarioError, match=r"coordinates.*set coordinates = 'local'"):
+        load_scenario(scene, {"coordinates": "lonlat"})

@@ -4,6 +4,8 @@
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +25,27 @@ from sionna_radar.scene.placed_raster import PlacedRaster
 from sionna_radar.scene.raster_file import open_raster
 
 
-def read_file(path: Path, cutout: Cutout) -> tuple[Raster, Georeference]:
-    """Return the heights of a raster file (its first band) within the window, and the frame's place.
+@contextmanager
+def opened_file(path: Path) -> Iterator[Any]:
+    """Open a raster file whose first band holds elevations.
 
-    Raises InputFileError for a file that cannot be read or holds no elevation, ScenarioError for a frame
-    or window that does not suit it.
+    Raises InputFileError for a file that cannot be read or holds no elevation.
     """
     with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
-        return _cut(dataset, cutout)
+        yield dataset
 
 
-def read_array(
-    height_m: Shaped[np.ndarray, "row column"],
-    transform: rasterio.Affine,
-    cutout: Cutout,
-) -> tuple[Raster, Georeference]:
-    """Return the heights of an array, placed like a raster file by its transform and `cutout.crs`."""
+@contextmanager
+def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio.Affine) -> Iterator[Any]:
+    """Open an array as if it were a raster file, placed by its transform."""
     rows, columns = height_m.shape
     profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
     with MemoryFile() as memory:
         with memory.open(**profile, transform=transform) as writable:
             writable.write(height_m, 1)
         with memory.open() as dataset:
-            return _cut(dataset, cutout)
+            yield dataset
 
 
 def _check_content(dataset: Any, path: Path) -> None:
@@ -66,7 +65,11 @@ def _check_content(dataset: Any, path: Path) -> None:
         raise InputFileError(message)
 
 
-def _cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
+def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
+    """Return the heights of an open raster within a window, and the frame's place.
+
+    Raises ScenarioError for a frame or window that does not suit it.
+    """
     source = place_file(dataset, cutout.crs, cutout.centre_lonlat_deg)
     grid = grid_of(source, cutout)
     height_m = heights_on(source, grid)
