@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from pyproj import CRS
+from pyproj import CRS, Geod, Transformer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +36,17 @@ class Georeference:
         if crs.is_compound:
             return str(crs.sub_crs_list[1].name)
         return "Ellipsoidal height" if len(crs.axis_info) == 3 else ""
+
+    @property
+    def convergence_deg(self) -> float:
+        """True azimuth of grid north at the origin: what is added to a heading to count it from true north."""
+        crs = CRS.from_wkt(self.crs_wkt).to_2d()
+        east, north = self.origin_m[:2]
+        step_m = 100.0
+        to_lonlat = Transformer.from_crs(crs, 4326, always_xy=True)
+        (lon, lon_north), (lat, lat_north) = to_lonlat.transform([east, east], [north, north + step_m])
+        azimuth, _, _ = Geod(ellps="WGS84").inv(lon, lat, lon_north, lat_north)
+        return float(azimuth)
 
     def cell_centre_m(self, spacing_m: float) -> tuple[float, float]:
         """Return the centre, in local metres, of a cell of the map's grid of some spacing.

@@ -1,11 +1,13 @@
 """A survey over an elevation file with a place on the Earth: its products fit the file, cell by cell."""
 
+import json
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 import rasterio
-from pyproj import Transformer
+from pyproj import CRS, Transformer
 from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
@@ -14,12 +16,15 @@ from sionna_radar.errors import ScenarioError
 from sionna_radar.georeference import Georeference, MapCells
 from sionna_radar.report import products
 from sionna_radar.report.products import write_products
+from sionna_radar.report.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scene.map_positions import in_local_frame
+from sionna_radar.scene.terrain import load_elevation
 from sionna_radar.survey import run
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.
 WEST, NORTH = 450_000.37, 5_000_100.61
+EVERYWHERE = (-1e5, -1e5, 1e5, 1e5)
 
 
 def write_file(path: Path, cell_m: float = 1.0, crs: str = "EPSG:32632", span_m: float = 240.0) -> Path:
@@ -152,3 +157,57 @@ def test_positions_without_a_place_are_refused(tmp_path: Path, coordinates: str,
 def test_a_world_that_lies_nowhere_takes_no_map_coordinates(scene: str) -> None:
     with pytest.raises(ScenarioError, match=r"coordinates.*set coordinates = 'local'"):
         load_scenario(scene, {"coordinates": "lonlat"})
+
+
+# -------------------------------------------------------------------------------------- heights and datum
+
+
+@pytest.mark.parametrize(
+    ("crs", "stated", "vertical", "metres"),
+    [
+        ("EPSG:32632", {}, None, 1.0),
+        ("EPSG:32632+5773", {}, "EPSG:5773", 1.0),
+        ("EPSG:32632+6360", {}, "EPSG:5703", 1200 / 3937),  # NAVD88 in US survey feet
+        ("EPSG:32632", {"vertical_crs": "EPSG:5703", "height_unit": "ft"}, "EPSG:5703", 0.3048),
+        ("EPSG:32632", {"height_unit": "ftUS"}, None, 1200 / 3937),
+        ("EPSG:32632", {"vertical_crs": "EPSG:5715"}, "EPSG:5714", -1.0),  # a depth
+    ],
+)
+def test_heights_become_metres_above_their_datum(
+    tmp_path: Path, crs: str, stated: dict[str, object], vertical: str | None, metres: float
+) -> None:
+    plain, _ = load_elevation(scenario_over(write_file(tmp_path / "a.tif")).terrain, EVERYWHERE)
+    scenario = scenario_over(write_file(tmp_path / "b.tif", crs=crs), terrain=stated)
+    raster, place = load_elevation(scenario.terrain, EVERYWHERE)
+    assert place is not None
+    told = georeference(place)
+    assert told is not None
+    assert (told["horizontal_crs"], told["vertical_crs"]) == ("EPSG:32632", vertical)
+    np.testing.assert_allclose(np.ptp(raster.height_m), abs(metres) * np.ptp(plain.height_m), rtol=1e-6)
+    assert place.origin_m[2] == pytest.approx(metres * 297, abs=12)
+
+
+@pytest.mark.parametrize(
+    ("stated", "why"),
+    [("EPSG:32632", "is not a vertical CRS"), ("EPSG:999999", "is not a coordinate reference system")],
+)
+def test_a_vertical_crs_is_one(tmp_path: Path, stated: str, why: str) -> None:
+    scenario = scenario_over(write_file(tmp_path / "a.tif"), terrain={"vertical_crs": stated})
+    with pytest.raises(ScenarioError, match=rf"terrain.vertical_crs.*{why}"):
+        load_elevation(scenario.terrain, EVERYWHERE)
+
+
+@pytest.mark.usefixtures("no_figures")
+def test_a_compound_crs_reaches_the_products(tmp_path: Path) -> None:
+    survey = run(scenario_over(write_file(tmp_path / "in.tif", crs="EPSG:32632+5773")))
+    write_products(survey, tmp_path / "out")
+    with rasterio.open(tmp_path / "out" / "dem.tif") as file:
+        raster_crs = CRS.from_wkt(file.crs.to_wkt())
+    for crs in (raster_crs, laspy.read(tmp_path / "out" / "points.laz").header.parse_crs()):
+        assert [part.to_epsg() for part in crs.sub_crs_list] == [32632, 5773]
+    place = json.loads((tmp_path / "out" / "summary.json").read_text())["georeference"]
+    assert place["vertical_datum"] == "EGM96 geoid"
+    assert place["origin"]["easting_m"] == pytest.approx(WEST + 120)
+    # Meridian convergence, 9 deg E being the zone's middle.
+    lon, lat = Transformer.from_crs(32632, 4326, always_xy=True).transform(WEST + 120, NORTH - 120)
+    assert place["convergence_deg"] == pytest.approx((lon - 9) * np.sin(np.deg2rad(lat)), abs=1e-3)

@@ -70,7 +70,7 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
 
     Raises ScenarioError for a frame or window that does not suit it.
     """
-    source = place_file(dataset, cutout.crs, cutout.centre_lonlat_deg)
+    source = place_file(dataset, cutout.frame)
     grid = grid_of(source, cutout)
     height_m = heights_on(source, grid)
     corners = np.isfinite(height_m)
@@ -79,7 +79,9 @@ def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
     raster = _without_empty_border(Raster(grid=grid, height_m=height_m))
     base_m = math.floor(np.nanmin(raster.height_m))
     georeference = Georeference(
-        crs_wkt=source.local.to_wkt(), origin_m=(*source.origin, float(base_m)), cells=_map_cells(source)
+        crs_wkt=source.heights.compound(source.local).to_wkt(),
+        origin_m=(*source.origin, float(base_m)),
+        cells=_map_cells(source),
     )
     return Raster(grid=raster.grid, height_m=raster.height_m - base_m), georeference
 

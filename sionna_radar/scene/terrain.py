@@ -21,7 +21,7 @@ from sionna_radar.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, RasterTerrain, SampleTerrain
 from sionna_radar.scene.cutout import Cutout
 from sionna_radar.scene.elevation_file import cut, opened_array, opened_file
-from sionna_radar.scene.local_frame import place_file
+from sionna_radar.scene.local_frame import StatedFrame, place_file
 from sionna_radar.scene.placed_raster import PlacedRaster
 
 MAX_SYNTHETIC_CELLS = 16_000_000
@@ -50,12 +50,7 @@ def load_elevation(
         case FractalTerrain():
             return _fractal(terrain), None
         case SampleTerrain() | RasterTerrain():
-            cutout = Cutout(
-                window_m=window_m,
-                crs=_crs_of(terrain),
-                centre_lonlat_deg=terrain.centre_lonlat_deg,
-                spacing_m=terrain.spacing_m,
-            )
+            cutout = Cutout(window_m=window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
             with _opened(terrain) as dataset:
                 return cut(dataset, cutout)
 
@@ -66,7 +61,7 @@ def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
     Raises ScenarioError or InputFileError as `load_elevation` does.
     """
     with _opened(terrain) as dataset:
-        return place_file(dataset, _crs_of(terrain), terrain.centre_lonlat_deg)
+        return place_file(dataset, _stated(terrain))
 
 
 def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
@@ -176,8 +171,16 @@ def _scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: floa
     return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
 
 
-def _crs_of(terrain: SampleTerrain | RasterTerrain) -> str | None:
-    return "EPSG:4326" if isinstance(terrain, SampleTerrain) else terrain.crs
+def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:
+    if isinstance(terrain, SampleTerrain):
+        # SRTM counts its heights from the EGM96 geoid.
+        return StatedFrame(crs="EPSG:4326", vertical_crs="EPSG:5773", centre_lonlat_deg=terrain.centre_lonlat_deg)
+    return StatedFrame(
+        crs=terrain.crs,
+        vertical_crs=terrain.vertical_crs,
+        height_unit=terrain.height_unit,
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+    )
 
 
 @contextmanager

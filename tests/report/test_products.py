@@ -24,6 +24,7 @@ KEYS = [
     "replaced",
     "warnings",
     "seed",
+    "georeference",
     "engine",
     "pulses",
     "paths",
