@@ -43,7 +43,7 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none takes it out.",
+        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none removes it.",
     ),
 ]
 SetFileOption = Annotated[
@@ -151,14 +151,14 @@ def budget(
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
     grades: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Grades of GPS/IMU of your own: TOML tables of platform.navigation keys."),
+        typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Find the least GPS/IMU for a scenario: each error alone that makes the RMS of its DEM grow by 10 %."""
+    """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
     from sionna_radar import budget as study
     from sionna_radar.flight.grades import GRADES, load_grades
     from sionna_radar.report.budget_table import print_budget
@@ -372,7 +372,7 @@ def fit(
     set_: SetOption = None,
     set_file: SetFileOption = None,
 ) -> None:
-    """Report the constant gamma that best matches a material, what is left, and where it fails."""
+    """Report the constant gamma that best matches a material, its residual, and where it fails."""
     from sionna_radar.gamma_fit import TOLERANCE_DB, fit_material
 
     _log_to_stderr(quiet=False)

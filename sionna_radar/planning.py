@@ -43,7 +43,7 @@ class Wanted:
     size_m: the area's extent to the right of its heading and along it: east and north while it heads north.
     position_m: the area's centre, east and north.
     heading_deg: direction of the area's second side, clockwise from north.
-    sampling_m: farthest that neighbouring echoes may lie apart.
+    sampling_m: greatest spacing between neighbouring echoes.
     overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
     greatest_slope_deg: steepest slope that must not fall into a shadow.
     """

@@ -38,7 +38,7 @@ class Preparation:
 
     scenario: with all positions in local metres.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
-    max_gap_m: farthest that a DEM cell may lie from a point.
+    max_gap_m: greatest distance of a filled DEM cell from the nearest point.
     """
 
     scenario: Scenario
@@ -68,14 +68,14 @@ def prepare(
     scenario:
         The survey.
     antenna, scan, navigation:
-        An antenna, a scan or a navigation system of one's own in place of the scenario's.
+        A custom antenna, scan or navigation system in place of the scenario's.
 
     Raises
     ------
     ScenarioError
         No pulses, a radar under the terrain, a swath that leaves it, ranges beyond the sampled beat.
     InputFileError
-        The elevation file is no good.
+        The elevation file cannot be used.
 
     """
     scenario = in_local_frame(scenario)
@@ -170,7 +170,7 @@ def _check_nominal_range(scenario: Scenario, chirp: Chirp) -> None:
     if slant > chirp.max_range_m:
         message = (
             f"at {scenario.platform.altitude_m:g} m the beam meets level ground {slant:.1f} m away, beyond the "
-            f"{chirp.max_range_m:.1f} m whose beat the sampling can tell; raise radar.samples_per_chirp, or lower "
+            f"{chirp.max_range_m:.1f} m of unambiguous range; raise radar.samples_per_chirp, or lower "
             "platform.altitude_m, radar.bandwidth_hz or the scan angles"
         )
         raise ScenarioError([Problem("radar.samples_per_chirp", message)])
@@ -229,8 +229,8 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
     lost = np.isfinite(looks.range_m) & (looks.range_m > chirp.max_range_m)
     if lost.mean() > LOST_SHARE:
         message = (
-            f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m whose beat the "
-            "sampling can tell; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
+            f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m of "
+            "unambiguous range; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("radar.samples_per_chirp", message))
     if problems:
@@ -238,7 +238,7 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
 
 
 def _over_hole(looks: _Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " look"]:
-    """Tell which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
+    """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
     down = np.minimum(looks.direction[:, 2], -1e-6)
     reach = (low[2] - looks.origin_m[:, 2]) / down
     foot = looks.origin_m[:, :2] + reach[:, None] * looks.direction[:, :2]

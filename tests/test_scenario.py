@@ -226,10 +226,10 @@ def test_overrides_replace_dotted_keys(tmp_path):
 @pytest.mark.parametrize(
     ("key", "said"),
     [
-        ("radar.snr_db.deep", "leads through a value that is no table"),
-        ("targets.7.rcs_dbsm", "'7' is no entry"),
-        ("targets.first.rcs_dbsm", "'first' is no entry"),
-        ("targets.7", "'7' is no entry"),
+        ("radar.snr_db.deep", "leads through a value that is not a table"),
+        ("targets.7.rcs_dbsm", "'7' is not an entry"),
+        ("targets.first.rcs_dbsm", "'first' is not an entry"),
+        ("targets.7", "'7' is not an entry"),
         ("radar.snr_db.very.deep", "no entry"),
     ],
 )

@@ -114,7 +114,7 @@ class Scenario(Table):
         if self.radar.sweep == "triangular" and self.processing.echoes == "all":
             raise refuse(
                 "processing.echoes",
-                "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
+                "'all' does not say which echoes of an up- and a down-sweep belong together; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
         return self
@@ -123,11 +123,11 @@ class Scenario(Table):
     def _map_has_its_echoes(self) -> Scenario:
         method = self.dem.method
         if method != "linear" and self.sensor == "lidar":
-            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar brings none; set 'linear'")
+            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar has none; set 'linear'")
         if method != "linear" and self.radar.sweep == "triangular":
             raise refuse(
                 "dem.method",
-                f"{method!r} models whole echoes, which a pair of sweeps does not bring; set 'linear', or "
+                f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'linear', or "
                 "radar.sweep = 'up'",
             )
         return self

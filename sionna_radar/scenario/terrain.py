@@ -1,4 +1,4 @@
-"""What the ground is: `[terrain]`, told apart by `kind`."""
+"""What the ground is: `[terrain]`, selected by `kind`."""
 
 from __future__ import annotations
 

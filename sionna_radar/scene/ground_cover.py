@@ -79,7 +79,7 @@ def _part(
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
-    """Return which points lie in a polygon; only those in the box around it are held against its sides."""
+    """Return which points lie in a polygon; only those in the box around it are tested against its sides."""
     low, high = corner_m.min(axis=0), corner_m.max(axis=0)
     near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
     return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near

@@ -68,7 +68,7 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
         try:
             return CRS.from_user_input(name)
         except ProjError as error:
-            message = f"{name!r} is no coordinate reference system; give one such as 'EPSG:32631'"
+            message = f"{name!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
             raise ScenarioError([Problem("terrain.crs", message)]) from error
     if dataset.crs is None or not dataset.crs.to_wkt():
         message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
@@ -80,7 +80,7 @@ def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -
     if wanted is not None:
         lon, lat = wanted
         if not (-180 <= lon <= 360 and -90 <= lat <= 90):
-            message = f"({lon:g}, {lat:g}) is no longitude and latitude in degrees; give them in this order"
+            message = f"({lon:g}, {lat:g}) is not a longitude and latitude in degrees; give them in this order"
             raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
         return lon, lat
     x, y = middle_of(dataset)
