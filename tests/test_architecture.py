@@ -28,7 +28,7 @@ ORDER = (
     ("signal",),
     ("detection",),
     ("imaging",),
-    ("mapping",),
+    ("mapping", "speckle_test"),
     ("limits",),
     ("preparation",),
     ("sensors",),
@@ -37,7 +37,6 @@ ORDER = (
     ("remapping",),
     ("planning",),
     ("plan_check",),
-    ("speckle_test",),
     ("report", "crosscheck", "sweep", "budget", "image"),
 )
 RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}

@@ -243,7 +243,7 @@ FLAT = {"kind": "flat", "size_m": [300.0, 300.0]}
             "radar.samples_per_chirp",
             "beyond the 153.5 m",
         ),
-        ({"dem__spacing_m": 0.001}, "dem.spacing_m", "cells; raise it"),
+        ({"dem__spacing_m": 0.001}, "dem.spacing_m", "more than 25,000,000; raise it to"),
         ({"processing__cfar": {"guard": 0}}, "processing.cfar.guard", "needs at least 2"),
     ],
 )

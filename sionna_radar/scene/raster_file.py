@@ -24,6 +24,9 @@ from sionna_radar.input_file import regular_file, shown
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")
 MOST_BYTES = 100_000_000_000
 MOST_CELLS = 10_000_000_000
+# Files beside a raster that GDAL reads without being asked, by any format; only TIFF passes, by its first bytes.
+SIDE_CARS = (".msk", ".ovr")
+TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # A block is decoded whole, however little of it is wanted.
 MOST_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
@@ -48,6 +51,7 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
     """
     name = f"{key} ="
     size = regular_file(path, name, REMEDY, MOST_BYTES)
+    _check_side_cars(path, name)
     try:
         with warnings.catch_warnings():
             # Whether a place on the Earth is needed is for the caller to say.
@@ -61,6 +65,18 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
         reason = str(error.__cause__ or error).splitlines()[0]
         message = f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}"
         raise InputFileError(message) from error
+
+
+def _check_side_cars(path: Path, name: str) -> None:
+    """Refuse a mask or overviews beside a raster that are no TIFF: such a file could point anywhere."""
+    wanted = {path.name.lower() + suffix for suffix in SIDE_CARS}
+    for beside in path.parent.iterdir():
+        if beside.name.lower() in wanted:
+            regular_file(beside, name, "remove it", MOST_BYTES)
+            with beside.open("rb") as file:
+                if file.read(4) not in TIFF_STARTS:
+                    message = f"{name} {shown(path)} has {beside.name} beside it, which is not a TIFF; remove it"
+                    raise InputFileError(message)
 
 
 def _check_size(dataset: Any, file_bytes: int, name: str) -> None:

@@ -16,11 +16,12 @@ from sionna_radar.input_file import read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.cutout import Cutout
-from sionna_radar.scene.elevation_file import read_file
+from sionna_radar.scene.elevation_file import cut, opened_file
 from sionna_radar.scene.ground_cover import classes_at
+from sionna_radar.scene.local_frame import StatedFrame
 from sionna_radar.scene.measured_backscatter import TableBackscatter
 
-CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), crs="EPSG:32631")
+CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), frame=StatedFrame(crs="EPSG:32631"))
 POINTS = np.array([[0.0, 0.0], [5.0, 5.0]])
 ASC = "ncols {0}\nnrows {0}\nxllcorner -50\nyllcorner -50\ncellsize 10\n"
 
@@ -55,7 +56,8 @@ WMS = (
 
 
 def as_terrain(path: Path) -> object:
-    return read_file(path, CUTOUT)
+    with opened_file(path) as dataset:
+        return cut(dataset, CUTOUT)
 
 
 def as_cover(path: Path) -> object:
@@ -251,3 +253,16 @@ def test_a_value_is_shown_on_one_line_and_short():
     assert shown("a\nb\0c") == r"'a\nb\x00c'"
     assert shown(Path("a\nb")) == r"a\nb"
     assert len(shown("9" * 5000)) < 160
+
+
+@pytest.mark.parametrize("suffix", [".msk", ".OVR"])
+def test_a_mask_beside_a_raster_may_not_point_elsewhere(tmp_path, suffix):
+    path = asc(tmp_path / "ground.asc")
+    beside = tmp_path / f"ground.asc{suffix}"
+    beside.write_text(vrt_of("/etc/hostname"))
+    with pytest.raises(InputFileError, match="beside it, which is not a TIFF; remove it"):
+        as_terrain(path)
+    with rasterio.open(beside, "w", driver="GTiff", width=10, height=10, count=1, dtype="uint8", crs="EPSG:32631",
+                       transform=Affine(10, 0, -50, 0, -10, 50)) as mask:  # fmt: skip
+        mask.write(np.full((1, 10, 10), 255, dtype=np.uint8))
+    as_terrain(path)

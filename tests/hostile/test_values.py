@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 from scipy.ndimage import binary_closing
 
 from sionna_radar.errors import InputFileError, RadarError, ScenarioError
@@ -104,7 +105,7 @@ def test_a_remedys_value_works():
     said = said_of({"platform.speed_mps": 1e-6})
     value = float(said.partition("raise it to ")[2].partition(",")[0])
     assert "chirps" not in said_of({"platform.speed_mps": value})
-    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 400.0})
+    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 1000.0})
     value = float(said.partition("lower it to ")[2].partition(",")[0])
     assert said_of(PERSISTENT | {"tracing.scatterers_per_m2": value}) == ""
 
@@ -217,7 +218,7 @@ def default_of(key: str) -> object:
     node: object = parse_scenario(BASE)
     for name in key.split("."):
         node = getattr(node, name, None)
-    return node
+    return node.model_dump(mode="json", exclude_none=True) if isinstance(node, BaseModel) else node
 
 
 def fuzz(seed: int) -> None:

@@ -102,7 +102,7 @@ def test_the_receiver_chooses_the_channel(sent, channels):
         ({**HANDBOOK, "source": " "}, "source"),
         ({**HANDBOOK, "max_incidence_deg": 0.0}, "max_incidence_deg"),
         ({k: v for k, v in HANDBOOK.items() if k != "p4"}, "p4"),
-        ({"model": "bragg"}, ""),
+        ({"model": "bragg"}, "model"),
         ({"gamma_db": -10.0}, "model"),
         ({"model": "physical_optics", **ROUGH, "permittivity": None, "medium": {}}, "medium.kind"),
         ({"model": "sionna_itu", "itu_type": "concrete", "scattering_coefficient": 0.0}, "scattering_coefficient"),

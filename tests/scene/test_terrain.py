@@ -29,7 +29,7 @@ def test_flat_ground_has_its_size_about_the_origin():
     np.testing.assert_allclose(vertices.max(axis=0), [150, 35, 0])
 
 
-@pytest.mark.parametrize(("size", "spacing", "columns"), [(1.1, 0.1, 12), (1.0, 0.3, 5)])
+@pytest.mark.parametrize(("size", "spacing", "columns"), [(1.1, 0.1, 12), (1.0, 0.3, 5), (3.0, 2.0, 3)])
 def test_flat_ground_is_never_smaller_than_asked(size, spacing, columns):
     raster, _ = load_elevation(FlatTerrain(kind="flat", size_m=(size, 20.0), spacing_m=spacing), WINDOW)
     assert raster.grid.columns == columns

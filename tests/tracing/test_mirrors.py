@@ -199,7 +199,7 @@ def test_a_sphere_of_facets_has_the_cross_section_of_its_shadow(antenna_of, chir
 
 def test_a_bowl_of_facets_focuses(wide, chirp_of, looking):
     """Geometrical optics: 1 / (1 - h / R) of the plane's field, R the radius of curvature."""
-    bowl = surface_over(lambda x, y: 1e-3 * (x**2 + y**2), 8.0, 0.1)
+    bowl = surface_over(lambda x, y: 1e-3 * (x**2 + y**2), 6.0, 0.125)
     level = abs(echo_of(bowl, wide, chirp_of(), looking(1), 50.0))
     assert level == pytest.approx(1 / (1 - 50 / 500), rel=0.05)
 
