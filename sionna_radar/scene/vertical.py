@@ -63,7 +63,7 @@ def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: s
         What is stated is not a vertical CRS, or contradicts the unit of the file's band.
 
     """
-    own = crs.sub_crs_list[1] if crs.is_compound else None
+    own = next((part for part in crs.sub_crs_list if part.is_vertical), None)
     vertical = _stated(stated_crs) if stated_crs else own
     is_ellipsoidal = vertical is None and len(crs.axis_info) == 3 and not crs.is_geocentric
     axis = vertical.axis_info[0] if vertical else crs.axis_info[2] if is_ellipsoidal else None
@@ -120,7 +120,7 @@ def _in_metres_up(vertical: CRS) -> CRS:
     described = vertical.to_json_dict()
     described.pop("id", None)
     described["coordinate_system"] = UP_IN_METRES
-    described["name"] = re.sub(r" *\([^)]*\)$", "", described["name"]).replace("depth", "height")
+    described["name"] = re.sub(r" \(.*\)$", "", described["name"]).replace("depth", "height")
     changed = CRS.from_json_dict(described)
     authority = changed.to_authority(min_confidence=70)
     return CRS.from_authority(*authority) if authority else changed
