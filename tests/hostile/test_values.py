@@ -224,6 +224,8 @@ def default_of(key: str) -> object:
 def fuzz(seed: int) -> None:
     chance = random.Random(seed)
     keys = chance.sample(KEYS, chance.choice((1, 1, 2, 3)))
+    # A table is replaced, or a key in it: not both.
+    keys = [key for key in keys if not any(key.startswith(f"{other}.") for other in keys)]
     said_of({key: scaled(chance, default_of(key)) if chance.random() < 0.5 else any_value(chance) for key in keys})
 
 
