@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from pydantic import BaseModel
 from scipy.ndimage import binary_closing
 
 from sionna_radar.errors import InputFileError, RadarError, ScenarioError
@@ -218,7 +217,7 @@ def default_of(key: str) -> object:
     node: object = parse_scenario(BASE)
     for name in key.split("."):
         node = getattr(node, name, None)
-    return node.model_dump(mode="json", exclude_none=True) if isinstance(node, BaseModel) else node
+    return node
 
 
 def fuzz(seed: int) -> None:
