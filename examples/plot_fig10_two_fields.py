@@ -2,7 +2,7 @@
 Paper Fig. 10: two fields and a point target
 ============================================
 
-Flat ground, half of gamma -28 dB and half of -25 dB, and a point target P. The power map tells the fields apart
+Flat ground, half of gamma -28 dB and half of -25 dB, and a point target P. The power map separates the fields
 through speckle. How well, is measured: the left and the right of the track see the same ranges and incidences, so
 that the ratio of their mean powers at equal scan angles is the step, and its scatter over the angles the error.
 """

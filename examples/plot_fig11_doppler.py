@@ -2,7 +2,7 @@
 Paper Fig. 11: Doppler
 ======================
 
-One sweep tells range and velocity apart only together: a range rate adds 2 f0 v / c to the beat. Its size at 14 m/s
+One sweep cannot separate range from velocity: a range rate adds 2 f0 v / c to the beat. Its size at 14 m/s
 and 30 deg is 6.2 kHz, or 5.2 m of range; it is corrected with the measured velocity, whose error remains.
 """
 

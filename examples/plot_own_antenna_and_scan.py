@@ -1,5 +1,5 @@
 """
-An antenna and a scan of your own
+A custom antenna and scan
 =================================
 
 The antenna is two measured cuts, here a beam with a shoulder on one side; the scan is any object with a `point`

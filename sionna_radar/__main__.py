@@ -1,4 +1,4 @@
-"""`python -m sionna_radar` is `sionna-radar`; interrupts are told from before the first heavy import."""
+"""`python -m sionna_radar` is `sionna-radar`; interrupts are handled from before the first heavy import."""
 
 from sionna_radar.interrupts import interrupts_told
 

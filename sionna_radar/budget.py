@@ -185,7 +185,7 @@ def navigation_budget(
         message = (
             "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
             if math.isnan(exact)
-            else f"the DEM has an error of {exact:g} m with the pose known exactly, of which no share can be told"
+            else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
         )
         raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
     limits, results = [], []

@@ -43,7 +43,7 @@ SetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none takes it out.",
+        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none removes it.",
     ),
 ]
 SetFileOption = Annotated[
@@ -53,6 +53,13 @@ SetFileOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Replace the scenario's seed.")]
 BlockOption = Annotated[
     int | None, typer.Option(min=1, help="Pulses simulated at once; changes speed and memory, never the result.")
+]
+MapOption = Annotated[
+    bool,
+    typer.Option(
+        "--map-coordinates/--local-coordinates",
+        help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
+    ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
@@ -85,9 +92,9 @@ def _options(
 
 
 @app.command()
-def demo(output: OutputOption = None, quiet: QuietOption = False) -> None:
+def demo(output: OutputOption = None, map_coordinates: MapOption = True, quiet: QuietOption = False) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
-    _fly(DEMO, output or Path("results/demo"), {}, None, quiet)
+    _fly(DEMO, output or Path("results/demo"), {}, None, map_coordinates, quiet)
 
 
 @app.command(name="run")
@@ -98,11 +105,12 @@ def run_command(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     block_size: BlockOption = None,
+    map_coordinates: MapOption = True,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
     overrides = _overrides(set_, set_file, seed)
-    _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, quiet)
+    _fly(scenario, output or Path("results") / Path(scenario).stem, overrides, block_size, map_coordinates, quiet)
 
 
 @app.command()
@@ -143,14 +151,14 @@ def budget(
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
     grades: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Grades of GPS/IMU of your own: TOML tables of platform.navigation keys."),
+        typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Find the least GPS/IMU for a scenario: each error alone that makes the RMS of its DEM grow by 10 %."""
+    """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
     from sionna_radar import budget as study
     from sionna_radar.flight.grades import GRADES, load_grades
     from sionna_radar.report.budget_table import print_budget
@@ -198,9 +206,9 @@ def plan(
     base: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
     ] = None,
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")
-    ] = Path("plan.toml"),
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")] = Path(
+        "plan.toml"
+    ),
     position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
     heading: Annotated[float, typer.Option(help="Turns the area clockwise about its centre, deg.")] = 0.0,
     altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
@@ -364,7 +372,7 @@ def fit(
     set_: SetOption = None,
     set_file: SetFileOption = None,
 ) -> None:
-    """Report the constant gamma that best matches a material, what is left, and where it fails."""
+    """Report the constant gamma that best matches a material, its residual, and where it fails."""
     from sionna_radar.gamma_fit import TOLERANCE_DB, fit_material
 
     _log_to_stderr(quiet=False)
@@ -381,8 +389,14 @@ def fit(
 
 
 def _fly(
-    scenario: str, output: Path, overrides: dict[str, object], block_size: int | None, quiet: bool
+    scenario: str,
+    output: Path,
+    overrides: dict[str, object],
+    block_size: int | None,
+    map_coordinates: bool,
+    quiet: bool,
 ) -> None:
+    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.products import MARKER, write_products
     from sionna_radar.report.survey_table import print_survey
     from sionna_radar.survey import BLOCK_SIZE, run
@@ -392,7 +406,8 @@ def _fly(
     directory = check_output(output, MARKER)
     with _progress(quiet) as progress:
         survey = run(checked, block_size=block_size or BLOCK_SIZE, progress=progress)
-    written = write_products(survey, directory)
+    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    written = write_products(survey, directory, coordinates)
     if not quiet:
         print_survey(survey)
         typer.echo(f"{len(written)} files in {directory}")

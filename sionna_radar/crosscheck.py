@@ -101,7 +101,7 @@ class IncidenceBin:
 class CrossCheck(Brief):
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
-    correlation_m: farthest that errors of a DEM belong together.
+    correlation_m: distance over which errors of a DEM are correlated.
     """
 
     scenario: Scenario
@@ -186,7 +186,7 @@ class CrossCheck(Brief):
             for name, (value, limit) in limits.items()
         }
         test, limit = self.dem_test, self.tolerances.dem_factor * self.dem_speckle_rms_m
-        # A map of too few tiles cannot tell chance from difference; its size alone decides.
+        # A map of too few tiles cannot separate chance from difference; its size alone decides.
         by_chance = test.can_reject(self.tolerances.dem_false_alarm_probability) and (
             test.probability > self.tolerances.dem_false_alarm_probability
         )

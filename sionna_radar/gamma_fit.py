@@ -60,7 +60,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     Raises ScenarioError for a span that is none, or a material that scatters nothing there.
     """
     if not 0 <= from_deg < to_deg < 90:
-        message = f"{from_deg:g} to {to_deg:g} deg is no span of incidence; give 0 <= from < to < 90"
+        message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
         raise ScenarioError([Problem("--from-deg", message)], "command line")
     angle_deg = np.arange(0.0, 90.0, STEP_DEG)
     with np.errstate(divide="ignore"):
@@ -87,6 +87,6 @@ def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: 
     """
     tables = scenario.all_materials
     if name not in tables:
-        message = f"{name!r} is no material of the scenario; use one of {', '.join(sorted(tables))}"
+        message = f"{name!r} is not a material of the scenario; use one of {', '.join(sorted(tables))}"
         raise ScenarioError([Problem("--material", message)], "command line")
     return fit_gamma(build_materials({name: tables[name]}, scenario.radar)[name], from_deg, to_deg)

@@ -13,6 +13,7 @@ from jaxtyping import Inexact
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.georeference import Georeference
 from sionna_radar.imaging.aperture import Aperture, check_sampling, whole_beam
 from sionna_radar.imaging.point_response import (
     Point,
@@ -35,7 +36,6 @@ from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
 from sionna_radar.notes import Brief
 from sionna_radar.preparation import SAMPLED_PULSES, Preparation, prepare
 from sionna_radar.progress import Progress, silent
-from sionna_radar.raster import Georeference
 from sionna_radar.report.folder import write_folder
 from sionna_radar.scenario import Scenario
 from sionna_radar.sensors import build_tracer, received

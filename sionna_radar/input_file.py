@@ -48,7 +48,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT
     Raises
     ------
     InputFileError
-        It does not exist, is no regular file or is too large, or no file can have such a path.
+        It does not exist, is not a regular file or is too large, or no file can have such a path.
 
     """
     try:
@@ -85,7 +85,7 @@ def read_text(path: Path, name: str, remedy: str) -> str:
 def parse_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text.
 
-    Raises ValueError, with the reason, for a text that is no TOML, is nested too deeply to be a scenario, or holds a
+    Raises ValueError, with the reason, for a text that is not TOML, is nested too deeply to be a scenario, or holds a
     whole number beyond 64 bits.
     """
     try:

@@ -56,7 +56,7 @@ def interrupts_told() -> Iterator[None]:
         if not _received:
             raise
     finally:
-        # All is written by now; a traceback from the interpreter's own end would tell of nothing.
+        # All is written by now; a traceback from the interpreter's own end would say nothing.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     if _received:

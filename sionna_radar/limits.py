@@ -1,7 +1,7 @@
 """What a survey takes in pulses, samples and paths, estimated before any of it is spent.
 
 The bounds keep every array of a block of pulses, and every table that grows with the survey, within a few gigabytes.
-What only the finished scene tells is bounded where it is built: cells of terrain and DEM, scatterers.
+What only the finished scene shows is bounded where it is built: cells of terrain and DEM, scatterers.
 """
 
 import math
@@ -109,7 +109,7 @@ def _shift(scenario: Scenario, chirp: Chirp) -> Problem | None:
         return None
     message = (
         f"{chirp.rate_hz:g} Hz lets {scenario.platform.speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than "
-        f"the {chirp.max_range_m:.3g} m that the sampling can tell; raise it to "
+        f"the {chirp.max_range_m:.3g} m of unambiguous range; raise it to "
         f"{1.01 * chirp.rate_hz * shift_m / chirp.max_range_m:.3g}"
     )
     return Problem("radar.chirp_rate_hz", message)

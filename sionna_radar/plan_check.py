@@ -1,4 +1,4 @@
-"""A planned flight held against its area: flown over the terrain, how finely it samples every place.
+"""A planned flight compared with its area: flown over the terrain, how finely it samples every place.
 
 A plan is made for level ground. Here its beam axes are cast on the terrain of its scenario; where they meet it within
 the range that the radar samples, there is an echo. In the middle of a square of echoes s apart a place is s / sqrt(2)

@@ -21,6 +21,7 @@ from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.limits import MOST_CHIRPS
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.terrain import FlatTerrain
+from sionna_radar.scene.map_positions import in_local_frame
 
 # The beam must not be wider on the ground than this many ground samples.
 BEAM_SAMPLES = 2.0
@@ -42,7 +43,7 @@ class Wanted:
     size_m: the area's extent to the right of its heading and along it: east and north while it heads north.
     position_m: the area's centre, east and north.
     heading_deg: direction of the area's second side, clockwise from north.
-    sampling_m: farthest that neighbouring echoes may lie apart.
+    sampling_m: greatest spacing between neighbouring echoes.
     overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
     greatest_slope_deg: steepest slope that must not fall into a shadow.
     """
@@ -163,9 +164,12 @@ def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
     ------
     ScenarioError
         The flight contradicts the rest of the scenario.
+    InputFileError
+        The base's positions are given on the map, and its terrain cannot be read.
 
     """
-    base = base or _default_base()
+    # The planned waypoints are local, so what stays of the base has to be.
+    base = in_local_frame(base or _default_base())
     data = base.model_dump(mode="json", exclude_none=True)
     size = plan.wanted.size_m
     data["description"] = f"{size[0]:g} m x {size[1]:g} m planned at {plan.wanted.sampling_m:g} m"

@@ -11,6 +11,7 @@ from sionna_radar.flight.navigation import build_navigation
 from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
+from sionna_radar.georeference import Georeference
 from sionna_radar.limits import check_limits
 from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.coverage import closing_cells
@@ -20,6 +21,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.raster import Grid
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene, build_scene
+from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
 from sionna_radar.tracing.scatterers import check_scatterers
@@ -34,8 +36,9 @@ MAX_CLOSED_CELLS = 100_000_000
 class Preparation:
     """A survey that is ready to fly.
 
+    scenario: with all positions in local metres.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
-    max_gap_m: farthest that a DEM cell may lie from a point.
+    max_gap_m: greatest distance of a filled DEM cell from the nearest point.
     """
 
     scenario: Scenario
@@ -65,16 +68,17 @@ def prepare(
     scenario:
         The survey.
     antenna, scan, navigation:
-        An antenna, a scan or a navigation system of one's own in place of the scenario's.
+        A custom antenna, scan or navigation system in place of the scenario's.
 
     Raises
     ------
     ScenarioError
         No pulses, a radar under the terrain, a swath that leaves it, ranges beyond the sampled beat.
     InputFileError
-        The elevation file is no good.
+        The elevation file cannot be used.
 
     """
+    scenario = in_local_frame(scenario)
     chirp, track = build_chirp(scenario.radar), plan_track(scenario.platform)
     check_limits(scenario, chirp, track.length_m)
     own_scan = scan is not None
@@ -99,7 +103,7 @@ def prepare(
         detector=detector,
         schedule=schedule,
         built=built,
-        grid=_dem_grid(scenario, looks, max_gap_m),
+        grid=_dem_grid(scenario, looks, max_gap_m, built.scene.georeference),
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=max_gap_m,
@@ -166,7 +170,7 @@ def _check_nominal_range(scenario: Scenario, chirp: Chirp) -> None:
     if slant > chirp.max_range_m:
         message = (
             f"at {scenario.platform.altitude_m:g} m the beam meets level ground {slant:.1f} m away, beyond the "
-            f"{chirp.max_range_m:.1f} m whose beat the sampling can tell; raise radar.samples_per_chirp, or lower "
+            f"{chirp.max_range_m:.1f} m of unambiguous range; raise radar.samples_per_chirp, or lower "
             "platform.altitude_m, radar.bandwidth_hz or the scan angles"
         )
         raise ScenarioError([Problem("radar.samples_per_chirp", message)])
@@ -225,8 +229,8 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
     lost = np.isfinite(looks.range_m) & (looks.range_m > chirp.max_range_m)
     if lost.mean() > LOST_SHARE:
         message = (
-            f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m whose beat the "
-            "sampling can tell; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
+            f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m of "
+            "unambiguous range; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("radar.samples_per_chirp", message))
     if problems:
@@ -234,7 +238,7 @@ def _check_geometry(looks: _Looks, schedule: PulseSchedule, built: BuiltScene, c
 
 
 def _over_hole(looks: _Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " look"]:
-    """Tell which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
+    """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
     down = np.minimum(looks.direction[:, 2], -1e-6)
     reach = (low[2] - looks.origin_m[:, 2]) / down
     foot = looks.origin_m[:, :2] + reach[:, None] * looks.direction[:, :2]
@@ -253,7 +257,8 @@ def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray
     return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
 
 
-def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float) -> Grid:
+def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float, place: Georeference | None) -> Grid:
+    """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it."""
     spacing_m = scenario.dem.spacing_m
     if not len(looks.hit_m):
         raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
@@ -266,7 +271,8 @@ def _dem_grid(scenario: Scenario, looks: _Looks, max_gap_m: float) -> Grid:
             f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
         )
         raise ScenarioError([Problem("dem.spacing_m", message)])
-    grid = Grid.covering(west, south, east, north, spacing_m)
+    centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
+    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
     border = 2 * closing_cells(max_gap_m, spacing_m)
     if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
         message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"

@@ -1,4 +1,4 @@
-"""How long computations tell where they are."""
+"""Progress of long computations."""
 
 from collections.abc import Callable
 

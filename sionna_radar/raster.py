@@ -1,4 +1,4 @@
-"""Elevation rasters in the local frame, and the frame's place on the Earth."""
+"""Elevation rasters in the local frame."""
 
 from dataclasses import dataclass
 
@@ -69,16 +69,30 @@ class Grid:
         )
 
     @staticmethod
-    def covering(west: float, south: float, east: float, north: float, spacing_m: float) -> "Grid":
-        """Return the grid of cells on whole multiples of the spacing that covers a rectangle."""
-        first_column, first_row = int(np.floor(west / spacing_m)), int(np.floor(south / spacing_m))
+    def covering(
+        west: float,
+        south: float,
+        east: float,
+        north: float,
+        spacing_m: float,
+        centre_m: tuple[float, float] = (0.0, 0.0),
+    ) -> "Grid":
+        """Return the grid of square cells, the centre of one of them at `centre_m`, that covers a rectangle."""
+        first_column, columns = _cells_over(west - centre_m[0], east - centre_m[0], spacing_m)
+        first_row, rows = _cells_over(south - centre_m[1], north - centre_m[1], spacing_m)
         return Grid(
-            west_m=first_column * spacing_m,
-            south_m=first_row * spacing_m,
+            west_m=centre_m[0] + first_column * spacing_m,
+            south_m=centre_m[1] + first_row * spacing_m,
             spacing_m=spacing_m,
-            columns=int(np.ceil(east / spacing_m)) - first_column + 1,
-            rows=int(np.ceil(north / spacing_m)) - first_row + 1,
+            columns=columns,
+            rows=rows,
         )
+
+
+def _cells_over(low_m: float, high_m: float, spacing_m: float) -> tuple[int, int]:
+    """Return the number of the first cell, counted from the one at 0, and how many centres reach from low to high."""
+    first = int(np.floor(low_m / spacing_m))
+    return first, int(np.ceil(high_m / spacing_m)) - first + 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,15 +117,3 @@ class Raster:
         column = (point_m[:, 0] - grid.west_m) / grid.spacing_m
         row = (point_m[:, 1] - grid.south_m) / grid.spacing_m
         return map_coordinates(self.height_m, [row, column], order=1, cval=np.nan)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Georeference:
-    """Place of the local frame: a projected metric CRS and the offset that local coordinates lack.
-
-    Local metres are CRS coordinates minus `origin_m` (easting, northing, height), so that float32 ray
-    tracing keeps its precision.
-    """
-
-    crs_wkt: str
-    origin_m: tuple[float, float, float]

@@ -57,7 +57,7 @@ def compare_speckle(
     one, other:
         DEMs from two seeds of each engine, all on one grid.
     correlation_m:
-        Farthest that errors of the DEM belong together: its footprint, or the gap between echoes.
+        Distance over which errors of the DEM are correlated: the footprint, or the gap between echoes.
 
     """
     grid = one[0].grid

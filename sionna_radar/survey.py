@@ -15,6 +15,7 @@ from sionna_radar.detection.through_volume import ThroughVolume
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule
 from sionna_radar.flight.scan import Scan
+from sionna_radar.georeference import Georeference
 from sionna_radar.linear_algebra import on_one_thread
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.compare import DemError, difference, summarise
@@ -29,7 +30,7 @@ from sionna_radar.notes import Brief, replaced_parts, warnings_of
 from sionna_radar.preparation import Preparation, prepare
 from sionna_radar.progress import Progress, silent
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.raster import Georeference, Raster
+from sionna_radar.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor, received
@@ -159,7 +160,7 @@ def run(
         truth = true_surface(ready)
         error = difference(dem, truth)
         lit = recording.lit & truth.filled
-        walls = walls_on(ready.grid, ready.built.scene, scenario.buildings)
+        walls = walls_on(ready.grid, ready.built.scene, ready.scenario.buildings)
         off_wall = lit & ~edge_cells(ready.grid, points, ready.antenna.beamwidths_rad[1], walls)
         chirp = None
         if isinstance(carried, SawtoothRadar | TriangularRadar):

@@ -273,7 +273,7 @@ def _check_request(axes: tuple[Axis, ...], repeat: int, overrides: Mapping[str, 
     if fixed:
         _refuse(f"{fixed[0]} is both set and varied; choose one")
     if repeat < 1:
-        _refuse(f"{repeat} repeats are no study; give at least 1", "--repeat")
+        _refuse(f"{repeat} repeats fly nothing; give at least 1", "--repeat")
     if repeat > 1 and any(axis.key == "seed" for axis in axes):
         _refuse("seed is varied, and repeats take seeds of their own; choose one", "--repeat")
     runs = repeat * int(np.prod([len(axis.values) for axis in axes]))

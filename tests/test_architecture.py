@@ -18,7 +18,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # equation integrates.
 ORDER = (
     ("errors", "decibel", "input_file", "interrupts", "linear_algebra"),
-    ("progress", "randomness", "raster", "stopwatch"),
+    ("georeference", "progress", "randomness", "raster", "stopwatch"),
     ("weather",),
     ("scenario",),
     ("flight",),

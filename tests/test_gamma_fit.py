@@ -33,9 +33,9 @@ def test_a_lambertian_surface_needs_the_mean_of_its_cosine_in_db():
 
 def test_a_span_or_material_that_is_none_is_refused():
     scenario = load_scenario("materials")
-    with pytest.raises(ScenarioError, match="no span"):
+    with pytest.raises(ScenarioError, match="not a span"):
         fit_material(scenario, "dry_soil", 50.0, 40.0)
-    with pytest.raises(ScenarioError, match=r"no material of the scenario; use one of .*dry_soil"):
+    with pytest.raises(ScenarioError, match=r"not a material of the scenario; use one of .*dry_soil"):
         fit_material(scenario, "moss")
     crossed = load_scenario("materials", {"radar.antenna.receive_polarization": "cross"})
     with pytest.raises(ScenarioError, match="scatters nothing"):

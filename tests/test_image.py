@@ -5,13 +5,14 @@ import json
 
 import numpy as np
 import pytest
+from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
 
 from sionna_radar.errors import ScenarioError
+from sionna_radar.georeference import Georeference
 from sionna_radar.image import MARKER, fly_images, write
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.point_response import Point, Widths, alone, measured_in_patch
-from sionna_radar.raster import Georeference
 from sionna_radar.report.image_products import write_slar
 from sionna_radar.report.image_table import print_image
 from sionna_radar.scenario import parse_scenario
@@ -82,6 +83,8 @@ def test_the_files_hold_the_point_where_it_stands(folder, imagery):
     with netcdf_file(folder / "sar.nc", mmap=False) as file:
         names = {name: file.variables[name][:].copy() for name in file.variables}
         assert file.variables["along"].units == b"m"
+        assert file.variables["pulses"].coordinates == b"east north"
+        assert not hasattr(file.variables["pulses"], "grid_mapping")
     power = names["amplitude_real"] ** 2 + names["amplitude_imag"] ** 2
     np.testing.assert_allclose(power, imagery.focused.power)
     row, column = np.unravel_index(power.argmax(), power.shape)
@@ -97,16 +100,28 @@ def test_the_files_hold_the_point_where_it_stands(folder, imagery):
 
 
 def test_the_files_of_a_place_on_the_earth_hold_its_coordinates(imagery, tmp_path):
-    place = Georeference(crs_wkt="PROJCS[...]", origin_m=(500_000.0, 5_000_000.0, 300.0))
-    write_slar(tmp_path / "slar.nc", dataclasses.replace(imagery, georeference=place))
+    crs = CRS.from_epsg(32632)
+    place = Georeference(crs_wkt=crs.to_wkt(), origin_m=(500_000.0, 5_000_000.0, 300.0))
+    described = imagery.scenario.model_copy(update={"description": "H\u00fcgel"})
+    write_slar(tmp_path / "slar.nc", dataclasses.replace(imagery, georeference=place, scenario=described))
     with netcdf_file(tmp_path / "slar.nc", mmap=False) as file:
-        assert file.crs_wkt == b"PROJCS[...]"
+        power, mapping = file.variables["power"], file.variables["crs"]
+        assert power.coordinates == b"east north longitude latitude"
+        assert power.grid_mapping == b"crs"
+        assert "H\u00fcgel" in file.scenario.decode()
+        assert CRS.from_cf({name: value.decode() for name, value in vars(mapping).items() if name == "crs_wkt"}) == crs
+        assert mapping.grid_mapping_name == b"transverse_mercator"
+        assert mapping.longitude_of_central_meridian == 9.0
+        assert file.variables["east"].standard_name == b"projection_x_coordinate"
+        lonlat = [file.variables[name][:].copy() for name in ("longitude", "latitude")]
         east, north, height = (file.variables[name][:].copy() for name in ("east", "north", "radar_height"))
         assert file.ground_height_m == pytest.approx(300.0)
         assert file.variables["east"].long_name == b"map easting"
     np.testing.assert_allclose(east, 500_000.0 - 4.5 + imagery.slant.along_m, atol=0.02)
     np.testing.assert_allclose(north, 5_000_000.0, atol=1e-6)
     np.testing.assert_allclose(height, 328.0)
+    expected = Transformer.from_crs(crs, 4326, always_xy=True).transform(east, north)
+    np.testing.assert_allclose(lonlat, expected, atol=1e-12)
 
 
 def test_the_numbers_are_written_and_printed(folder, imagery, capsys):

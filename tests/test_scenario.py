@@ -120,7 +120,7 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"radar__scan__side": "up"}, "radar.scan.side", "'up' is refused"),
         ({"tracing__engine": "magic"}, "tracing.engine", "'magic' is refused"),
         ({"tracing__paths_per_pulse": 1}, "tracing.paths_per_pulse", "1 is refused"),
-        ({"processing__window": "haan"}, "processing.window", "no window of scipy"),
+        ({"processing__window": "haan"}, "processing.window", "not a window of scipy"),
         ({"processing__cfar__kind": "XY"}, "processing.cfar.kind", "'XY' is refused"),
         ({"processing__cfar__guard": 300}, "processing.cfar.guard", "do not fit 512 range cells"),
         (
@@ -226,11 +226,11 @@ def test_overrides_replace_dotted_keys(tmp_path):
 @pytest.mark.parametrize(
     ("key", "said"),
     [
-        ("radar.snr_db.deep", "leads through a value that is no table"),
-        ("targets.7.rcs_dbsm", "'7' is no entry"),
-        ("targets.first.rcs_dbsm", "'first' is no entry"),
-        ("targets.7", "'7' is no entry"),
-        ("radar.snr_db.very.deep", "no entry"),
+        ("radar.snr_db.deep", "leads through a value that is not a table"),
+        ("targets.7.rcs_dbsm", "'7' is not an entry"),
+        ("targets.first.rcs_dbsm", "'first' is not an entry"),
+        ("targets.7", "'7' is not an entry"),
+        ("radar.snr_db.very.deep", "not an entry"),
     ],
 )
 def test_overrides_that_lead_nowhere_are_refused(tmp_path, key, said):

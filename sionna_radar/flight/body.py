@@ -11,7 +11,7 @@ from sionna_radar.flight.trajectory import Trajectory
 
 Vector3 = tuple[float, float, float]
 
-# Attitudes this far apart tell the turn rate.
+# Attitudes this far apart give the turn rate.
 TURN_STEP_S = 1e-3
 
 

@@ -1,6 +1,6 @@
 """Antenna scans: where the antenna points at any time.
 
-A scan of one's own is any object with the method of `Scan`; pass it to `sionna_radar.run(scan=...)`.
+A custom scan is any object with the method of `Scan`; pass it to `sionna_radar.run(scan=...)`.
 """
 
 from dataclasses import dataclass

@@ -69,7 +69,7 @@ def whole_beam(antenna: Antenna) -> Aperture:
 def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
     """Refuse a chirp rate whose pulses lie too far apart for the azimuth bandwidth.
 
-    Pulses a distance d apart cannot tell the direction cosine u from u + lambda / (2 d). What the beam lights,
+    Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). What the beam lights,
     |u| <= beam_reach, must not fold into what is focused, |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
 
     Raises

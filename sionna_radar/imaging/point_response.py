@@ -84,12 +84,12 @@ def patch_around(point: Point, strip: Strip, theory: Widths) -> PixelGrid:
 
 
 def measured_in_patch(power: Float[np.ndarray, "row column"], patch: PixelGrid) -> Widths | None:
-    """Return the widths of the point in the middle of a focused patch; None where it cannot be told."""
+    """Return the widths of the point in the middle of a focused patch; None where it cannot be measured."""
     return _widths(power.T, patch.along_m, patch.across_m)
 
 
 def measured_in_slant(image: SlantImage, point: Point, theory: Widths) -> Widths | None:
-    """Return the widths of a point in a slant-range image; None where it cannot be told."""
+    """Return the widths of a point in a slant-range image; None where it cannot be measured."""
     along = np.abs(image.along_m - point.along_m) <= PATCH_WIDTHS * theory.along_m
     across = np.abs(image.range_m - point.slant_range_m) <= PATCH_WIDTHS * theory.across_m
     power = image.power[np.ix_(along, across)]

@@ -53,7 +53,7 @@ class Strip:
         return float(np.hypot(self.clearance_m, ground_m))
 
     def pixels(self, along_m: np.ndarray, across_m: np.ndarray, height_m: float | None = None) -> PixelGrid:
-        """Return pixels by their places along and across the track, on the ground or at a height of one's own."""
+        """Return pixels by their places along and across the track, on the ground or at a given height."""
         height = self.height_m if height_m is None else height_m
         return ground_pixels(self.track, self.side, height, along_m, across_m)
 
@@ -79,7 +79,7 @@ def lit_strip(
     incidence_rad, elevation_width_rad:
         The beam's angle from nadir, and its half-power width there.
     max_range_m:
-        The farthest slant range that the sampling can tell.
+        The unambiguous slant range of the sampling.
 
     """
     steep = max(incidence_rad - elevation_width_rad / 2, STEEPEST_RAD)

@@ -187,6 +187,7 @@ def _reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
         max(east, float(grid.x_m[-1])),
         max(north, float(grid.y_m[-1])),
         grid.spacing_m,
+        (grid.west_m, grid.south_m),
     )
 
 

@@ -68,7 +68,7 @@ class Chirp:
 
     @property
     def max_range_m(self) -> float:
-        """Range at the highest beat frequency the sampling can tell."""
+        """Unambiguous range: that of the highest beat frequency the sampling represents."""
         return self.samples * self.range_resolution_m / (2 if self.sampling == "real" else 1)
 
     def doppler_hz(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -13,6 +13,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
 from sionna_radar.raster import Raster
 from sionna_radar.report.colours import BLUE, EMPTY, HEIGHTS, ORANGE, RED
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, shift_ticks
 from sionna_radar.report.figure_files import ReportFigure
 from sionna_radar.report.maps import (
     colour_bar,
@@ -29,7 +30,7 @@ MAX_OVERLAY = 3_000
 MAX_SHADED_CELLS = 1_000
 
 
-def environment(survey: Survey) -> Figure:
+def environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the true surface with the flight and the ground that its beam meets, and the flight's profile."""
     trajectory = survey.schedule.trajectory
     flight = trajectory.position(np.linspace(0.0, trajectory.end_s, 2000))
@@ -38,21 +39,21 @@ def environment(survey: Survey) -> Figure:
     width, height = map_size(bounds)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
-    limits = height_limits(survey.truth)
+    limits, frame = height_limits(survey.truth), frame_of(survey.georeference, coordinates)
     plan.imshow(_shaded(survey.truth, limits), origin="lower", extent=survey.truth.grid.extent_m)
     halo = [withStroke(linewidth=3.0, foreground="white")]
     size = dot_size((width, height), len(hits))
     plan.plot(hits[:, 0], hits[:, 1], ls="", marker="o", ms=size, mew=0, color="white", alpha=0.7)
     plan.plot(flight[:, 0], flight[:, 1], color="black", lw=1.5, path_effects=halo)
     _mark_ends(plan, flight[[0, -1], :2])
-    finish_map(plan, bounds, "True surface and flight")
-    colour_bar(plan, height_colours(limits), "Height (m)", width)
-    _draw_profile(profile, survey, flight)
+    finish_map(plan, bounds, "True surface and flight", frame)
+    colour_bar(plan, height_colours(limits, frame), frame.height, width)
+    _draw_profile(profile, survey, flight, frame)
     figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 
-def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"]) -> None:
+def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:
     """Draw height against the distance along the track, and the beam from the middle of the flight."""
     step = np.linalg.norm(np.diff(flight[:, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(step)])
@@ -74,7 +75,8 @@ def _draw_profile(axes: Axes, survey: Survey, flight: Float[np.ndarray, "n 3"]) 
     _mark_ends(axes, np.column_stack([distance, flight[:, 2]])[[0, -1]])
     _draw_beam(axes, survey)
     end = max(distance[-1], along[known].max() if known.any() else 0.0, 1.0)
-    axes.set(xlim=(-0.02 * end, 1.02 * end), xlabel="Distance along the track (m)", ylabel="Height (m)")
+    axes.set(xlim=(-0.02 * end, 1.02 * end), xlabel="Distance along the track (m)", ylabel=frame.height)
+    shift_ticks(axes.yaxis, frame.origin_m[2], 6)
     axes.set_ylim(bottom=floor)
     axes.set_title("Profile along the track", fontsize="medium")
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,11 +1,13 @@
 """Figures of a survey, for print.
 
-Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps show the
-local frame with equal scales; sizes follow the shape of the ground, so that a 100 m and a 2 km survey both
-fill the page. Colours are safe for colour-blind readers, and an empty cell is plain grey.
+Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps have equal scales, and map
+coordinates where the world has a place on the map and no local ones are asked for; sizes follow the shape of the
+ground, so that a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and an empty
+cell is plain grey.
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from textwrap import wrap
 
@@ -22,6 +24,7 @@ from matplotlib.ticker import NullLocator
 
 from sionna_radar.decibel import decibels
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, POWERS, RED
+from sionna_radar.report.coordinates import Coordinates, frame_of
 from sionna_radar.report.environment_figure import environment
 from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.maps import (
@@ -47,14 +50,14 @@ LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 
 
-def draw_all(survey: Survey, directory: Path) -> list[Path]:
+def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw every figure into a directory as PNG, and return the files."""
     figures: dict[str, Callable[[Survey], Figure]] = {
-        "environment": environment,
+        "environment": partial(environment, coordinates=coordinates),
         "chirp": chirp,
-        "power_map": power_map,
-        "dem": dem,
-        "error_map": error_map,
+        "power_map": partial(power_map, coordinates=coordinates),
+        "dem": partial(dem, coordinates=coordinates),
+        "error_map": partial(error_map, coordinates=coordinates),
     }
     if survey.chirp is None:
         del figures["chirp"]
@@ -81,9 +84,7 @@ def chirp(survey: Survey) -> Figure:
     for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
         time_axes.plot(1e3 * record.sample_time_s, samples / 10.0**exponent, color=colour, lw=0.8, label=name)
     if len(drawn) > 1:
-        time_axes.legend(
-            loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False
-        )
+        time_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False)
     unit = "relative to sent" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
     scale = rf"$10^{{{exponent}}}$ " if exponent else ""
     time_axes.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale}{unit})")
@@ -118,7 +119,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
 # --------------------------------------------------------------------------------------------- maps
 
 
-def power_map(survey: Survey) -> Figure:
+def power_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the power of the echoes where they are placed on the ground plan."""
     points = survey.points
     bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
@@ -137,23 +138,23 @@ def power_map(survey: Survey) -> Figure:
     side = 2 * dot_size((width, height), len(chosen))
     axes.scatter(x, y, c=power_db[chosen], s=side**2, marker="o", lw=0, cmap=POWERS, norm=scale)
     axes.set_facecolor("white")
-    finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})")
+    finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})", frame_of(survey.georeference, coordinates))
     bar = ScalarMappable(scale, POWERS)
     colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
     _warn(figure, survey)
     return figure
 
 
-def dem(survey: Survey) -> Figure:
+def dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the true surface and the DEM on one colour scale, with the points that made the DEM."""
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
-    limits = height_limits(survey.truth, survey.dem)
+    limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
     told = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
     for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, told)):
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))
-        finish_map(axes, bounds, title)
-        colour_bar(axes, height_colours(limits), "Height (m)", map_in[0])
+        finish_map(axes, bounds, title, frame)
+        colour_bar(axes, height_colours(limits, frame), frame.height, map_in[0])
     chosen = _thinned(len(survey.points), MAX_OVERLAY)
     size = 0.8 * dot_size(map_in, len(chosen))
     x, y = survey.points.position_m[chosen, :2].T
@@ -165,7 +166,7 @@ def dem(survey: Survey) -> Figure:
     return figure
 
 
-def error_map(survey: Survey) -> Figure:
+def error_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the error of the DEM, and its histogram with the statistics."""
     bounds = map_bounds(survey.error.grid.extent_m, np.zeros((0, 3)))
     width, height = map_size(bounds)
@@ -173,7 +174,7 @@ def error_map(survey: Survey) -> Figure:
     plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
     limit = _error_limit(survey.error.height_m[survey.error.filled])
     show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
-    finish_map(plan, bounds, "DEM minus true surface")
+    finish_map(plan, bounds, "DEM minus true surface", frame_of(survey.georeference, coordinates))
     bar = ScalarMappable(Normalize(-limit, limit), ERRORS)
     colour_bar(plan, bar, "Height error (m)", width, extend="both")
     figure.legend(handles=[_empty_patch(survey)], loc="outside lower center", frameon=False)

@@ -132,7 +132,7 @@ def check_output(directory: Path, marker: str) -> Path:
     ------
     OutputError
         It is a file, holds something other than an earlier result of this kind, unchanged, or the place that it
-        would be made in is no folder or cannot be written.
+        would be made in is not a folder or cannot be written.
 
     """
     try:
@@ -154,7 +154,7 @@ def _obstacle(directory: Path, marker: str) -> str:
         return "is a file; name a folder" if place == directory else f"cannot be made: {place} is a file; name another"
     _clear_abandoned(directory)
     try:
-        # Permission bits do not tell of read-only mounts and quotas; making a folder does.
+        # Permission bits do not show read-only mounts and quotas; making a folder does.
         tempfile.TemporaryDirectory(dir=place).cleanup()
     except OSError as error:
         return f"cannot be made: {place} is not writable ({error.strerror}); name a folder elsewhere"
@@ -193,7 +193,7 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
         )
     for name in filter(lambda name: (directory / name).exists(), (*earlier.names, MANIFEST)):
         try:
-            # Nothing happens here, but where a program that has the file open forbids its removal this tells.
+            # Nothing happens here, but where a program that has the file open forbids its removal this shows.
             (directory / name).replace(directory / name)
         except OSError as error:
             return f"cannot be replaced: {name} is held by another program ({error.strerror}); close it there"

@@ -2,6 +2,7 @@
 
 The netCDF files are of the classic format with 64-bit offsets, which every netCDF reader takes (xarray's
 `open_dataset` among them); it knows no complex numbers, so an amplitude is stored as its real and imaginary parts.
+By the CF conventions what lies at a pixel names its `coordinates` and, on the map, its `grid_mapping`.
 """
 
 from dataclasses import asdict
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
 
 from sionna_radar.image import Imagery, Reflector, Response
@@ -18,6 +20,9 @@ from sionna_radar.report.folder import strict_json, write_text
 from sionna_radar.report.image_figures import draw_all
 from sionna_radar.report.summary import versions
 from sionna_radar.scenario import to_toml
+
+# Variable that holds the CRS, as CF names it.
+GRID_MAPPING = "crs"
 
 
 def fill(imagery: Imagery, directory: Path, marker: str) -> None:
@@ -119,22 +124,42 @@ def write_sar(path: Path, imagery: Imagery, image: SarImage) -> None:
 def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
     file.Conventions, file.title, file.source = "CF-1.8", title, "sionna-radar"
     file.history = f"simulated with seed {imagery.scenario.seed}"
-    file.scenario = to_toml(imagery.scenario)
+    # scipy takes text for ASCII, and bytes as they are.
+    file.scenario = to_toml(imagery.scenario).encode()
     file.side = imagery.strip.side
     file.ground_height_m = imagery.strip.height_m + _origin_m(imagery)[2]
     if imagery.georeference:
-        file.crs_wkt = imagery.georeference.crs_wkt
+        file.crs_wkt = imagery.georeference.crs_wkt.encode()
+        mapping = file.createVariable(GRID_MAPPING, "i4", ())
+        for name, value in CRS.from_wkt(imagery.georeference.crs_wkt).to_cf().items():
+            setattr(mapping, name, value.encode() if isinstance(value, str) else value)
 
 
 def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | None = None) -> None:
-    """Write the map coordinates of all pixels, or of one row of them."""
+    """Write the map coordinates of all pixels, or of one row of them, and name them beside what lies there."""
     place = grid.position_m[..., :2] + np.array(_origin_m(imagery)[:2])
     dimensions: tuple[str, ...] = ("ground_range", "along")
     if row is not None:
         place, dimensions = place[row], dimensions[1:]
+    measured = [v for name, v in file.variables.items() if name not in (GRID_MAPPING, *v.dimensions)]
     frame = "map" if imagery.georeference else "local"
+    coordinates = []
     for number, name in enumerate(("east", "north")):
         _variable(file, name, place[..., number], dimensions, "m", f"{frame} {name}ing")
+        coordinates.append(name)
+    if imagery.georeference:
+        file.variables["east"].standard_name = "projection_x_coordinate"
+        file.variables["north"].standard_name = "projection_y_coordinate"
+        crs = CRS.from_wkt(imagery.georeference.crs_wkt).to_2d()
+        lonlat = Transformer.from_crs(crs, 4326, always_xy=True).transform(place[..., 0], place[..., 1])
+        for name, degrees, unit in zip(("longitude", "latitude"), lonlat, ("east", "north"), strict=True):
+            _variable(file, name, np.asarray(degrees), dimensions, f"degrees_{unit}", f"{name}, WGS 84")
+            file.variables[name].standard_name = name
+            coordinates.append(name)
+    for variable in measured:
+        variable.coordinates = " ".join(coordinates)
+        if imagery.georeference:
+            variable.grid_mapping = GRID_MAPPING
 
 
 def _origin_m(imagery: Imagery) -> tuple[float, float, float]:

@@ -44,7 +44,7 @@ class Manifest:
         return list(self.sha256)
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Tell whether a file of a folder is the one listed: there, a plain file in its own place, and unchanged."""
+        """Return whether a file of a folder is the one listed: there, a plain file in its own place, and unchanged."""
         path = folder / name
         return (
             path.is_file()

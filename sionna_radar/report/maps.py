@@ -7,11 +7,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
 from sionna_radar.raster import Raster
 from sionna_radar.report.colours import EMPTY, HEIGHTS
+from sionna_radar.report.coordinates import LOCAL_FRAME, Frame, shift_ticks
 
 BOX_IN = (5.8, 4.8)  # largest width and height of a map on its own
 MAX_ASPECT = 3.0
@@ -48,14 +48,14 @@ def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> N
     axes.imshow(height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest")
 
 
-def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str) -> None:
-    """Give a map its limits (west, east, south, north), equal scales, labels and a north arrow."""
-    axes.set(xlim=bounds[:2], ylim=bounds[2:], xlabel="East (m)", ylabel="North (m)")
+def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str, frame: Frame = LOCAL_FRAME) -> None:
+    """Give a map its limits (west, east, south, north; local), equal scales, labels and a north arrow."""
+    axes.set(xlim=bounds[:2], ylim=bounds[2:], xlabel=frame.east, ylabel=frame.north)
     axes.set_aspect("equal")
     axes.set_title(title, fontsize="medium")
     aspect = (bounds[1] - bounds[0]) / (bounds[3] - bounds[2])
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=7 if aspect > 0.7 else 3, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=7 if aspect < 2 else 4, steps=[1, 2, 5, 10]))
+    shift_ticks(axes.xaxis, frame.origin_m[0], frame.most_ticks if aspect > 0.7 else frame.most_ticks // 2)
+    shift_ticks(axes.yaxis, frame.origin_m[1], 7 if aspect < 2 else 4)
     halo = [withStroke(linewidth=2.5, foreground="white")]
     arrow = {"arrowstyle": "-|>", "lw": 1.5, "path_effects": halo, "shrinkA": 0, "shrinkB": 0}
     # Offsets from the corner, in points, keep the arrow's size whatever the size of the map.
@@ -78,7 +78,9 @@ def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float
     """Put a colour bar beside a map that is so many inches wide."""
     # An inset keeps the height of its map, which the layout engine's own bars do not where scales are equal.
     inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
-    axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
+    bar = axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
+    # Heights of a mountain: 1203, not 3 and "+1.2e3" above the bar.
+    bar.formatter.set_useOffset(False)
 
 
 def empty_patch(why: str = "shadow or no echo") -> Patch:
@@ -96,9 +98,10 @@ def height_limits(*rasters: Raster) -> tuple[float, float]:
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
 
 
-def height_colours(limits: tuple[float, float]) -> ScalarMappable:
-    """Return the colours of heights between two limits, for a colour bar."""
-    return ScalarMappable(Normalize(*limits), HEIGHTS)
+def height_colours(limits: tuple[float, float], frame: Frame = LOCAL_FRAME) -> ScalarMappable:
+    """Return the colours of heights between two limits (local), for a colour bar."""
+    low, high = (limit + frame.origin_m[2] for limit in limits)
+    return ScalarMappable(Normalize(low, high), HEIGHTS)
 
 
 def dot_size(map_in: tuple[float, float], count: int) -> float:

@@ -16,13 +16,13 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
     Raises
     ------
     ScenarioError
-        The text is no such pair.
+        The text is not such a pair.
 
     """
     try:
         first, second = (float(part) for part in text.lower().split(separator))
     except ValueError as error:
-        raise ScenarioError([Problem(option, f"{text!r} is no pair of numbers; give {form}")], "plan") from error
+        raise ScenarioError([Problem(option, f"{text!r} is not a pair of numbers; give {form}")], "plan") from error
     return first, second
 
 
@@ -60,7 +60,7 @@ def print_check(check: PlanCheck) -> None:
     out.print(table)
     if check.coverage < 1:
         out.print(
-            "not all of the area is sampled as wanted, for the terrain is no level ground; plan with a greater --slope "
+            "not all of the area is sampled as wanted, because the terrain is not level; plan with a greater --slope "
             "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
             soft_wrap=True,
         )

@@ -5,12 +5,17 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from pyproj import CRS
+
+from sionna_radar.georeference import Georeference
 from sionna_radar.mapping.compare import LE90_MEANING
 from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey import Survey
 
 MEANING = {
     "replaced": "what was flown in place of these parts of the scenario, which do not describe the survey",
+    "georeference": "map coordinates are local ones plus the origin; null where the world has no place on the map",
+    "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to count it from true north",
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
@@ -30,6 +35,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "replaced": survey.replaced,
         "warnings": survey.warnings,
         "seed": survey.scenario.seed,
+        "georeference": georeference(survey.georeference),
         "engine": survey.scenario.tracing.engine,
         "pulses": survey.pulses,
         "paths": survey.paths,
@@ -44,6 +50,35 @@ def summary(survey: Survey) -> dict[str, Any]:
         "versions": versions(),
     }
     return without_nan(document)
+
+
+def georeference(place: Georeference | None) -> dict[str, Any] | None:
+    """Return the place of the local frame on the Earth: map coordinates are local ones plus the origin."""
+    if place is None:
+        return None
+    crs = CRS.from_wkt(place.crs_wkt)
+    horizontal, vertical = crs.sub_crs_list if crs.is_compound else (crs.to_2d(), None)
+    east_m, north_m, height_m = place.origin_m
+    return {
+        "horizontal_crs": _named(horizontal),
+        "vertical_crs": _named(vertical) if vertical else None,
+        "crs_wkt": place.crs_wkt,
+        "origin": {"easting_m": east_m, "northing_m": north_m, "height_m": height_m},
+        "horizontal_datum": _datum(horizontal),
+        "vertical_datum": _datum(vertical) if vertical else "ellipsoid" if len(crs.axis_info) == 3 else None,
+        "units": "m",
+        "headings": "clockwise from grid north",
+        "convergence_deg": place.convergence_deg,
+    }
+
+
+def _named(crs: CRS) -> str:
+    return ":".join(crs.to_authority() or (crs.name,))
+
+
+def _datum(crs: CRS) -> str:
+    described = crs.geodetic_crs or crs
+    return str(described.datum.name) if described.datum else str(described.name)
 
 
 def summary_json(survey: Survey) -> str:

@@ -42,7 +42,7 @@ def print_sweep(result: Sweep) -> None:
 
 
 def _warnings(case: Case) -> list[str]:
-    """Return the warnings of a case, that of its first seed where each tells it with other numbers."""
+    """Return the warnings of a case, that of its first seed where the seeds differ in its numbers."""
     return list(next((r.warnings for r in case.runs if r.warnings), ()))
 
 

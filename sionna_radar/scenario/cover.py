@@ -40,7 +40,7 @@ class CoverRaster(Table):
             raise refuse("classes", 'empty; map class values to materials, e.g. classes = {"1" = "forest"}')
         for key in self.classes:
             if not key.lstrip("-").isdecimal():
-                raise refuse(f"classes.{key}", f"{key!r} is no class value; give a whole number")
+                raise refuse(f"classes.{key}", f"{key!r} is not a class value; give a whole number")
         return self
 
     @property

@@ -1,4 +1,4 @@
-"""The ideal range sensor that a radar is held against: `[lidar]`."""
+"""The ideal range sensor that a radar is compared with: `[lidar]`."""
 
 from sionna_radar.scenario.table import NonNegative, Table
 

@@ -57,7 +57,7 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     Raises
     ------
     InputFileError
-        The file is missing, unreadable or no TOML.
+        The file is missing, unreadable or not TOML.
     ScenarioError
         The scenario is wrong; every problem is listed with its dotted key, value and remedy.
 

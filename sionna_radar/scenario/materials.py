@@ -1,7 +1,7 @@
-"""What a scenario may say of a surface: `[materials.NAME]`, told apart by `model`.
+"""What a scenario may say of a surface: `[materials.NAME]`, selected by `model`.
 
 Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
-made of and how rough it is; the rough-surface models know, the others are told with the same keys.
+made of and how rough it is; the rough-surface models have both, the others take them from the same keys.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class EmpiricalTable(SurfaceTable):
     def _mirror(self) -> EmpiricalTable:
         given = [k for k in ("permittivity", "medium", "rms_height_m") if getattr(self, k) is not None]
         if not self.specular and given:
-            raise refuse(given[0], "says nothing here; remove it, or set specular = true")
+            raise refuse(given[0], "has no effect here; remove it, or set specular = true")
         if self.specular:
             self.check_one_medium()
             if self.rms_height_m is None:
@@ -200,7 +200,7 @@ class SionnaItu(Table):
     @classmethod
     def _is_something(cls, value: str) -> str:
         if value == "vacuum":
-            raise refuse("", "'vacuum' reflects nothing, so that it echoes nothing; give another ITU material")
+            raise refuse("", "'vacuum' reflects nothing, so there is no echo; give another ITU material")
         return value
 
 

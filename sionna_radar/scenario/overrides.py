@@ -62,12 +62,12 @@ def parse_value(key: str, text: str) -> Any:
     except ValueError as error:
         if _is_a_word(text):
             return text
-        problem = Problem(shown(key)[1:-1], f"{shown(text)} is no value: {error}")
+        problem = Problem(shown(key)[1:-1], f"{shown(text)} is not a value: {error}")
         raise ScenarioError([problem], "command line") from error
 
 
 def _is_a_word(text: str) -> bool:
-    """Whether a text that is no TOML is meant as a string: as long as it opens no list or table, and is no number."""
+    """Whether a text that is not TOML is a string: it opens no list or table, and is not a number."""
     word = text.strip()
     return len(text) <= LONGEST_ASSIGNMENT and not word.startswith(("[", "{", '"', "'")) and not word.isdecimal()
 
@@ -77,7 +77,7 @@ def read_overrides(path: Path) -> dict[str, Any]:
 
     Relative paths of input files in it are relative to its own folder, or else to the working folder.
 
-    Raises InputFileError where the file cannot be read, is no TOML, or names a key with a dot in it.
+    Raises InputFileError where the file cannot be read, is not TOML, or names a key with a dot in it.
     """
     try:
         data = parse_toml(read_text(path, "--set-file", "give a TOML file of scenario tables"))
@@ -124,7 +124,7 @@ def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:
         else:
             node[int(last)] = value
     elif not isinstance(node, dict):
-        problem = Problem(shown(key)[1:-1], "leads through a value that is no table; check the key")
+        problem = Problem(shown(key)[1:-1], "leads through a value that is not a table; check the key")
         raise ScenarioError([problem], "overrides")
     elif value is None:
         node.pop(last, None)
@@ -136,7 +136,7 @@ def _list_item(node: Any, name: str, key: str) -> Any:
     try:
         return node[int(name)]
     except (ValueError, IndexError, TypeError) as error:
-        raise ScenarioError([Problem(shown(key)[1:-1], f"{shown(name)} is no entry there")], "overrides") from error
+        raise ScenarioError([Problem(shown(key)[1:-1], f"{shown(name)} is not an entry there")], "overrides") from error
 
 
 def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
@@ -191,7 +191,7 @@ def _at(data: Any, key: str) -> Any:
 
 
 def _keys_beside(key: str, value: Any) -> set[str]:
-    """Return the keys that a table may hold once a key that tells its kind has a value; none for any other key."""
+    """Return the keys that a table may hold once the key that selects its kind has a value; none for any other key."""
     place = key.split(".")
     if key == "terrain.kind":
         return _fields_of_kind(Terrain, "kind", value)

@@ -35,7 +35,7 @@ class Platform(Table):
         if self.waypoints_m and given:
             raise refuse("waypoints_m", f"contradicts {', '.join(given)}; give the one or the other")
         if len(self.waypoints_m) == 1:
-            raise refuse("waypoints_m", "one point is no leg; give at least two")
+            raise refuse("waypoints_m", "one point makes no leg; give at least two")
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
             if a == b:
                 raise refuse("waypoints_m", f"{a} follows itself; remove the repeated point")

@@ -44,7 +44,7 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
     Parameters
     ----------
     errors:
-        What `ValidationError.errors()` tells.
+        What `ValidationError.errors()` returns.
     model:
         The table that was validated; its keys are suggested for misspelt ones.
 
@@ -102,7 +102,7 @@ def _key(location: Sequence[str | int]) -> list[str]:
     """Return the key of a place as it stands in the file, without what pydantic adds to it."""
     key = [shown(part)[1:-1] if isinstance(part, str) else str(part) for part in location]
     if key[:1] == ["terrain"] and len(key) > 1:
-        del key[1]  # the tag of the terrain kind is no key of the file
+        del key[1]  # the tag of the terrain kind is not a key of the file
     first = 1
     if key[:1] == ["materials"]:
         first = 2
@@ -128,7 +128,7 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
 
 
 def _tags(table: type[BaseModel]) -> tuple[Any, ...]:
-    """Return what tells a table from others in its place."""
+    """Return the values that select a table among others in its place."""
     field = table.model_fields.get("kind") or table.model_fields.get("model")
     return get_args(field.annotation) if field else ()
 

@@ -56,6 +56,6 @@ class ProcessingTable(Table):
         try:
             get_window(value, 32)
         except (ValueError, TypeError) as error:
-            message = f"{shown(value)} is no window of scipy.signal.get_window; try 'hann' or 'blackman'"
+            message = f"{shown(value)} is not a window of scipy.signal.get_window; try 'hann' or 'blackman'"
             raise refuse("", message) from error
         return value

@@ -52,7 +52,7 @@ class ScanTable(Table):
                 f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan stays below 90",
             )
         if self.side == "left" and self.mode != "side_looking":
-            raise refuse("side", f"'left' means nothing to a {self.mode} scan; set mode = 'side_looking'")
+            raise refuse("side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'")
         return self
 
 
@@ -93,6 +93,6 @@ class RadarTable(Table):
 
     @property
     def max_range_m(self) -> float:
-        """Range whose beat lies at the highest frequency the sampling can tell."""
+        """Range whose beat lies at the highest unambiguous frequency of the sampling."""
         cells = self.samples_per_chirp / (2 if self.sampling == "real" else 1)
         return float(cells * speed_of_light / (2 * self.bandwidth_hz))

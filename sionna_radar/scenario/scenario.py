@@ -6,10 +6,10 @@ or the flight to judge is checked when the survey is prepared (`sionna_radar.pre
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from sionna_radar.input_file import shown
 from sionna_radar.scenario.dem import DemTable
@@ -21,7 +21,16 @@ from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
-from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain, FlatTerrain, FractalTerrain, HillsTerrain, Terrain
+from sionna_radar.scenario.terrain import (
+    KEEP_SIONNA,
+    CityTerrain,
+    FlatTerrain,
+    FractalTerrain,
+    HillsTerrain,
+    RasterTerrain,
+    SampleTerrain,
+    Terrain,
+)
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
@@ -29,13 +38,22 @@ from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
 
 # Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
 WIDEST_FITTED_DEG = 30.0
+# Longer than any WKT of a CRS.
+LONGEST_CRS = 100_000
 
 
 class Scenario(Table):
-    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed."""
+    """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
+
+    coordinates: what the horizontal positions of the platform, of cover polygons, buildings and targets are given in:
+    "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
+    CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
+    Headings count from the grid north of the map.
+    """
 
     description: str = ""
     seed: Seed = 1
+    coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
     sensor: Literal["radar", "lidar"] = "radar"
     terrain: Terrain
     buildings: tuple[Building, ...] = ()
@@ -57,6 +75,16 @@ class Scenario(Table):
                 near = nearest(name, sorted(known))
                 message = f"{shown(name)} is not defined; add [materials.{shown(name)[1:-1]}] or use one of "
                 raise refuse(field, f"{message}{', '.join(sorted(known))}.{near}")
+        return self
+
+    @model_validator(mode="after")
+    def _coordinates_have_a_place(self) -> Scenario:
+        if self.coordinates != "local" and not isinstance(self.terrain, SampleTerrain | RasterTerrain):
+            raise refuse(
+                "coordinates",
+                f"{shown(self.coordinates)} needs terrain with a place on the map, and {self.terrain.kind!r} has none; "
+                "set coordinates = 'local' with positions in metres, or terrain.kind = 'raster' or 'jacksboro'",
+            )
         return self
 
     @model_validator(mode="after")
@@ -86,7 +114,7 @@ class Scenario(Table):
         if self.radar.sweep == "triangular" and self.processing.echoes == "all":
             raise refuse(
                 "processing.echoes",
-                "'all' leaves it open which echoes of an up- and a down-sweep belong together; "
+                "'all' does not say which echoes of an up- and a down-sweep belong together; "
                 "give 'strongest' or 'first' with radar.sweep = 'triangular'",
             )
         return self
@@ -95,11 +123,11 @@ class Scenario(Table):
     def _map_has_its_echoes(self) -> Scenario:
         method = self.dem.method
         if method != "linear" and self.sensor == "lidar":
-            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar brings none; set 'linear'")
+            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar has none; set 'linear'")
         if method != "linear" and self.radar.sweep == "triangular":
             raise refuse(
                 "dem.method",
-                f"{method!r} models whole echoes, which a pair of sweeps does not bring; set 'linear', or "
+                f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'linear', or "
                 "radar.sweep = 'up'",
             )
         return self

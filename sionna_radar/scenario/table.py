@@ -27,7 +27,7 @@ def _not_vanishing(value: float) -> float:
 def _a_path(path: Path) -> Path:
     text = str(path)
     if "\0" in text or len(text) > LONGEST_PATH or any("\ud800" <= c <= "\udfff" for c in text):
-        raise refuse("", f"{shown(path)} is no path: it is too long, or holds characters that no path can")
+        raise refuse("", f"{shown(path)} is not a path: it is too long, or holds characters that no path can")
     return path
 
 

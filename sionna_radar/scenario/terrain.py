@@ -1,4 +1,4 @@
-"""What the ground is: `[terrain]`, told apart by `kind`."""
+"""What the ground is: `[terrain]`, selected by `kind`."""
 
 from __future__ import annotations
 
@@ -63,11 +63,18 @@ class SampleTerrain(CoveredTerrain):
 
 
 class RasterTerrain(CoveredTerrain):
-    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid."""
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid.
+
+    crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
+    "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
+    centre_lonlat_deg: longitude and latitude of the local origin; without it the middle of the file.
+    """
 
     kind: Literal["raster"]
     path: InputPath
     crs: str | None = None
+    vertical_crs: str | None = None
+    height_unit: Literal["m", "ft", "ftUS"] | None = None
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
 

@@ -12,7 +12,7 @@ from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE
 
 
 class WeatherTable(Table):
-    """The weather, the same everywhere; the default is clear air that takes nothing."""
+    """The weather, the same everywhere; the default is clear air without attenuation."""
 
     rain_rate_mm_per_h: Annotated[Real, Field(ge=0, le=300)] = 0.0
     fog: Literal["none", "medium", "thick"] = "none"

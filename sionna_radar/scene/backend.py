@@ -57,7 +57,7 @@ def find_llvm() -> LlvmLibrary:
         version = _llvm_version(own)
         if version is None:
             message = (
-                f"{LLVM_VARIABLE} = {own} is no libLLVM of version {OLDEST_LLVM} or newer; "
+                f"{LLVM_VARIABLE} = {own} is not a libLLVM of version {OLDEST_LLVM} or newer; "
                 f"unset it or {REMEDIES.get(platform.system(), 'install LLVM')}"
             )
             raise BackendError(message)
@@ -155,7 +155,7 @@ def _number_in_name(path: Path) -> int:
 def _llvm_version(path: str) -> str | None:
     """Return the version of a libLLVM, or None when it does not load or is too old.
 
-    Versions before 16 lack LLVMGetVersion, so its absence alone tells an unusable library.
+    Versions before 16 lack LLVMGetVersion, so its absence alone reveals an unusable library.
     """
     try:
         get_version = ctypes.CDLL(path).LLVMGetVersion

@@ -51,7 +51,7 @@ def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float])
     ------
     ScenarioError, InputFileError
         A building or target lies beyond the terrain; a material is undefined at the carrier; an input file
-        is no good.
+        cannot be used.
 
     """
     materials: dict[str, Backscatter] = dict(build_materials(scenario.all_materials, scenario.radar))

@@ -8,6 +8,7 @@ import numpy as np
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.raster import Grid
+from sionna_radar.scene.local_frame import StatedFrame
 from sionna_radar.scene.placed_raster import PlacedRaster
 
 logger = logging.getLogger("sionna_radar")
@@ -20,8 +21,7 @@ class Cutout:
     """What is wanted of a file: the window in local metres (west, south, east, north) and the frame."""
 
     window_m: tuple[float, float, float, float]
-    crs: str | None = None
-    centre_lonlat_deg: tuple[float, float] | None = None
+    frame: StatedFrame
     spacing_m: float | None = None
 
 
@@ -87,10 +87,10 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     rows, columns = source.dataset.shape
     extent = in_metres.format(*_extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0)))
     message = f"the flight sees {in_metres.format(*cutout.window_m)}, but {what}: the file covers {extent}"
-    if cutout.centre_lonlat_deg is None:
+    if cutout.frame.centre_lonlat_deg is None:
         problem = Problem("terrain", f"{message}; move the flight or set terrain.centre_lonlat_deg")
     else:
-        lon, lat = cutout.centre_lonlat_deg
+        lon, lat = cutout.frame.centre_lonlat_deg
         problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
     return ScenarioError([problem])
 

@@ -4,6 +4,8 @@
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,38 +15,37 @@ from jaxtyping import Shaped
 from rasterio.io import MemoryFile
 
 from sionna_radar.errors import InputFileError
+from sionna_radar.georeference import Georeference, MapCells
 from sionna_radar.input_file import shown
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.scene.cutout import Cutout, grid_of, outside
 from sionna_radar.scene.file_heights import heights_on
 from sionna_radar.scene.local_frame import place_file
+from sionna_radar.scene.placed_raster import PlacedRaster
 from sionna_radar.scene.raster_file import open_raster
 
 
-def read_file(path: Path, cutout: Cutout) -> tuple[Raster, Georeference]:
-    """Return the heights of a raster file (its first band) within the window, and the frame's place.
+@contextmanager
+def opened_file(path: Path) -> Iterator[Any]:
+    """Open a raster file whose first band holds elevations.
 
-    Raises InputFileError for a file that cannot be read or holds no elevation, ScenarioError for a frame
-    or window that does not suit it.
+    Raises InputFileError for a file that cannot be read or holds no elevation.
     """
     with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
-        return _cut(dataset, cutout)
+        yield dataset
 
 
-def read_array(
-    height_m: Shaped[np.ndarray, "row column"],
-    transform: rasterio.Affine,
-    cutout: Cutout,
-) -> tuple[Raster, Georeference]:
-    """Return the heights of an array, placed like a raster file by its transform and `cutout.crs`."""
+@contextmanager
+def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio.Affine) -> Iterator[Any]:
+    """Open an array as if it were a raster file, placed by its transform."""
     rows, columns = height_m.shape
     profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
     with MemoryFile() as memory:
         with memory.open(**profile, transform=transform) as writable:
             writable.write(height_m, 1)
         with memory.open() as dataset:
-            return _cut(dataset, cutout)
+            yield dataset
 
 
 def _check_content(dataset: Any, path: Path) -> None:
@@ -64,8 +65,12 @@ def _check_content(dataset: Any, path: Path) -> None:
         raise InputFileError(message)
 
 
-def _cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
-    source = place_file(dataset, cutout.crs, cutout.centre_lonlat_deg)
+def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
+    """Return the heights of an open raster within a window, and the frame's place.
+
+    Raises ScenarioError for a frame or window that does not suit it.
+    """
+    source = place_file(dataset, cutout.frame)
     grid = grid_of(source, cutout)
     height_m = heights_on(source, grid)
     corners = np.isfinite(height_m)
@@ -73,8 +78,20 @@ def _cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
         raise outside(source, cutout, f"no 2 x 2 cells of {grid.spacing_m:g} m there have heights")
     raster = _without_empty_border(Raster(grid=grid, height_m=height_m))
     base_m = math.floor(np.nanmin(raster.height_m))
-    georeference = Georeference(crs_wkt=source.local.to_wkt(), origin_m=(*source.origin, float(base_m)))
+    georeference = Georeference(
+        crs_wkt=source.heights.compound(source.local).to_wkt(),
+        origin_m=(*source.origin, float(base_m)),
+        cells=_map_cells(source),
+    )
     return Raster(grid=raster.grid, height_m=raster.height_m - base_m), georeference
+
+
+def _map_cells(source: PlacedRaster) -> MapCells | None:
+    if source.is_reprojected:
+        return None
+    west, south, east, north = source.dataset.bounds
+    transform = source.dataset.transform
+    return MapCells(corner_m=(min(west, east), min(south, north)), size_m=(abs(transform.a), abs(transform.e)))
 
 
 def _without_empty_border(raster: Raster) -> Raster:

@@ -88,7 +88,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
     stored = dataset.read(1, window=window, masked=True)
     undeclared = stored.data == UNDECLARED_NODATA
     height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
-    height_m = np.asarray((height_m * dataset.scales[0] + dataset.offsets[0]) * source.height_unit_m)
+    height_m = np.asarray((height_m * dataset.scales[0] + dataset.offsets[0]) * source.heights.unit_m)
     with np.errstate(invalid="ignore"):
         undeclared |= np.abs(height_m) > MAX_HEIGHT_M
     undeclared &= ~np.ma.getmaskarray(stored)

@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.raster import Georeference
+from sionna_radar.georeference import Georeference
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
@@ -79,7 +79,7 @@ def _part(
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
-    """Return which points lie in a polygon; only those in the box around it are held against its sides."""
+    """Return which points lie in a polygon; only those in the box around it are tested against its sides."""
     low, high = corner_m.min(axis=0), corner_m.max(axis=0)
     near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
     return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near

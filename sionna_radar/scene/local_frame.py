@@ -4,8 +4,8 @@ A file is kept in its own projection where that is true to the ground (metres, u
 into the UTM zone of its middle otherwise.
 """
 
-import logging
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,26 +16,30 @@ from pyproj.exceptions import ProjError
 
 from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.scene.placed_raster import PlacedRaster, horizontal_part, middle_of, reproject
-
-logger = logging.getLogger("sionna_radar")
+from sionna_radar.scene.vertical import height_system
 
 # A projection is kept as the local frame while a metre is a metre, and north is up, to this much.
 MAX_SCALE_ERROR = 0.01
 MAX_CONVERGENCE_DEG = 10.0
-FEET_M = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "ftus": 1200 / 3937}
 
 
-def place_file(dataset: Any, crs_name: str | None, centre_lonlat_deg: tuple[float, float] | None) -> PlacedRaster:
-    """Return an open file with its local frame: own projection or UTM zone, about the centre.
+@dataclass(frozen=True, kw_only=True)
+class StatedFrame:
+    """What a scenario says of an elevation file; None leaves it to the file.
 
-    Parameters
-    ----------
-    dataset:
-        The open file (rasterio).
-    crs_name:
-        Coordinate reference system of the file; None takes its own.
-    centre_lonlat_deg:
-        Where the frame's origin lies (WGS 84); None takes the middle of the file.
+    crs, vertical_crs: its horizontal (or compound) and its vertical coordinate reference system.
+    height_unit: unit of its heights.
+    centre_lonlat_deg: where the local origin lies (WGS 84); None takes the middle of the file.
+    """
+
+    crs: str | None = None
+    vertical_crs: str | None = None
+    height_unit: str | None = None
+    centre_lonlat_deg: tuple[float, float] | None = None
+
+
+def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
+    """Return an open file (rasterio) with its local frame: own projection or UTM zone, about the centre.
 
     Raises
     ------
@@ -43,19 +47,19 @@ def place_file(dataset: Any, crs_name: str | None, centre_lonlat_deg: tuple[floa
         There is no such system, it places nothing on a map, or the centre or the file's middle has no place.
 
     """
-    whole = _crs_of(dataset, crs_name)
+    whole = _crs_of(dataset, stated.crs)
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
-    lon, lat = _centre_lonlat(dataset, crs, centre_lonlat_deg)
+    lon, lat = _centre_lonlat(dataset, crs, stated.centre_lonlat_deg)
     local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else _metric_crs(lon, lat)
-    if centre_lonlat_deg is None and local is crs:
+    if stated.centre_lonlat_deg is None and local is crs:
         x, y = middle_of(dataset)
     else:
         x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
-    unit_m = _height_unit_m(dataset, whole)
-    return PlacedRaster(dataset=dataset, crs=crs, local=local, origin=(x, y), height_unit_m=unit_m)
+    heights = height_system(dataset, whole, stated.vertical_crs, stated.height_unit)
+    return PlacedRaster(dataset=dataset, crs=crs, local=local, origin=(x, y), heights=heights)
 
 
 def _crs_of(dataset: Any, name: str | None) -> CRS:
@@ -64,7 +68,7 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
         try:
             return CRS.from_user_input(name)
         except ProjError as error:
-            message = f"{name!r} is no coordinate reference system; give one such as 'EPSG:32631'"
+            message = f"{name!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
             raise ScenarioError([Problem("terrain.crs", message)]) from error
     if dataset.crs is None or not dataset.crs.to_wkt():
         message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
@@ -76,7 +80,7 @@ def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -
     if wanted is not None:
         lon, lat = wanted
         if not (-180 <= lon <= 360 and -90 <= lat <= 90):
-            message = f"({lon:g}, {lat:g}) is no longitude and latitude in degrees; give them in this order"
+            message = f"({lon:g}, {lat:g}) is not a longitude and latitude in degrees; give them in this order"
             raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
         return lon, lat
     x, y = middle_of(dataset)
@@ -113,22 +117,3 @@ def _metric_crs(lon: float, lat: float) -> CRS:
     if zones:
         return CRS.from_authority(zones[0].auth_name, zones[0].code)
     return CRS.from_dict({"proj": "tmerc", "lat_0": lat, "lon_0": lon, "datum": "WGS84", "units": "m"})
-
-
-def _height_unit_m(dataset: Any, crs: CRS) -> float:
-    """Return the metres of one height unit: by a vertical CRS, else by the band's unit, else one.
-
-    Depths, which count downwards, have a negative unit.
-    """
-    if crs.is_compound or (len(crs.axis_info) == 3 and not crs.is_geocentric):
-        axis = crs.axis_info[2]
-        return axis.unit_conversion_factor * (-1 if axis.direction == "down" else 1)
-    band_unit = (dataset.units[0] or "").lower()
-    if band_unit in FEET_M:
-        return FEET_M[band_unit]
-    if crs.is_projected and crs.axis_info[0].unit_conversion_factor != 1 and not band_unit:
-        logger.warning(
-            "terrain: the map counts in %s but no unit is given for heights; they are taken as metres",
-            crs.axis_info[0].unit_name,
-        )
-    return 1.0

@@ -142,7 +142,7 @@ def _empirical(table: EmpiricalTable) -> Backscatter:
             return TableBackscatter.from_csv(table.path)
         case ConstantGamma():
             return ConstantGammaBackscatter(table.gamma)
-    message = f"{table} is no material"
+    message = f"{table} is not a material"
     raise TypeError(message)
 
 

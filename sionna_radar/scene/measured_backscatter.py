@@ -143,7 +143,7 @@ def _cells(path: Path, number: int, line: str) -> list[str]:
     try:
         return next(csv.reader([line]))
     except csv.Error as error:
-        message = f"{path}: line {number} is no line of a table ({error}); give {' and '.join(_COLUMNS)}"
+        message = f"{path}: line {number} is not a row of a table ({error}); give {' and '.join(_COLUMNS)}"
         raise InputFileError(message) from error
 
 

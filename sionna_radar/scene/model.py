@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.raster import Georeference
+from sionna_radar.georeference import Georeference
 from sionna_radar.scene.backscatter import Backscatter
 
 
@@ -36,7 +36,7 @@ class Target:
 class Scene:
     """Everything the radar can see.
 
-    materials: how each scatters; one that tells V, H and a mirror apart is a `RadarMaterial`.
+    materials: how each scatters; one that distinguishes V, H and specular reflection is a `RadarMaterial`.
     ground_material: the material of the ground where one must be named, as for a reference echo.
     georeference: None for a scene that lies nowhere on the Earth.
     """

@@ -208,7 +208,7 @@ def dry_snow_permittivity(frequency_hz: float, *, temperature_c: float, density_
     """
     _ghz_inside(frequency_hz, "dry_snow")
     ice_density = 0.916  # g/cm3, P.527-6 section 5.1.4.1
-    _require("density_g_cm3", density_g_cm3, 0.0, ice_density, "snow is no denser than ice")
+    _require("density_g_cm3", density_g_cm3, 0.0, ice_density, "snow cannot be denser than ice")
     ice = ice_permittivity(frequency_hz, temperature_c=temperature_c)
     ice_loss = -ice.imag
     real = 1.0 + 1.9 * density_g_cm3 if density_g_cm3 <= 0.5 else 0.51 + 2.88 * density_g_cm3
@@ -267,7 +267,7 @@ def soil_permittivity(
     bulk = bulk_density_g_cm3
     if bulk is None:
         bulk = soil_bulk_density_g_cm3(sand_percent, clay_percent)
-    _require("bulk_density_g_cm3", bulk, 0.0, specific_gravity, "soil is no denser than its grains")
+    _require("bulk_density_g_cm3", bulk, 0.0, specific_gravity, "soil cannot be denser than its grains")
     porosity = 1.0 - bulk / specific_gravity
     _require("water_fraction", water_fraction, 0.0, porosity, "water fills the pores at most")
     water = _soil_water(f, temperature_c, sand_percent, clay_percent, water_fraction, porosity, bulk)

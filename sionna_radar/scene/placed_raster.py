@@ -12,19 +12,21 @@ import rasterio
 from jaxtyping import Float
 from pyproj import CRS, Transformer
 
+from sionna_radar.scene.vertical import HeightSystem
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedRaster:
     """An open file and how its cells lie in the local frame: CRS `local` less the origin (x, y).
 
-    height_unit_m: metres in one unit of the file's heights.
+    heights: what the file's heights count in, and from which datum.
     """
 
     dataset: Any
     crs: CRS
     local: CRS
     origin: tuple[float, float]
-    height_unit_m: float
+    heights: HeightSystem
 
     @property
     def is_reprojected(self) -> bool:

@@ -77,7 +77,7 @@ class RadarMaterial:
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power, mirror included, the larger of a sent V and H.
 
-        A model that knows where its power goes says so by a method `scattered_share` of its own. Of any other only
+        A model that knows where its power goes says so by its own method `scattered_share`. Of any other only
         the backscatter is known: it is taken to re-radiate its field into every direction of the hemisphere alike,
         projected across the direction, which is what the ray tracer's material does: sigma0 / (4 pi cos) times the
         solid angle 4 pi / 3 that the projection leaves. The cross-polar field is one more.

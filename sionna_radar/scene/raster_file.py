@@ -46,7 +46,7 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
     Raises
     ------
     InputFileError
-        It is no regular file, of no format that passes, or larger than can be read; or reading it fails.
+        It is not a regular file, not of an accepted format, or larger than can be read; or reading it fails.
 
     """
     name = f"{key} ="

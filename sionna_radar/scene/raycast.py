@@ -106,7 +106,7 @@ class RayCaster:
 
     def _vertical(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
         first = self._plumb(point_m, start_m, up)
-        # A ray along the edge of two triangles may slip between them; one a little aside then tells.
+        # A ray along the edge of two triangles may slip between them; one a little aside then decides.
         aside = self._plumb(point_m + EDGE_STEP_M, start_m, up)
         slipped = np.nan_to_num(up * (first - aside), nan=np.inf) > EDGE_JUMP_M
         return np.where(slipped & np.isfinite(aside), aside, first)

@@ -5,6 +5,9 @@ y north, z up). Synthetic ground lies nowhere on the Earth; ground from a file c
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,10 +16,13 @@ from rasterio import Affine
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.georeference import Georeference
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, RasterTerrain, SampleTerrain
 from sionna_radar.scene.cutout import Cutout
-from sionna_radar.scene.elevation_file import read_array, read_file
+from sionna_radar.scene.elevation_file import cut, opened_array, opened_file
+from sionna_radar.scene.local_frame import StatedFrame, place_file
+from sionna_radar.scene.placed_raster import PlacedRaster
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 # Cells times filter width up to which a filter is applied tap by tap; beyond it Fourier transforms are faster.
@@ -43,16 +49,19 @@ def load_elevation(
             return _hills(terrain), None
         case FractalTerrain():
             return _fractal(terrain), None
-        case SampleTerrain():
-            return _jacksboro(terrain, window_m)
-        case RasterTerrain():
-            cutout = Cutout(
-                window_m=window_m,
-                crs=terrain.crs,
-                centre_lonlat_deg=terrain.centre_lonlat_deg,
-                spacing_m=terrain.spacing_m,
-            )
-            return read_file(terrain.path, cutout)
+        case SampleTerrain() | RasterTerrain():
+            cutout = Cutout(window_m=window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
+            with _opened(terrain) as dataset:
+                return cut(dataset, cutout)
+
+
+def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
+    """Return how the elevation file of a terrain lies in its local frame; the file itself is closed again.
+
+    Raises ScenarioError or InputFileError as `load_elevation` does.
+    """
+    with _opened(terrain) as dataset:
+        return place_file(dataset, _stated(terrain))
 
 
 def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
@@ -162,21 +171,31 @@ def _scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: floa
     return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
 
 
-def _jacksboro(
-    terrain: SampleTerrain, window_m: tuple[float, float, float, float]
-) -> tuple[Raster, Georeference]:
+def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:
+    if isinstance(terrain, SampleTerrain):
+        # SRTM counts its heights from the EGM96 geoid.
+        return StatedFrame(crs="EPSG:4326", vertical_crs="EPSG:5773", centre_lonlat_deg=terrain.centre_lonlat_deg)
+    return StatedFrame(
+        crs=terrain.crs,
+        vertical_crs=terrain.vertical_crs,
+        height_unit=terrain.height_unit,
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+    )
+
+
+@contextmanager
+def _opened(terrain: SampleTerrain | RasterTerrain) -> Iterator[Any]:
+    if isinstance(terrain, RasterTerrain):
+        with opened_file(terrain.path) as dataset:
+            yield dataset
+        return
     with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:
         # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
         # seconds, fall on cell centres. "ymin" is wrong: it lies 344 rows NORTH of ymax. That ymax is the
-        # northern edge is told by the highest cell, which so falls on Cross Mountain (36.1983 N,
-        # 84.2306 W, 1077 m), and by the town of Jacksboro (36.33 N), which the other way is not inside.
+        # northern edge follows from the highest cell, which so falls on Cross Mountain (36.1983 N,
+        # 84.2306 W, 1077 m), and from the town of Jacksboro (36.33 N), which the other way is not inside.
         west, north = float(tile["xmin"]), float(tile["ymax"])
         dx, dy = float(tile["dx"]), float(tile["dy"])
         height_m = np.asarray(tile["elevation"])
-    cutout = Cutout(
-        window_m=window_m,
-        crs="EPSG:4326",
-        centre_lonlat_deg=terrain.centre_lonlat_deg,
-        spacing_m=terrain.spacing_m,
-    )
-    return read_array(height_m, Affine(dx, 0.0, west, 0.0, -dy, north), cutout)
+    with opened_array(height_m, Affine(dx, 0.0, west, 0.0, -dy, north)) as dataset:
+        yield dataset

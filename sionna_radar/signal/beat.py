@@ -52,7 +52,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     """Return the noise-free beat signals of a block of pulses for a unit sent power.
 
     A path of gain a adds the power |a|^2: as a complex exponential of that magnitude to I/Q samples, as a
-    cosine of sqrt(2) times it to real ones. An ideal filter removes beats that the sampling cannot tell.
+    cosine of sqrt(2) times it to real ones. An ideal filter removes beats beyond the unambiguous band of the sampling.
 
     Parameters
     ----------
@@ -118,6 +118,6 @@ def _one_chirp(
 def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Bool[np.ndarray, " path"]:
     """Tell which beats lie inside the sampled band."""
     half = chirp.sampling_rate_hz / 2
-    # Complex samples tell 0 to the sampling rate; a real signal folds negative frequencies onto positive.
+    # Complex samples cover 0 to the sampling rate; a real signal folds negative frequencies onto positive.
     centre = half if chirp.sampling == "iq" else 0.0
     return np.abs(frequency_hz - centre) < half

@@ -157,7 +157,7 @@ def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
 
 
 def _signs(place):  # type: ignore[no-untyped-def]
-    """Return two signs that hang on a place alone: its coordinates' bits, hashed.
+    """Return two signs that depend on a place alone: its coordinates' bits, hashed.
 
     Multipliers: Teschner and others 2003, "Optimized spatial hashing"; the finish is MurmurHash3's.
     """

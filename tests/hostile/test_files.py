@@ -16,11 +16,12 @@ from sionna_radar.input_file import read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.cutout import Cutout
-from sionna_radar.scene.elevation_file import read_file
+from sionna_radar.scene.elevation_file import cut, opened_file
 from sionna_radar.scene.ground_cover import classes_at
+from sionna_radar.scene.local_frame import StatedFrame
 from sionna_radar.scene.measured_backscatter import TableBackscatter
 
-CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), crs="EPSG:32631")
+CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), frame=StatedFrame(crs="EPSG:32631"))
 POINTS = np.array([[0.0, 0.0], [5.0, 5.0]])
 ASC = "ncols {0}\nnrows {0}\nxllcorner -50\nyllcorner -50\ncellsize 10\n"
 
@@ -55,7 +56,8 @@ WMS = (
 
 
 def as_terrain(path: Path) -> object:
-    return read_file(path, CUTOUT)
+    with opened_file(path) as dataset:
+        return cut(dataset, CUTOUT)
 
 
 def as_cover(path: Path) -> object:

@@ -10,9 +10,10 @@ from pyproj import CRS
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import plan_track, plan_trajectory
+from sionna_radar.georeference import Georeference
 from sionna_radar.mapping.compare import difference, summarise
 from sionna_radar.mapping.points import Points
-from sionna_radar.raster import Georeference, Grid, Raster
+from sionna_radar.raster import Grid, Raster
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.survey import ChirpRecord, Survey
 

@@ -8,12 +8,14 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.raster import Grid, Raster
 from sionna_radar.report import environment_figure, figures
+from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.survey import Survey
 
 DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
@@ -135,3 +137,39 @@ def test_a_warning_stands_over_the_figure_and_covers_nothing(survey: Survey, dra
     told = [outline for text, outline in outlines(figure)]
     assert "Warning: most echoes" in figure.get_suptitle()
     assert not any(figure._suptitle.get_window_extent().overlaps(outline) for outline in told)
+
+
+def tick_texts(axes: Axes) -> tuple[list[str], list[str]]:
+    axes.figure.draw_without_rendering()
+    return [t.get_text() for t in axes.get_xticklabels()], [t.get_text() for t in axes.get_yticklabels()]
+
+
+@pytest.mark.parametrize("draw", [figures.environment, figures.power_map, figures.dem, figures.error_map])
+def test_maps_have_map_coordinates_where_there_are_any(georeferenced: Survey, draw: Callable[..., Figure]) -> None:
+    axes = draw(georeferenced).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("Easting (m)", "Northing (m)")
+    east, north = tick_texts(axes)
+    assert "747000" in east
+    assert "4035000" in north
+    assert len(east) <= 5
+    local = draw(georeferenced, coordinates=Coordinates.LOCAL).axes[0]
+    assert local.get_xlabel() == "East (m)"
+    assert "0" in tick_texts(local)[0]
+
+
+def test_heights_are_those_of_the_datum(georeferenced: Survey) -> None:
+    plan, profile = figures.environment(georeferenced).axes
+    bar = plan.child_axes[0]
+    assert bar.get_ylabel() == profile.get_ylabel() == "Height above datum (m)"
+    assert min(float(text) for text in tick_texts(bar)[1]) > 390
+    assert "400" in tick_texts(profile)[1]
+
+
+def test_tick_labels_of_seven_digits_keep_apart(georeferenced: Survey) -> None:
+    for draw in (figures.environment, figures.power_map, figures.dem, figures.error_map):
+        figure = draw(georeferenced)
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            for labels in (axes.get_xticklabels(), axes.get_yticklabels()):
+                shown = [t.get_window_extent() for t in labels if t.get_text()]
+                assert not any(a.overlaps(b) for a, b in combinations(shown, 2))

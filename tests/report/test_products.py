@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from datetime import date
+from importlib.metadata import version
 from pathlib import Path
 
 import laspy
@@ -14,7 +15,8 @@ from pyproj import CRS
 from sionna_radar.mapping.compare import DemError
 from sionna_radar.raster import Raster
 from sionna_radar.report import products
-from sionna_radar.report.products import write_geotiff, write_laz, write_products
+from sionna_radar.report.point_cloud import write_laz
+from sionna_radar.report.products import write_geotiff, write_products
 from sionna_radar.report.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import Survey
@@ -24,6 +26,7 @@ KEYS = [
     "replaced",
     "warnings",
     "seed",
+    "georeference",
     "engine",
     "pulses",
     "paths",
@@ -56,7 +59,7 @@ FILES = [
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures have tests of their own."""
-    monkeypatch.setattr(products, "draw_all", lambda survey, directory: [])
+    monkeypatch.setattr(products, "draw_all", lambda survey, directory, coordinates: [])
 
 
 # ----------------------------------------------------------------------------------------- summary
@@ -166,13 +169,26 @@ def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
         assert file.bounds.top == 0.0
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_a_geotiff_says_what_made_it(survey: Survey, tmp_path: Path) -> None:
+    described = survey.scenario.model_copy(update={"description": "H\u00fcgel [/x]\0 <&> \x01"})
+    write_products(replace(survey, scenario=described), tmp_path / "out")
+    for name, quantity in {"dem": "DEM height", "truth": "true height", "error": "DEM minus truth"}.items():
+        with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
+            tags = file.tags()
+        assert tags["TIFFTAG_SOFTWARE"] == f"sionna-radar {version('sionna-radar')}"
+        assert tags["TIFFTAG_IMAGEDESCRIPTION"].strip() == "H\u00fcgel [/x]  <&>"
+        assert (tags["SEED"], tags["QUANTITY"], tags["UNITS"]) == ("7", quantity, "m")
+        assert tags["POINTS_SHA256"] == survey.points.sha256()
+
+
 # ------------------------------------------------------------------------------------------- points
 
 
 def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
     path, points, place = tmp_path / "points.laz", georeferenced.points, georeferenced.georeference
     assert place is not None
-    write_laz(path, points, georeferenced.schedule.time_s, place)
+    write_laz(path, points, georeferenced.schedule, place)
     las = laspy.read(path)
     assert las.header.creation_date == date(2000, 1, 1)  # no clock, no time zone
     assert (str(las.header.version), las.header.point_format.id) == ("1.4", 6)
@@ -184,6 +200,11 @@ def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
     np.testing.assert_array_equal(las["range_m"], points.range_m)
     np.testing.assert_array_equal(las["snr_db"], points.snr_db.astype(np.float32))
     np.testing.assert_array_equal(las.gps_time, georeferenced.schedule.time_s[points.pulse])
+    np.testing.assert_array_equal(las["range_sigma_m"], points.range_sigma_m.astype(np.float32))
+    radar = np.column_stack([las["radar_x"], las["radar_y"], las["radar_z"]])
+    np.testing.assert_allclose(radar, points.origin_m + place.origin_m, atol=1e-6)
+    # The beam runs from the radar to the point.
+    np.testing.assert_allclose(np.linalg.norm(las.xyz - radar, axis=1), points.range_m, atol=0.001)
     above_db = 10 * np.log10(points.power / points.power.min())
     np.testing.assert_allclose(las.intensity / 100, above_db, atol=0.0051)
 
@@ -198,7 +219,7 @@ def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> No
         number=np.arange(20),
         **{name: getattr(points, name)[row] for name in columns},
     )
-    write_laz(tmp_path / "points.laz", twenty, survey.schedule.time_s, None)
+    write_laz(tmp_path / "points.laz", twenty, survey.schedule, None)
     las = laspy.read(tmp_path / "points.laz")
     assert list(las["echo"]) == list(range(20))
     assert np.asarray(las.return_number).max() == 15
@@ -206,8 +227,21 @@ def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> No
     assert las.header.parse_crs() is None
 
 
+def test_laz_scan_angle_is_to_the_right_of_the_flight(survey: Survey, tmp_path: Path) -> None:
+    write_laz(tmp_path / "points.laz", survey.points, survey.schedule, None)
+    las = laspy.read(tmp_path / "points.laz")
+    # A whisk broom's scan angle is the one about the forward axis.
+    scan_deg = np.rad2deg(survey.schedule.pulses(survey.points.pulse).scan_rad)
+    assert np.ptp(scan_deg) > 60
+    np.testing.assert_allclose(0.006 * las.scan_angle, scan_deg, atol=0.0031)
+    heading = np.deg2rad(70.0)
+    away = survey.points.position_m - survey.points.origin_m
+    to_the_right = away[:, 0] * np.cos(heading) - away[:, 1] * np.sin(heading)
+    np.testing.assert_array_equal(np.sign(np.round(to_the_right, 2)) * las.scan_angle >= 0, True)
+
+
 def test_laz_of_no_points(empty: Survey, tmp_path: Path) -> None:
-    write_laz(tmp_path / "points.laz", empty.points, empty.schedule.time_s, None)
+    write_laz(tmp_path / "points.laz", empty.points, empty.schedule, None)
     las = laspy.read(tmp_path / "points.laz")
     assert len(las.points) == 0
     assert {"snr_db", "range_m", "pulse", "echo"} <= set(las.point_format.extra_dimension_names)

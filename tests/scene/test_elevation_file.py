@@ -229,7 +229,8 @@ def test_us_survey_feet_go_to_metres(tmp_path):
 def test_heights_in_feet_of_a_compound_crs_become_metres(tmp_path):
     path = write_plane(tmp_path / "a.tif", crs="EPSG:26911+6360")
     raster, place = load(path)
-    assert not CRS(place.crs_wkt).is_compound
+    # In feet in the file, in metres in the products.
+    assert [part.to_epsg() for part in CRS(place.crs_wkt).sub_crs_list] == [26911, 5703]
     x, y, z = absolute(raster, place)
     np.testing.assert_allclose(z, plane(x, y) * 1200 / 3937, atol=1e-9)
 

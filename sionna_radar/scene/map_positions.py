@@ -1,0 +1,85 @@
+"""Positions of a scenario that are given on the map, brought into the local frame of its terrain."""
+
+import numpy as np
+from pyproj import CRS
+from pyproj.exceptions import ProjError
+
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.input_file import shown
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.table import Point2
+from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
+from sionna_radar.scene.placed_raster import PlacedRaster, horizontal_part, reproject
+from sionna_radar.scene.terrain import place_of
+
+
+def in_local_frame(scenario: Scenario) -> Scenario:
+    """Return a scenario with all of its positions in local metres.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        There is no such CRS, a position has no place in it, or the terrain cannot be read.
+
+    """
+    if not isinstance(scenario.terrain, SampleTerrain | RasterTerrain) or scenario.coordinates == "local":
+        return scenario
+    moving = _Moving(_crs(scenario.coordinates), place_of(scenario.terrain))
+    platform = scenario.platform
+    waypoints = [moving(f"platform.waypoints_m.{i}", point) for i, point in enumerate(platform.waypoints_m)]
+    start = platform.start_m and moving("platform.start_m", platform.start_m)
+    cover = [
+        polygon.model_copy(
+            update={"polygon_m": tuple(moving(f"terrain.cover.{i}.polygon_m", point) for point in polygon.polygon_m)}
+        )
+        for i, polygon in enumerate(scenario.terrain.cover)
+    ]
+    objects = {
+        name: tuple(
+            entry.model_copy(update={"position_m": moving(f"{name}.{i}.position_m", entry.position_m)})
+            for i, entry in enumerate(getattr(scenario, name))
+        )
+        for name in ("buildings", "targets")
+    }
+    if moving.problems:
+        raise ScenarioError(moving.problems)
+    return scenario.model_copy(
+        update={
+            "coordinates": "local",
+            "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints)}),
+            "terrain": scenario.terrain.model_copy(update={"cover": tuple(cover)}),
+            **objects,
+        }
+    )
+
+
+def _crs(name: str) -> CRS:
+    try:
+        crs = horizontal_part(CRS.from_user_input(4326 if name == "lonlat" else name))
+    except ProjError as error:
+        message = f"{shown(name)} is not a coordinate reference system; give 'local', 'lonlat' or one like 'EPSG:32632'"
+        raise ScenarioError([Problem("coordinates", message)]) from error
+    if not (crs.is_projected or crs.is_geographic):
+        message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32632'"
+        raise ScenarioError([Problem("coordinates", message)])
+    return crs
+
+
+class _Moving:
+    """Brings positions on the map into the local frame, and collects those that have no place there."""
+
+    def __init__(self, crs: CRS, place: PlacedRaster) -> None:
+        self._crs, self._place = crs, place
+        self.problems: list[Problem] = []
+
+    def __call__(self, key: str, position: Point2) -> Point2:
+        try:
+            x, y = reproject(self._crs, self._place.local, *(np.array([c]) for c in position))
+        except ProjError as error:
+            message = f"{self._crs.name!r} cannot be transformed to the terrain's {self._place.local.name!r} ({error})"
+            raise ScenarioError([Problem("coordinates", f"{message}; give another")]) from error
+        if not (np.isfinite(x[0]) and np.isfinite(y[0])):
+            order = "longitude and latitude" if self._crs.is_geographic else "easting and northing"
+            message = f"{position} has no place in {self._crs.name!r}; give {order}, in this order"
+            self.problems.append(Problem(key, message))
+        return float(x[0] - self._place.origin[0]), float(y[0] - self._place.origin[1])
