@@ -1,6 +1,6 @@
 """The sensors that a survey can carry: from pulses to echoes.
 
-A sensor of one's own is any object with the methods of `Sensor`; pass what builds it from the prepared survey to
+A custom sensor is any object with the methods of `Sensor`; pass what builds it from the prepared survey to
 `sionna_radar.run(sensor=...)`.
 """
 
@@ -217,7 +217,7 @@ def engine_inputs(ready: Preparation) -> EngineInputs:
 
 
 def tracer_with(engine: Engine, ready: Preparation) -> Tracer:
-    """Return a tracer of a prepared survey with an engine of one's own."""
+    """Return a tracer of a prepared survey with a custom engine."""
     scenario = ready.scenario
     return Tracer(
         engine,

@@ -132,9 +132,9 @@ def run(
     block_size:
         Pulses simulated at once; it changes the speed and the memory, never the result.
     antenna, scan, navigation:
-        An antenna, a scan or a navigation system of one's own in place of the scenario's.
+        A custom antenna, scan or navigation system in place of the scenario's.
     sensor:
-        What builds a sensor of one's own from the prepared survey.
+        What builds a custom sensor from the prepared survey.
     progress:
         Called at the start of each stage and after each of its steps; see `Progress`.
 
@@ -314,7 +314,7 @@ def sightings(profiles: Profiles, ready: Preparation) -> Sightings:
 
 
 def true_surface(ready: Preparation) -> Raster:
-    """Return the surface that a DEM is held against."""
+    """Return the surface that a DEM is compared with."""
     return truth_dem(ready.built.caster, ready.grid, float(ready.built.scene.bounds_m[1, 2]) + 10.0)
 
 

@@ -3,7 +3,7 @@
 Speckle: the power of a cell is exponential about the echo's mean shape, and a window ties neighbouring cells, so
 that a bin counts for `looks_per_bin` independent ones. Every estimator returns a standard deviation with the range.
 
-An estimator of one's own is any function of an `EchoRuns` that returns `Ranges`; add it to ESTIMATORS under a name.
+A custom estimator is any function of an `EchoRuns` that returns `Ranges`; add it to ESTIMATORS under a name.
 """
 
 from collections.abc import Callable

@@ -26,7 +26,7 @@ from sionna_radar.raster import Grid
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
-# As many, however small they get: where they end must not hang on rounding.
+# As many, however small they get: where they end must not depend on rounding.
 FIRST_STEPS, LAST_STEPS = 2, 5
 CELLS_BELOW_PEAK = 1e-2
 OUTLIER_SIGMAS = 4.0

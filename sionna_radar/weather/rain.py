@@ -161,7 +161,7 @@ def rain_reflectivity_per_m(frequency_hz: float, *, rain_rate_mm_per_h: float, t
 
 
 def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
-    """Return eta (m2/m3) of drops of one's own: the integral of N(D) sigma_back(D) over D."""
+    """Return eta (m2/m3) of a custom drop size distribution: the integral of N(D) sigma_back(D) over D."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
     return float(np.sum(area_per_m3 * efficiencies.backscatter))
 
