@@ -42,7 +42,7 @@ def smaller_of_two_sums(weight: np.ndarray, factor: float) -> Fraction:
     return 2 * sum(c * d * x / (x + y + a) for c, x, d, y in terms)
 
 
-@pytest.mark.parametrize("window", ["hann", "hamming", "blackman"])
+@pytest.mark.parametrize("window", ["hann", "blackman"])
 @pytest.mark.parametrize("pfa", [1e-1, 1e-3, 1e-6, 1e-12])
 @pytest.mark.parametrize("training", [2, 4, 8, 16])
 def test_means_of_correlated_cells_are_exact(training, pfa, window):

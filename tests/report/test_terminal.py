@@ -38,7 +38,7 @@ def test_an_ascii_terminal_takes_all_that_is_printed(small: Path, tmp_path: Path
     scenario = tmp_path / "marked.toml"
     scenario.write_text(f'description = "{MARKUP} 山"\n{small.read_text()}', encoding="utf-8")
     ascii_only = os.environ | {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    vary = ["--vary", "processing.ranging=peak,centroid", "--repeat", "2", "-o", str(tmp_path / "out")]
+    vary = ["--vary", "processing.ranging=peak", "--repeat", "2", "-o", str(tmp_path / "out")]
     for command in (["sweep", str(scenario), *vary], ["run", str(scenario), "-o", str(tmp_path / "run")], ["scenes"]):
         done = subprocess.run(
             [sys.executable, "-m", "sionna_radar", *command], capture_output=True, check=False, env=ascii_only
