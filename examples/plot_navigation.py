@@ -22,7 +22,7 @@ size = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_
 steps, draws = (3, 1) if small else (9, 4)
 scenario = load_scenario("hills", size)
 survey = record_survey(scenario)
-exact = survey.dem_error(None).rms_m
+exact = survey.lit_error(None).rms_m
 lidar = run(scenario.model_copy(update={"sensor": "lidar"})).dem_error.rms_m
 print(f"exact pose: radar {exact:.3f} m, lidar {lidar:.3f} m RMS")
 
@@ -31,7 +31,7 @@ print(f"exact pose: radar {exact:.3f} m, lidar {lidar:.3f} m RMS")
 def rms(key: str, axes: tuple[float, float, float], size: float) -> float:
     """Return the RMS of the DEM with one error, the mean square over some draws of the random ones."""
     table = NavigationTable.model_validate({key: tuple(size * share for share in axes)})
-    squares = [survey.dem_error(survey.navigation(table, seed)).rms_m ** 2 for seed in range(draws)]
+    squares = [survey.lit_error(survey.navigation(table, seed)).rms_m ** 2 for seed in range(draws)]
     return float(np.sqrt(np.mean(squares)))
 
 

@@ -48,7 +48,7 @@ def range_error_m(name):
 errors_m = {name: range_error_m(name) for name in surveys}
 for name, error in errors_m.items():
     told = f"range {error.mean():+.3f} m, standard deviation {error.std():.3f} m; "
-    print(f"{NAMES[name][0]}: {told}DEM {surveys[name].dem_error(None).rms_m:.3f} m RMS")
+    print(f"{NAMES[name][0]}: {told}DEM {surveys[name].lit_error(None).rms_m:.3f} m RMS")
 
 # %%
 # The range rate of every pulse, as its pair of sweeps tells it, beside that of still ground on the beam axis.
@@ -73,7 +73,7 @@ wrong_mps = np.linspace(-2.0, 2.0, 3 if SMALL else 9)
 def rms_with(name, error_mps):
     survey = surveys[name]
     table = NavigationTable(velocity_constant_mps=(float(error_mps), 0.0, 0.0))
-    return survey.dem_error(survey.navigation(table) if error_mps else None).rms_m
+    return survey.lit_error(survey.navigation(table) if error_mps else None).rms_m
 
 
 rms_m = {name: [rms_with(name, error) for error in wrong_mps] for name in surveys}

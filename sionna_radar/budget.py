@@ -74,7 +74,7 @@ class GradeResult:
 class Budget(Brief):
     """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
 
-    rms_m: over all cells of the DEM.
+    rms_m: over lit cells, which the main beam reached.
     """
 
     scenario: Scenario
@@ -180,7 +180,7 @@ def navigation_budget(
     rows = len(errors) + len(grades)
     survey = record_survey(scenario, progress=progress)
     progress("mapping", 0, rows)
-    exact = survey.dem_error(None).rms_m
+    exact = survey.lit_error(None).rms_m
     if not exact > LEAST_RMS_M:
         message = (
             "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
@@ -203,7 +203,7 @@ def navigation_budget(
 def rms_with(survey: RecordedSurvey, error: NavigationError, size: float, repeat: int) -> float:
     """Return the RMS of the DEM with one error of navigation."""
     if error.kind == "constant":
-        return max(survey.dem_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
+        return max(survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
     return _mean_rms(survey, error.table(size), repeat)
 
 
@@ -233,7 +233,7 @@ def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, gro
 def fly_grade(survey: RecordedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
     """Return the DEM with a grade of GPS/IMU."""
     rms = _mean_rms(survey, grade.errors, repeat)
-    coverage = survey.dem_error(survey.navigation(grade.errors)).coverage
+    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
     return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
 
 
@@ -254,7 +254,7 @@ def write(budget: Budget, directory: Path) -> list[Path]:
 def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:
     first = survey.ready.scenario.seed
     squares = [
-        survey.dem_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
+        survey.lit_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
     ]
     return math.sqrt(sum(squares) / repeat)
 

@@ -37,8 +37,8 @@ class RecordedSurvey:
         schedule = replace(self.ready.schedule, navigation=navigation)
         return place(self.recording.echoes, self.sensor, schedule, block_size=MAPPED_AT_ONCE)
 
-    def dem_error(self, navigation: Navigation | None) -> DemError:
-        """Return the error of the DEM made with a navigation system, by the scenario's own `dem.method`.
+    def lit_error(self, navigation: Navigation | None) -> DemError:
+        """Return the error of lit cells of the DEM made with a navigation system, by the scenario's own `dem.method`.
 
         Raises
         ------
@@ -48,7 +48,8 @@ class RecordedSurvey:
         """
         ready = replace(self.ready, schedule=replace(self.ready.schedule, navigation=navigation))
         dem = map_points(self.points(navigation), self.recording.profiles, ready)
-        return summarise(difference(dem, self.truth), self.recording.lit & self.truth.filled)
+        lit = self.recording.lit & self.truth.filled
+        return summarise(difference(dem, self.truth).only(lit), lit)
 
     def navigation(self, table: NavigationTable, seed: int | None = None) -> Navigation | None:
         """Return a navigation system with some errors, on the lever arm of this survey."""

@@ -37,7 +37,7 @@ def survey():
 
 @pytest.fixture(scope="module")
 def exact(survey):
-    return survey.dem_error(None)
+    return survey.lit_error(None)
 
 
 def test_every_error_is_a_key_of_a_scenario():

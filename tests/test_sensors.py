@@ -104,10 +104,10 @@ def test_errors_of_navigation_spoil_the_dem_but_not_the_echoes(exact):
 def test_a_survey_mapped_again_is_the_survey_flown_with_those_errors(exact):
     survey = record_survey(scenario_of())
     assert survey.points(None).sha256() == exact.points.sha256()
-    assert survey.dem_error(None) == exact.dem_error
+    assert survey.lit_error(None) == exact.lit_error
     navigation = survey.navigation(NavigationTable(**NOISY))
-    assert survey.dem_error(navigation) == run(scenario_of(navigation=NOISY)).dem_error
-    assert survey.dem_error(survey.navigation(NavigationTable(**NOISY), seed=9)) != survey.dem_error(navigation)
+    assert survey.lit_error(navigation) == run(scenario_of(navigation=NOISY)).lit_error
+    assert survey.lit_error(survey.navigation(NavigationTable(**NOISY), seed=9)) != survey.lit_error(navigation)
 
 
 def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
@@ -115,9 +115,9 @@ def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
     shorter = HILLS["platform"] | {"length_m": 6.0}
     data = HILLS | {"platform": shorter, "dem": {"method": "smooth"}, "tracing": {"paths_per_pulse": 64}}
     survey = record_survey(parse_scenario(data))
-    assert survey.dem_error(None) == run(parse_scenario(data)).dem_error
+    assert survey.lit_error(None) == run(parse_scenario(data)).lit_error
     erring = data | {"platform": shorter | {"navigation": NOISY}}
-    assert survey.dem_error(survey.navigation(NavigationTable(**NOISY))) == run(parse_scenario(erring)).dem_error
+    assert survey.lit_error(survey.navigation(NavigationTable(**NOISY))) == run(parse_scenario(erring)).lit_error
 
 
 def test_a_lidar_has_no_echoes_for_a_map_to_model():

@@ -78,7 +78,7 @@ def _draw_grades(axes: Axes, budget: Budget) -> None:
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.0})
     axes.axvline(budget.rms_m * (1 + budget.growth), color="black", lw=1, ls="--", zorder=0.5)
     axes.set(yticks=range(len(names)), yticklabels=names)
-    axes.set_xlabel("RMS error of all cells of the DEM (m); dashed: the limit")
+    axes.set_xlabel("RMS error of lit cells (m); dashed: the limit")
     axes.invert_yaxis()
     axes.margins(x=0.15)
     axes.spines[["top", "right"]].set_visible(False)
