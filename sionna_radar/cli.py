@@ -88,6 +88,7 @@ def _options(
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
+    # Only declares --version, which its own callback answers; a docstring would replace the program's help.
     pass
 
 

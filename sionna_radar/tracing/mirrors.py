@@ -81,9 +81,7 @@ class Patch:
 
     def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
         """Tell which points of the plane lie inside: the border turns about them once."""
-        distance, first, last = self._seen_from(point_m)
-        turn = (np.arctan(last / distance) - np.arctan(first / distance)).sum(axis=1)
-        return turn > np.pi
+        return _turns(*self._seen_from(point_m)) > 0
 
     def _seen_from(
         self, point_m: Float[np.ndarray, "n 2"]
@@ -112,8 +110,7 @@ class Patch:
 
         """
         distance, first, last = self._seen_from(foot_m)
-        turn = (np.arctan(last / distance) - np.arctan(first / distance)).sum(axis=1)
-        factor = np.round(turn / (2 * np.pi)).astype(np.complex128)
+        factor = _turns(distance, first, last).astype(np.complex128)
         nearest = np.hypot(distance, np.maximum(np.maximum(first, -last), 0.0))
         row, edge = np.nonzero(nearest < EDGE_RADII * _lobe_m(height_m, wavelength_m, self.radius_m)[:, None])
         waves = _edge_wave(
@@ -121,6 +118,15 @@ class Patch:
         )
         np.subtract.at(factor, row, waves / (2 * np.pi))
         return factor
+
+
+def _turns(
+    distance_m: Float[np.ndarray, "n edge"], first_m: Float[np.ndarray, "n edge"], last_m: Float[np.ndarray, "n edge"]
+) -> Float[np.ndarray, " n"]:
+    """Return how often a border turns about each point: 1 inside, 0 outside."""
+    angle = (np.arctan(last_m / distance_m) - np.arctan(first_m / distance_m)).sum(axis=1)
+    turns: Float[np.ndarray, " n"] = np.round(angle / (2 * np.pi))
+    return turns
 
 
 def _lobe_m(

@@ -220,22 +220,27 @@ def default_of(key: str) -> object:
     return node
 
 
-def fuzz(seed: int) -> None:
+def fuzzed(seed: int) -> str:
     chance = random.Random(seed)
     keys = chance.sample(KEYS, chance.choice((1, 1, 2, 3)))
     # A table is replaced, or a key in it: not both.
     keys = [key for key in keys if not any(key.startswith(f"{other}.") for other in keys)]
-    said_of({key: scaled(chance, default_of(key)) if chance.random() < 0.5 else any_value(chance) for key in keys})
+    values = (scaled(chance, default_of(key)) if chance.random() < 0.5 else any_value(chance) for key in keys)
+    return said_of(dict(zip(keys, values, strict=True)))
+
+
+def is_a_result_or_one_clear_error(said: str) -> bool:
+    """Nothing said of what can be flown; else short lines without a word of pydantic's or Python's."""
+    return len(said) < 5000 and not any(word in said for word in ("Traceback", "pydantic", "validation error"))
 
 
 @pytest.mark.parametrize("tens", range(20))
 def test_no_value_ends_in_anything_but_a_result_or_an_error(tens):
-    for seed in range(10 * tens, 10 * tens + 10):
-        fuzz(seed)
+    assert all(is_a_result_or_one_clear_error(fuzzed(seed)) for seed in range(10 * tens, 10 * tens + 10))
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("hundreds", range(50))
 def test_no_value_of_many_ends_in_anything_but_a_result_or_an_error(hundreds):
-    for seed in range(1000 + 100 * hundreds, 1100 + 100 * hundreds):
-        fuzz(seed)
+    first = 1000 + 100 * hundreds
+    assert all(is_a_result_or_one_clear_error(fuzzed(seed)) for seed in range(first, first + 100))
