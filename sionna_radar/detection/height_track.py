@@ -13,8 +13,7 @@ from jaxtyping import Float, Int
 from scipy.signal import lfilter
 from scipy.special import logsumexp
 
-# Ground rises or falls so much for a metre of distance, on average, and jumps so often from pulse to pulse.
-MEAN_SLOPE = 0.12
+# Heights jump so often from pulse to pulse.
 JUMP_PROBABILITY = 0.03
 # Least downward cosine of a beam whose range tells a height.
 LEAST_DOWN = 0.1
@@ -63,6 +62,7 @@ def track(
     heights: AxisHeights,
     cell_m: float,
     line: Int[np.ndarray, " pulse"],
+    slope: float,
 ) -> Tracked:
     """Return the most probable ranges of the pulses of whole scan lines.
 
@@ -76,12 +76,14 @@ def track(
         Length of a range cell.
     line:
         Scan line of each pulse; lines know nothing of each other.
+    slope:
+        How much the ground rises or falls for a metre of distance, on average.
 
     """
     posterior = np.empty(evidence.shape)
     for rows in np.split(np.arange(len(line)), np.flatnonzero(np.diff(line)) + 1):
         if len(rows):
-            posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows)
+            posterior[rows] = evidence[rows] + _neighbours(evidence[rows], heights, cell_m, rows, slope)
     total = logsumexp(posterior, axis=1)
     share = np.exp(posterior - total[:, None])
     cell = np.arange(evidence.shape[1])
@@ -94,7 +96,11 @@ def track(
 
 
 def _neighbours(
-    evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
+    evidence: Float[np.ndarray, "pulse cell"],
+    heights: AxisHeights,
+    cell_m: float,
+    rows: Int[np.ndarray, " pulse"],
+    slope: float,
 ) -> Float[np.ndarray, "pulse cell"]:
     """Return the log-probability of each cell given the other pulses of the line, even where they say nothing."""
     count, cells = evidence.shape
@@ -112,7 +118,7 @@ def _neighbours(
         at = (top[row] - height) / (down[row] * cell_m)
         likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - most), left=0.0, right=0.0)
     distance = _distances(evidence, heights, cell_m, rows)
-    decay = np.exp(-step_m / np.maximum(MEAN_SLOPE * distance, step_m))
+    decay = np.exp(-step_m / np.maximum(slope * distance, step_m))
     flat = np.full(len(height), 1 / len(height))
     forward, backward = np.tile(flat, (count, 1)), np.tile(flat, (count, 1))
     for step in range(count - 1):

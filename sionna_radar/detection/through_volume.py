@@ -10,14 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.ground_behind import GroundBehind, learned_ground, unknown_ground
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
 from sionna_radar.detection.profiles import Profiles, cut_profiles
-from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, Ranges
-from sionna_radar.detection.volume_clutter import VolumeClutter, first_guess, measured_mean
-from sionna_radar.detection.volume_end import VolumeEnd
+from sionna_radar.detection.ranging import EchoRuns
+from sionna_radar.detection.volume_clutter import NEIGHBOURS, VolumeClutter, first_guess, measured_mean
+from sionna_radar.detection.volume_end import Views, VolumeEnd
+from sionna_radar.detection.volume_motion import VolumeMotion, estimated_motion, expected_motion
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.chirp import Chirp
 
@@ -26,14 +29,13 @@ LEAST_PROBABILITY = 0.99
 WIDTHS_OF_RUN = 3.0
 # Half of the window's response that shapes are spread by, in range cells.
 RESPONSE_CELLS = 4
-# Level of the ground over the volume at which both ways of ranging count alike.
-EVEN_LEVEL = 16.0
 ESTIMATION_ROUNDS = 2
-LEVEL_ROUNDS = 6
-# Levels rarer than this are none.
-RAREST_LEVEL = 1e-3
 # Between the volume alone and the ground's range there lie this many widths of level ground's echo, and cells.
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
+# Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
+RARELY_GROUND = 0.02
+# Pulses that tell the volume's motion.
+MOTION_PULSES = 128
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,15 +44,14 @@ class ThroughVolume:
 
     detector: Detector
     end: VolumeEnd
+    motion: VolumeMotion
 
     @property
     def volume(self) -> VolumeClutter:
         """The volume."""
         return self.end.volume
 
-    def find(
-        self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp
-    ) -> Found:
+    def find(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> Found:
         """Return the uncorrected echoes of whole scan lines and the profiles around them.
 
         Parameters
@@ -60,7 +61,7 @@ class ThroughVolume:
         pulses:
             Whole scan lines; the measured pose alone is used.
         sweep:
-            The sweep of these spectra, which tells what motion does to ranges.
+            The sweep of these spectra, which decides what motion does to ranges.
 
         """
         # Line by line, so that rounding does not depend on how many lines a block holds.
@@ -72,29 +73,29 @@ class ThroughVolume:
         )
 
     def _find_line(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> Found:
-        stride = self.detector.analyser.zero_padding
-        ratio = self.end.over_volume(power[:, ::stride])
-        down, drift = _looking_down(pulses), self._drift_m(pulses, sweep)
-        evidence = self.end.evidence(ratio, down, drift)
-        tracked = track(evidence, _heights(pulses, sweep), self.end.cell_m, pulses.line)
-        width, level = self.end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), down, drift)
+        end, stride = self.end, self.detector.analyser.zero_padding
+        cells = power[:, ::stride]
+        views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
+        ratio = end.over_volume(cells, views.strength)
+        evidence = end.evidence(ratio, views)
+        tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
+        width = end.widths_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         kept = np.flatnonzero(_accepted(tracked, self.detector.processing.cfar.false_alarm_probability))
-        runs, volume = self._runs(power, tracked.cell, width, drift, kept)
-        ranges = self._ranges(runs, tracked, level, kept)
+        runs, volume = self._runs(power, tracked.cell, width, views, kept)
         noise = runs.noise[runs.row, runs.peak]
         peak = power[runs.row, runs.peak]
+        range_m, sigma_m = tracked.cell[kept] * end.cell_m, tracked.sigma[kept] * end.cell_m
         echoes = Echoes(
             pulse=pulses.index[kept],
             number=np.zeros(len(kept), dtype=np.int64),
-            range_m=ranges.range_m,
-            range_sigma_m=ranges.sigma_m,
+            range_m=range_m,
+            range_sigma_m=sigma_m,
             power=peak,
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
         )
         quiet = replace(runs, noise=np.full(power.shape, self.volume.noise))
         profiles = cut_profiles(quiet, pulses.index, stride, volume)
-        profiles = replace(profiles, echo_m=ranges.range_m, echo_sigma_m=ranges.sigma_m)
-        return Found(echoes=echoes, profiles=profiles)
+        return Found(echoes=echoes, profiles=replace(profiles, echo_m=range_m, echo_sigma_m=sigma_m))
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
@@ -102,16 +103,21 @@ class ThroughVolume:
         clutter = self.volume.clutter_threshold(self.detector.processing.cfar.false_alarm_probability)
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
-    def _drift_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, " pulse"]:
-        """Return by how much the fall of the volume moves its echo: it recedes from a beam that looks down."""
-        return sweep.doppler_range_m(self.volume.fall_mps * _looking_down(pulses))
+    def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
+        """Return how the beams of pulses meet volume and ground, by their measured poses."""
+        boresight = pulses.measured.boresight
+        return Views(
+            down=-boresight[:, 2],
+            drift_m=sweep.doppler_range_m(self.motion.range_rate_mps(boresight)),
+            strength=strength,
+        )
 
     def _runs(
         self,
         power: Float[np.ndarray, "pulse bin"],
         cell: Float[np.ndarray, " pulse"],
         width: Float[np.ndarray, " pulse"],
-        drift_m: Float[np.ndarray, " pulse"],
+        views: Views,
         kept: Int[np.ndarray, " echo"],
     ) -> tuple[EchoRuns, Float[np.ndarray, "pulse bin"]]:
         """Return the echoes' runs, volume and noise as their noise, and the mean of the volume alone."""
@@ -119,7 +125,7 @@ class ThroughVolume:
         stride, bins = analyser.zero_padding, power.shape[1]
         place = np.arange(bins) / stride
         mean = np.interp(place, np.arange(len(self.volume.mean)), self.volume.mean)
-        volume = mean * self.end.in_air(cell, width, drift_m, place)
+        volume = mean * views.strength[:, None] * self.end.in_air(cell, width, views.drift_m, place)
         reach = WIDTHS_OF_RUN * width + 1
         start = np.clip(np.floor((cell - reach) * stride), 0, bins - 1).astype(np.int64)
         stop = np.clip(np.ceil((cell + reach) * stride) + 1, start + 1, bins).astype(np.int64)
@@ -136,28 +142,21 @@ class ThroughVolume:
         )
         return runs, volume
 
-    def _ranges(
-        self, runs: EchoRuns, tracked: Tracked, level: Float[np.ndarray, " pulse"], kept: Int[np.ndarray, " echo"]
-    ) -> Ranges:
-        own = ESTIMATORS[self.detector.processing.ranging](runs)
-        cell_m = self.end.cell_m
-        share = 1 / (1 + (level[kept] / EVEN_LEVEL) ** 4)
-        return Ranges(
-            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,
-            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * own.sigma_m),
-        )
-
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
-    """Tell whether the spectra of pulses spread over a survey show a volume in front of the ground."""
+    """Return whether the spectra of pulses spread over a survey show a volume in front of the ground."""
     return detector.beam is not None and _first_guess(detector, power) is not None
 
 
 def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
     stride = detector.analyser.zero_padding
     range_m = detector.analyser.range_m[::stride]
-    first = int(np.searchsorted(range_m, detector.processing.min_range_m))
-    return first_guess(power[:, ::stride], range_m, first, len(range_m) - 2)
+    return first_guess(power[:, ::stride], range_m, _first_cell(detector), len(range_m) - 2)
+
+
+def _first_cell(detector: Detector) -> int:
+    range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
+    return int(np.searchsorted(range_m, detector.processing.min_range_m))
 
 
 def volume_in_front(
@@ -175,78 +174,81 @@ def volume_in_front(
         Those pulses and their sweep.
 
     """
-    analyser = detector.analyser
     if detector.beam is None:
         return None
-    stride = analyser.zero_padding
-    cells = power[:, ::stride]
-    range_m = analyser.range_m[::stride]
-    first = int(np.searchsorted(range_m, detector.processing.min_range_m))
     guess = _first_guess(detector, power)
     if guess is None:
         return None
-    through = _through(detector, guess, first, len(range_m))
+    cells = power[:, :: detector.analyser.zero_padding]
+    through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
     for _ in range(ESTIMATION_ROUNDS):
-        through = _estimated_again(through, cells, pulses, sweep, range_m)
-    return through
+        through = _with_mean_and_ground(through, cells, pulses, sweep)
+    moving = _with_motion(through, cells, pulses, sweep)
+    return through if moving.motion is through.motion else _with_mean_and_ground(moving, cells, pulses, sweep)
 
 
-def _through(detector: Detector, volume: VolumeClutter, first: int, cells: int) -> ThroughVolume:
+def _through(
+    detector: Detector,
+    volume: VolumeClutter,
+    ground: GroundBehind,
+    motion: VolumeMotion,
+    pulses: Pulses,
+    sweep: Chirp,
+) -> ThroughVolume:
     analyser = detector.analyser
     assert detector.beam is not None
+    down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
     end = VolumeEnd(
         volume=volume,
+        ground=ground,
+        spread_m=abs(float(sweep.doppler_range_m(motion.fall_spread_mps * down).mean())),
         beam=detector.beam,
         cell_m=analyser.chirp.range_resolution_m,
         looks=analyser.looks_per_cell,
         response=analyser.response(RESPONSE_CELLS, 1),
-        first=first,
-        cells=cells,
+        first=_first_cell(detector),
+        cells=len(analyser.range_m[:: analyser.zero_padding]),
     )
-    return ThroughVolume(detector=detector, end=end)
+    return ThroughVolume(detector=detector, end=end, motion=motion)
 
 
-def _estimated_again(
-    through: ThroughVolume,
-    cells: Float[np.ndarray, "pulse cell"],
-    pulses: Pulses,
-    sweep: Chirp,
-    range_m: Float[np.ndarray, " cell"],
+def _with_mean_and_ground(
+    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
-    """Return the volume's mean from what lies before the ground, and how strong the ground is over it."""
+    """Return the volume's mean from what lies before the ground, and how strong and steep the ground is."""
     end, volume = through.end, through.volume
-    down, drift = _looking_down(pulses), through._drift_m(pulses, sweep)
-    by_level = end.by_level(end.over_volume(cells), down, drift)
-    share = _level_share(by_level - np.log(volume.level_share).astype(np.float32), volume.level_share)
-    ground = np.argmax(by_level.max(axis=2), axis=1)
+    strength = volume.strength(cells, end.looks, 0)
+    views = through.views(pulses, sweep, strength)
+    likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
+    learned = learned_ground(end.ground.level, likelihood)
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
-    width = ground * spread * np.sqrt(1 / np.maximum(down, 0.05) ** 2 - 1 + 0.1)
+    width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
     before = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
-    number = np.arange(len(range_m))
-    alone = (number < before[:, None]) & (number >= end.first)
-    mean = measured_mean(volume, cells, alone, range_m)
-    kept = share > RAREST_LEVEL
-    kept[1:-1] |= kept[2:] | kept[:-2]
-    known = VolumeClutter(mean=mean, noise=volume.noise, level=volume.level[kept], level_share=share[kept])
-    return _through(through.detector, known, end.first, end.cells)
+    alone = (np.arange(end.cells) < before[:, None]) & (np.arange(end.cells) >= end.first)
+    range_m = end.cell_m * np.arange(end.cells)
+    mean = measured_mean(volume, cells / strength[:, None], alone, range_m)
+    near = (end.first, max(int(np.quantile(before, RARELY_GROUND)), end.first))
+    even = replace(volume, mean=mean, near=near, uneven=0.0)
+    known = replace(even, uneven=even.unevenness(cells, end.looks))
+    return _through(through.detector, known, learned, through.motion, pulses, sweep)
 
 
-def _level_share(
-    likelihood: Float[np.ndarray, "pulse cell level"], share: Float[np.ndarray, " level"]
-) -> Float[np.ndarray, " level"]:
-    """Return how often each level occurs: the shares under which the pulses are most likely."""
-    # Over cells an even prior; only the ratio between levels counts.
-    most = likelihood.max(axis=(1, 2), keepdims=True)
-    weight = np.exp(np.maximum(likelihood - most, -60.0)).sum(axis=1)
-    for _ in range(LEVEL_ROUNDS):
-        own = weight * share
-        share = (own / own.sum(axis=1, keepdims=True)).mean(axis=0)
-        share = (share + 1e-5) / np.sum(share + 1e-5)
-    return share
+def _with_motion(
+    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
+) -> ThroughVolume:
+    """Return the volume with its own motion."""
+    end = through.end
+    rows = np.unique(np.linspace(0, len(pulses) - 1, min(MOTION_PULSES, len(pulses))).round().astype(np.int64))
+    strength = through.volume.strength(cells, end.looks, 0)[rows]
+    views = through.views(pulses.rows(rows), sweep, strength)
+    ratio = end.over_volume(cells[rows], strength)
 
+    def likelihood(speed_mps: float) -> Float[np.ndarray, " pulse"]:
+        drift_m = sweep.doppler_range_m(np.full(len(rows), speed_mps))
+        return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
 
-def _looking_down(pulses: Pulses) -> Float[np.ndarray, " pulse"]:
-    return -pulses.measured.boresight[:, 2]
+    motion = estimated_motion(sweep.carrier_hz, pulses.rows(rows).measured.boresight, likelihood)
+    return _through(through.detector, through.volume, end.ground, motion, pulses, sweep)
 
 
 def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:

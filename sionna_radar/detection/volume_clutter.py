@@ -4,7 +4,8 @@ Rain has the same mean profile in every pulse, and ground has not. Some pulses s
 profile: near the radar a volume that fills the beam falls as r^-2, and stands over the receiver's noise in the
 median of the pulses. That first guess tells where each pulse's volume ends (`volume_end`); what lies well before
 is volume alone, and all pulses together give its mean in every cell, drawn towards the law where few reach.
-Nothing is told of the rain rate, and nothing of the ground.
+Nothing is known beforehand of the rain rate or the ground. Where a volume is not the same over the survey (a shower at
+its edge), its strength about each pulse follows from the cells next to the radar.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-# Exponential powers have their median at log 2 of their mean.
-MEDIAN_OF_MEAN = float(np.log(2))
 # Cells next to the radar in which a volume is looked for, and how far it stands there over the noise.
 NEAR_CELLS = 24
 LEAST_OVER_NOISE = 2.0
@@ -26,11 +25,11 @@ SMOOTHED_CELLS = 8
 LOOKS_OF_LAW = 200.0
 # Of exponential powers one in 3000 exceeds 8 means: what does is no volume.
 MOST_OVER_MEAN = 8.0
-LEVELS = 10.0 ** (np.arange(-12.0, 49.0, 3.0) / 10)
-# Mean and relative spread of the radial fall of drops as millimetre waves weigh them (Lhermitte 1990, "Attenuation
-# and scattering of millimeter wavelength radiation by clouds and precipitation": 4 to 5 m/s from 1 to 50 mm/h).
-FALL_SPEED_MPS = 4.5
-FALL_SPREAD = 0.25
+# Strength of the volume about a pulse: pulses on each side of it that share in the estimate, and its limits.
+NEIGHBOURS = 12
+STRENGTH_LIMITS = (0.01, 100.0)
+# Differences between pulses must exceed those of chance by this factor to be the volume's.
+LEAST_UNEVEN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,16 +37,14 @@ class VolumeClutter:
     """Mean powers of a volume in the range cells, as far as it reaches in the beam.
 
     mean: of the volume; noise: of the receiver, one for all cells.
-    level, level_share: the ground's strongest mean over the volume's, and in which share of the pulses it is so.
-    fall_mps, drift_spread: speed at which what fills the volume falls, and its relative spread.
+    near: first and one past the last of the cells that hold the volume alone in nearly every pulse.
+    uneven: variance of the volume's strength between pulses; 0 where all see the same.
     """
 
     mean: Float[np.ndarray, " cell"]
     noise: float
-    level: Float[np.ndarray, " level"]
-    level_share: Float[np.ndarray, " level"]
-    fall_mps: float = FALL_SPEED_MPS
-    drift_spread: float = FALL_SPREAD
+    near: tuple[int, int] = (0, 0)
+    uneven: float = 0.0
 
     @property
     def background(self) -> Float[np.ndarray, " cell"]:
@@ -57,6 +54,38 @@ class VolumeClutter:
     def clutter_threshold(self, false_alarm_probability: float) -> Float[np.ndarray, " cell"]:
         """Return what volume and noise alone exceed with a probability: a clutter map's threshold."""
         return -np.log(false_alarm_probability) * self.background
+
+    def strength(
+        self, power: Float[np.ndarray, "pulse cell"], looks: float, neighbours: int
+    ) -> Float[np.ndarray, " pulse"]:
+        """Return the mean of the volume about each pulse over that of the survey, from the cells next to the radar.
+
+        looks: independent looks that a cell is worth; neighbours: pulses on each side that see much the same volume.
+        """
+        if self.uneven == 0:
+            return np.ones(len(power))
+        kernel = np.ones(min(2 * neighbours + 1, 2 * len(power) - 1))
+        count = np.convolve(np.ones(len(power)), kernel, "same")
+        mean = np.convolve(self._near_mean(power), kernel, "same") / count
+        chance = 1 / (count * looks * max(self.near[1] - self.near[0], 1))
+        # Towards the survey's mean as far as chance makes the difference.
+        share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
+        return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
+
+    def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float) -> float:
+        """Return the variance of the volume's strength between pulses, beyond what chance makes."""
+        mean = self._near_mean(power)
+        cells = self.near[1] - self.near[0]
+        if cells < 2 * SMOOTHED_CELLS:
+            return 0.0
+        chance = float(np.mean(mean**2)) / (looks * cells + 1)
+        variance = float(mean.var())
+        return variance - chance if variance > LEAST_UNEVEN * chance else 0.0
+
+    def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
+        near = slice(*self.near)
+        ratio = power[:, near] / self.background[near]
+        return np.minimum(ratio, MOST_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
 def first_guess(
@@ -74,7 +103,19 @@ def first_guess(
         Cells that are tested.
 
     """
-    level = np.median(power, axis=0) / MEDIAN_OF_MEAN
+    # A volume over part of the survey shows in the strongest pulses only.
+    for share in (0.5, 0.8):
+        found = _volume_at(share, power, range_m, first, last)
+        if found is not None:
+            return found
+    return None
+
+
+def _volume_at(
+    share: float, power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
+) -> VolumeClutter | None:
+    """Return a volume that the given share of pulses lies below, as exponential powers about its mean do."""
+    level = np.quantile(power, share, axis=0) / -np.log(1 - share)
     noise = float(np.quantile(level[first:last], QUIET_SHARE))
     near = slice(first, min(first + NEAR_CELLS, last))
     over = level[near] / max(noise, np.finfo(float).tiny)
@@ -86,8 +127,7 @@ def first_guess(
     if not 1 / MOST_UNEVEN < ratio < MOST_UNEVEN:
         return None
     mean = np.median(compensated) / np.maximum(range_m, range_m[1]) ** 2
-    even = np.full(len(LEVELS), 1 / len(LEVELS))
-    return VolumeClutter(mean=mean, noise=noise, level=LEVELS, level_share=even)
+    return VolumeClutter(mean=mean, noise=noise)
 
 
 def measured_mean(

@@ -79,16 +79,17 @@ class RainEcho:
         )
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
-        """Return the share of each pulse's two-way beam that has not met a surface nearer than each cell's end."""
+        """Return the share of each pulse's two-way beam that has not met a surface nearer than each cell's middle."""
         cells = len(self.cell_power)
         ground = surfaces.surface >= 0
         range_m = surfaces.delay_s[ground] * (speed_of_light / 2)
         weight = np.abs(surfaces.gain[ground].astype(np.complex128)) ** 2 * range_m**2
         row = np.searchsorted(pulses.index, surfaces.pulse[ground])
         cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells)  # the last: beyond all
-        met = np.bincount(row * (cells + 1) + cell, weight, minlength=len(pulses) * (cells + 1))
-        met = np.cumsum(met.reshape(len(pulses), cells + 1), axis=1)
-        total = met[:, -1:]
+        inside = np.bincount(row * (cells + 1) + cell, weight, minlength=len(pulses) * (cells + 1))
+        inside = inside.reshape(len(pulses), cells + 1)
+        total = inside.sum(axis=1, keepdims=True)
+        met = np.cumsum(inside, axis=1) - inside / 2
         return np.where(total > 0, 1 - met[:, :-1] / np.where(total > 0, total, 1.0), 1.0)
 
 

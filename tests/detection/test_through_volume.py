@@ -9,6 +9,7 @@ from sionna_radar import load_scenario, run
 from sionna_radar.detection.height_track import AxisHeights, track
 from sionna_radar.detection.through_volume import shows_volume
 from sionna_radar.detection.volume_clutter import VolumeClutter, first_guess
+from sionna_radar.detection.volume_end import Views
 from sionna_radar.preparation import prepare
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.sensors import SawtoothRadar, received
@@ -93,14 +94,14 @@ def test_rain_without_ground_makes_no_echo():
     beat = rng.normal(size=(400, 2, ready.chirp.samples)) / np.sqrt(2)
     white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
     power = white / white.mean() * volume.background
-    down = np.full(400, 0.6)
-    evidence = end.evidence(end.over_volume(power), down, np.full(400, 1.1))
+    views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
+    evidence = end.evidence(end.over_volume(power, views.strength), views)
     heights = AxisHeights(
         position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
         shift_m=np.zeros(400),
     )
-    tracked = track(evidence[:, : end.cells], heights, end.cell_m, np.arange(400) // 50)
+    tracked = track(evidence[:, : end.cells], heights, end.cell_m, np.arange(400) // 50, 0.1)
     accepted = (tracked.evidence > -np.log(1e-6)) & (tracked.probability > 0.99)
     assert not accepted.any()
     above = power[:, end.first :] > volume.clutter_threshold(1e-3)[end.first :]
@@ -136,15 +137,15 @@ def test_the_neighbours_decide_between_two_ranges():
         boresight=np.tile([0.0, 0.7, -0.7], (21, 1)) / np.sqrt(0.98),
         shift_m=np.zeros(21),
     )
-    together = track(evidence, heights, 0.3, np.zeros(21, dtype=int))
+    together = track(evidence, heights, 0.3, np.zeros(21, dtype=int), 0.12)
     assert abs(together.cell[10] - 200) < 1
     assert together.probability[10] > 0.9
-    alone = track(evidence, heights, 0.3, np.arange(21))
+    alone = track(evidence, heights, 0.3, np.arange(21), 0.12)
     assert abs(alone.cell[10] - 80) < 1
 
 
 def test_the_volume_is_never_below_nothing():
-    volume = VolumeClutter(mean=np.ones(3), noise=0.5, level=np.ones(1), level_share=np.ones(1))
+    volume = VolumeClutter(mean=np.ones(3), noise=0.5)
     np.testing.assert_allclose(volume.background, 1.5)
     np.testing.assert_allclose(volume.clutter_threshold(np.exp(-2.0)), 3.0)
 
