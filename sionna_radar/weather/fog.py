@@ -53,6 +53,12 @@ def liquid_water_of_visibility_g_per_m3(visibility_m: float) -> float:
     return float((extinction_per_km / EXTINCTION_PER_KM) ** (1.0 / EXTINCTION_EXPONENT))
 
 
+def visibility_of_liquid_water_m(liquid_water_g_per_m3: float) -> float:
+    """Return the visibility in a mean fog by its liquid water (Kunkel 1984)."""
+    extinction_per_km = EXTINCTION_PER_KM * liquid_water_g_per_m3**EXTINCTION_EXPONENT
+    return float(-1000.0 * math.log(CONTRAST) / extinction_per_km)
+
+
 def fog_coefficient(frequency_hz: float, temperature_k: float) -> float:
     """Return K_l, the attenuation in dB/km that 1 g/m3 of droplets causes.
 
@@ -64,9 +70,7 @@ def fog_coefficient(frequency_hz: float, temperature_k: float) -> float:
     return DB_PER_KM_PER_GHZ * frequency_hz / 1e9 / (permittivity.imag * (1.0 + eta**2))
 
 
-def fog_attenuation_db_per_km(
-    frequency_hz: float, *, liquid_water_g_per_m3: float, temperature_k: float
-) -> float:
+def fog_attenuation_db_per_km(frequency_hz: float, *, liquid_water_g_per_m3: float, temperature_k: float) -> float:
     """Return the one-way specific attenuation of fog or cloud, K_l M (ITU-R P.840-9, Annex 1, section 2)."""
     require_not_negative("liquid_water_g_per_m3", liquid_water_g_per_m3)
     return fog_coefficient(frequency_hz, temperature_k) * liquid_water_g_per_m3
