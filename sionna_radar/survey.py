@@ -165,7 +165,13 @@ def run(
         chirp = None
         if isinstance(carried, SawtoothRadar | TriangularRadar):
             chirp = record_chirp(ready, carried.tracer, carried.through[0])
-    warnings = warnings_of(len(recording.echoes), recording.rain_echoes, recording.lost_to_rain, len(ready.schedule))
+    warnings = warnings_of(
+        len(recording.echoes),
+        recording.rain_echoes,
+        recording.lost_to_rain,
+        len(ready.schedule),
+        scenario.weather.falling or "air",
+    )
     for warning in warnings:
         logger.warning("%s", warning)
     return Survey(

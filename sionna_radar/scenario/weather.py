@@ -111,6 +111,15 @@ class WeatherTable(Table):
         return {kind: rate for kind, rate in rates.items() if rate > 0}
 
     @property
+    def falling(self) -> str:
+        """What falls anywhere, in words: "rain", "rain and dry snow"; empty where nothing does."""
+        shower = self.rain_cell is not None and self.rain_cell.peak_mm_per_h > 0
+        kinds = [kind for kind in Precipitation if kind in self.precipitation_mm_per_h]
+        if shower and Precipitation.RAIN not in kinds:
+            kinds.insert(0, Precipitation.RAIN)
+        return " and ".join(kind.value for kind in kinds)
+
+    @property
     def visibility_m(self) -> dict[Obscurant, float]:
         """What hangs in the air, and how far one sees through it alone.
 
