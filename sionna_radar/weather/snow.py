@@ -170,12 +170,12 @@ def _polarisability(frequency_hz: float, kind: Precipitation, temperature_k: flo
 
 
 def _backscatter_m2(
-    frequency_hz: float, flakes_: Flakes, polarisability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
+    frequency_hz: float, falling: Flakes, polarisability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
 ) -> Float[np.ndarray, "*shape node"]:
     wave_number = 2.0 * np.pi * frequency_hz / speed_of_light
-    volume_m3 = flakes_.mass_kg / WATER_KG_PER_M3
+    volume_m3 = falling.mass_kg / WATER_KG_PER_M3
     point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarisability) ** 2 * volume_m3**2
-    echo: Float[np.ndarray, "*shape node"] = point_m2 * form_factor(size * wave_number * flakes_.diameter_m)
+    echo: Float[np.ndarray, "*shape node"] = point_m2 * form_factor(size * wave_number * falling.diameter_m)
     return echo
 
 
