@@ -77,8 +77,8 @@ def test_small_flakes_are_rayleigh_scatterers():
     assert reflectivity(frequency_hz, 0.01) == pytest.approx(expected, rel=0.05)
 
 
-# Matrosov 2007 (J. Atmos. Sci. 64, 1727): Ze = 56 S^1.2 at Ka band, 10 S^0.8 at W band, factors of 2 or so for the
-# flakes' unknowns (the latter in its abstract; the coefficients from memory of the literature).
+# Matrosov 2007 (J. Atmos. Sci. 64, 1735): Ze = 56 S^1.2 at Ka band, 10 S^0.8 at W band, good to factors of 2 or so for
+# what is not known of the flakes (from memory of the literature).
 @pytest.mark.parametrize(("frequency_hz", "a", "b"), [(35e9, 56.0, 1.2), (94e9, 10.0, 0.8)])
 @pytest.mark.parametrize("rate", [0.5, 1.0, 2.0, 4.0])
 def test_cloud_radars_see_snow_as_strong(frequency_hz, a, b, rate):
