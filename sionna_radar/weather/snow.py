@@ -2,8 +2,8 @@
 
 Dry snow is computed from its flakes. A sphere of the flake's mean density is no model of it at millimetre wavelengths:
 its front and back cancel, and at 94 GHz and 4 mm/h its echo is 12 dB below that of the model here, which agrees with
-relations for cloud radars (tests show both). The flakes are therefore taken as aggregates, whose structure is alike on all scales: the self-similar
-Rayleigh-Gans approximation of Hogan and Westbrook 2014.
+relations for cloud radars (tests show both). The flakes are therefore taken as aggregates, whose structure is alike on
+all scales: the self-similar Rayleigh-Gans approximation of Hogan and Westbrook 2014.
 
 Wet snow cannot be computed so: water spread over a flake or gathered in drops on it differ tenfold in attenuation.
 Its attenuation is that of rain with the same water, times the greatest factor of the ITU's melting layer. Its echo is
@@ -55,8 +55,8 @@ KAPPA = 0.19  # kurtosis of the mass along the beam
 BETA = 0.23  # power of the fluctuations around the mean
 GAMMA = 5.0 / 3.0  # slope of their spectrum
 HARMONICS = 60
-# Assumptions on wet snow: half of its mass is water (between none and all its echo changes by 5 to 7 dB), and it falls 13 %
-# of the way from a flake to a drop faster, Mitra et al. 1990 as restated by Szyrmer and Zawadzki 1999 (from memory).
+# Assumptions on wet snow: half of its mass is water (between none and all its echo changes by 5 to 7 dB), and it is 13 %
+# of the way from a flake's speed to a drop's, Mitra et al. 1990 as restated by Szyrmer and Zawadzki 1999 (from memory).
 MOLTEN = 0.5
 FASTER = 0.246 * MOLTEN + (1 - 0.246) * MOLTEN**7
 # The maximum of the melting-layer factor of ITU-R P.2001-2, attachment C.4, and P.530 (`melting_factor`).
