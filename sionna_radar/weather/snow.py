@@ -55,7 +55,7 @@ KAPPA = 0.19  # kurtosis of the mass along the beam
 BETA = 0.23  # power of the fluctuations around the mean
 GAMMA = 5.0 / 3.0  # slope of their spectrum
 HARMONICS = 60
-# Assumptions on wet snow: half of its mass is water (between none and all its echo changes by 5 to 7 dB), and it is 13 %
+# Assumed of wet snow: half of its mass is water (between none and all its echo changes by 5 to 7 dB), and it is 13 %
 # of the way from a flake's speed to a drop's, Mitra et al. 1990 as restated by Szyrmer and Zawadzki 1999 (from memory).
 MOLTEN = 0.5
 FASTER = 0.246 * MOLTEN + (1 - 0.246) * MOLTEN**7
