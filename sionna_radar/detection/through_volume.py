@@ -184,7 +184,11 @@ def volume_in_front(
     for _ in range(ESTIMATION_ROUNDS):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     moving = _with_motion(through, cells, pulses, sweep)
-    return through if moving.motion is through.motion else _with_mean_and_ground(moving, cells, pulses, sweep)
+    if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
+        return through
+    # What was learned of the ground with the wrong motion is forgotten.
+    anew = _through(detector, moving.volume, unknown_ground(), moving.motion, pulses, sweep)
+    return _with_mean_and_ground(anew, cells, pulses, sweep)
 
 
 def _through(

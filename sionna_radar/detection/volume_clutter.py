@@ -64,9 +64,10 @@ class VolumeClutter:
         """
         if self.uneven == 0:
             return np.ones(len(power))
-        kernel = np.ones(min(2 * neighbours + 1, 2 * len(power) - 1))
-        count = np.convolve(np.ones(len(power)), kernel, "same")
-        mean = np.convolve(self._near_mean(power), kernel, "same") / count
+        kernel = np.ones(2 * neighbours + 1)
+        about = slice(neighbours, neighbours + len(power))
+        count = np.convolve(np.ones(len(power)), kernel)[about]
+        mean = np.convolve(self._near_mean(power), kernel)[about] / count
         chance = 1 / (count * looks * max(self.near[1] - self.near[0], 1))
         # Towards the survey's mean as far as chance makes the difference.
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
@@ -117,17 +118,19 @@ def _volume_at(
     """Return a volume that the given share of pulses lies below, as exponential powers about its mean do."""
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
     noise = float(np.quantile(level[first:last], QUIET_SHARE))
-    near = slice(first, min(first + NEAR_CELLS, last))
-    over = level[near] / max(noise, np.finfo(float).tiny)
-    compensated = (level[near] - noise) * range_m[near] ** 2
-    half = len(compensated) // 2
-    if half == 0 or np.median(over[:half]) < LEAST_OVER_NOISE or np.median(compensated) <= 0:
-        return None
-    ratio = np.median(compensated[:half]) / max(np.median(compensated[half:]), np.finfo(float).tiny)
-    if not 1 / MOST_UNEVEN < ratio < MOST_UNEVEN:
-        return None
-    mean = np.median(compensated) / np.maximum(range_m, range_m[1]) ** 2
-    return VolumeClutter(mean=mean, noise=noise)
+    compensated = (level - noise) * range_m**2
+    # Where drops blow towards the radar those next to it read as negative ranges, which a real beat folds onto the
+    # first cells; those behind follow the law.
+    for start in (first, first + NEAR_CELLS):
+        near, far = slice(start, start + NEAR_CELLS // 2), slice(start + NEAR_CELLS // 2, min(start + NEAR_CELLS, last))
+        strength = float(np.median(compensated[near.start : far.stop]))
+        nearest = float(np.median(compensated[first : first + NEAR_CELLS // 2]))
+        ratio = float(np.median(compensated[near]) / max(np.median(compensated[far]), np.finfo(float).tiny))
+        over = float(np.median(level[near]) / max(noise, np.finfo(float).tiny))
+        filled = over >= LEAST_OVER_NOISE and strength > 0 and nearest * MOST_UNEVEN > strength
+        if filled and 1 / MOST_UNEVEN < ratio < MOST_UNEVEN:
+            return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
+    return None
 
 
 def measured_mean(

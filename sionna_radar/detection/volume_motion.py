@@ -89,7 +89,10 @@ def estimated_motion(
         return float(-np.sum(value) + (wind + ((velocity_mps[2] + fall_mps) / FALL_SIGMA_MPS) ** 2) / 2)
 
     def fitted(fall_mps: float) -> tuple[float, VolumeMotion]:
-        best = minimize(cost, [0.0, 0.0, -fall_mps], args=(fall_mps,), method="Nelder-Mead", options={"xatol": 0.01})
+        start = np.array([0.0, 0.0, -fall_mps])
+        simplex = start + np.concatenate([np.zeros((1, 3)), np.diag([WIND_SIGMA_MPS, WIND_SIGMA_MPS, FALL_SIGMA_MPS])])
+        options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}
+        best = minimize(cost, start, args=(fall_mps,), method="Nelder-Mead", options=options)
         spread_mps = FALL_SPREAD * max(-float(best.x[2]), 0.0)
         return best.fun, VolumeMotion(velocity_mps=best.x, fall_spread_mps=spread_mps)
 
