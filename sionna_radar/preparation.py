@@ -7,8 +7,9 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.flight.navigation import build_navigation
-from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
+from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
 from sionna_radar.georeference import Georeference
@@ -39,6 +40,7 @@ class Preparation:
     scenario: with all positions in local metres.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     max_gap_m: greatest distance of a filled DEM cell from the nearest point.
+    expected_ground: what is known of the ground beforehand; None for nothing.
     """
 
     scenario: Scenario
@@ -51,6 +53,11 @@ class Preparation:
     transmit_power_w: float
     noise_power_w: float
     max_gap_m: float
+    expected_ground: ExpectedGround | None = None
+
+    def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
+        """Return the ranges in which a sweep's ground is searched; None for all."""
+        return None if self.expected_ground is None else self.expected_ground.window_m(pulses, sweep)
 
 
 @on_one_thread
@@ -96,6 +103,7 @@ def prepare(
     _check_geometry(looks, schedule, built, chirp)
     _check_scatterers(scenario, schedule, built, chirp)
     max_gap_m = scenario.dem.max_gap_m or _sampling_gap(scenario)
+    grid = _dem_grid(scenario, looks, max_gap_m, built.scene.georeference)
     return Preparation(
         scenario=scenario,
         chirp=chirp,
@@ -103,10 +111,11 @@ def prepare(
         detector=detector,
         schedule=schedule,
         built=built,
-        grid=_dem_grid(scenario, looks, max_gap_m, built.scene.georeference),
+        grid=grid,
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=max_gap_m,
+        expected_ground=build_expected_ground(scenario, antenna, grid, built.scene.georeference),
     )
 
 

@@ -80,10 +80,11 @@ class SawtoothRadar:
             beat = received(paths, pulses, self._ready)
         with self._watch("detect"):
             detector, through = self._ready.detector, self.through[0]
+            window_m = self._ready.window_m(pulses, self._ready.chirp)
             if through is None:
-                found = detector.find(beat, pulses.index)
+                found = detector.find(beat, pulses.index, window_m)
             else:
-                found = through.find(detector.analyser.power(beat), pulses, self._ready.chirp)
+                found = through.find(detector.analyser.power(beat), pulses, self._ready.chirp, window_m)
         return Observation(
             paths=paths, echoes=found.echoes, profiles=found.profiles, through_volume=through is not None
         )
@@ -125,9 +126,11 @@ class TriangularRadar:
         with self._watch("detect"):
             detector = self._ready.detector
             up, down = (
-                detector.uncorrected(detector.spectra(beat), pulses.index)
+                detector.uncorrected(detector.spectra(beat), pulses.index, self._ready.window_m(pulses, sweep))
                 if through is None
-                else through.find(detector.analyser.power(beat), pulses, sweep).echoes
+                else through.find(
+                    detector.analyser.power(beat), pulses, sweep, self._ready.window_m(pulses, sweep)
+                ).echoes
                 for beat, through, sweep in zip(beats, self.through, self._sweeps, strict=True)
             )
             return pair_sweeps(up, down, self._sweeps[0])

@@ -333,9 +333,9 @@ def record_chirp(ready: Preparation, tracer: Tracer, through: ThroughVolume | No
     beat = received(tracer.trace(pulses), pulses, ready)
     spectra = ready.detector.spectra(beat)
     if through is None:
-        echoes = ready.detector.uncorrected(spectra, pulses.index)
+        echoes = ready.detector.uncorrected(spectra, pulses.index, ready.window_m(pulses, ready.chirp))
     else:
-        echoes = through.find(spectra.power, pulses, ready.chirp).echoes
+        echoes = through.find(spectra.power, pulses, ready.chirp, ready.window_m(pulses, ready.chirp)).echoes
         spectra = replace(spectra, threshold=through.threshold(spectra))
     tested = np.isfinite(spectra.threshold[0])
     return ChirpRecord(

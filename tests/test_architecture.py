@@ -29,7 +29,7 @@ ORDER = (
     ("detection",),
     ("imaging",),
     ("mapping", "speckle_test"),
-    ("limits",),
+    ("limits", "expected_ground"),
     ("preparation",),
     ("sensors",),
     ("notes",),

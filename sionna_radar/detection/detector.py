@@ -81,9 +81,17 @@ class Detector:
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
-    def find(self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"]) -> Found:
-        """Return the uncorrected echoes of a block together with the range profiles around them."""
-        runs = self._select(self._runs(self.spectra(beat)))
+    def find(
+        self,
+        beat: Inexact[np.ndarray, "pulse sample"],
+        pulse: Int[np.ndarray, " pulse"],
+        window_m: Float[np.ndarray, "pulse 2"] | None = None,
+    ) -> Found:
+        """Return the uncorrected echoes of a block together with the range profiles around them.
+
+        window_m: nearest and farthest range of each pulse that is searched; None for all.
+        """
+        runs = self._select(self._runs(self.spectra(beat), window_m))
         profiles = cut_profiles(runs, pulse, self.processing.zero_padding)
         return Found(echoes=self._estimated(runs, pulse), profiles=profiles)
 
@@ -91,9 +99,14 @@ class Detector:
         """Return the echoes in spectra that are computed already."""
         return self.correct(self.uncorrected(spectra, pulse), pulse, measured)
 
-    def uncorrected(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
+    def uncorrected(
+        self,
+        spectra: Spectra,
+        pulse: Int[np.ndarray, " pulse"],
+        window_m: Float[np.ndarray, "pulse 2"] | None = None,
+    ) -> Echoes:
         """Return the echoes where they lie on the axis of the spectrum, Doppler shift included."""
-        return self._estimated(self._select(self._runs(spectra)), pulse)
+        return self._estimated(self._select(self._runs(spectra, window_m)), pulse)
 
     def _estimated(self, runs: EchoRuns, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
         ranges = ESTIMATORS[self.processing.ranging](runs)
@@ -115,12 +128,17 @@ class Detector:
         shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
         return replace(echoes, range_m=echoes.range_m - shift[np.searchsorted(pulse, echoes.pulse)])
 
-    def _runs(self, spectra: Spectra) -> EchoRuns:
+    def _runs(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoRuns:
         """Return the runs of cells around detected ones, gaps of up to `merge_gap_m` bridged."""
         tested = self.analyser.range_m >= self.processing.min_range_m
         if self.analyser.chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
             tested &= self.analyser.range_m < self.analyser.chirp.max_range_m - self.analyser.chirp.range_resolution_m
+        if window_m is not None:
+            range_m = self.analyser.range_m
+            tested = tested & (range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:])
+            # What lies elsewhere must not raise the level that an echo's weak cells are measured by.
+            spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
         detected = (spectra.power > spectra.threshold) & tested
         row, start, stop = _true_runs((detected | self._raised(spectra)) & tested)
         gap = int(self.processing.merge_gap_m / self.analyser.bin_m)

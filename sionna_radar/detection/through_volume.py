@@ -34,7 +34,9 @@ ESTIMATION_ROUNDS = 2
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
 RARELY_GROUND = 0.02
-# Pulses that tell the volume's motion.
+# Log-likelihood of ground in every cell of a pulse that is searched nowhere.
+NO_EVIDENCE = -1e3
+# Pulses that the volume's motion is estimated from.
 MOTION_PULSES = 128
 
 
@@ -51,7 +53,13 @@ class ThroughVolume:
         """The volume."""
         return self.end.volume
 
-    def find(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> Found:
+    def find(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        pulses: Pulses,
+        sweep: Chirp,
+        window_m: Float[np.ndarray, "pulse 2"] | None = None,
+    ) -> Found:
         """Return the uncorrected echoes of whole scan lines and the profiles around them.
 
         Parameters
@@ -62,22 +70,35 @@ class ThroughVolume:
             Whole scan lines; the measured pose alone is used.
         sweep:
             The sweep of these spectra, which decides what motion does to ranges.
+        window_m:
+            Nearest and farthest range of each pulse that is searched; None for all.
 
         """
+        if window_m is None:
+            window_m = np.tile([-np.inf, np.inf], (len(pulses), 1))
         # Line by line, so that rounding does not depend on how many lines a block holds.
         breaks = np.flatnonzero(np.diff(pulses.line)) + 1
-        lines = [self._find_line(power[r], pulses.rows(r), sweep) for r in np.split(np.arange(len(pulses)), breaks)]
+        lines = [
+            self._find_line(power[r], pulses.rows(r), sweep, window_m[r])
+            for r in np.split(np.arange(len(pulses)), breaks)
+        ]
         return Found(
             echoes=Echoes.concatenate([line.echoes for line in lines]),
             profiles=Profiles.concatenate([line.profiles for line in lines]),
         )
 
-    def _find_line(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> Found:
+    def _find_line(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        pulses: Pulses,
+        sweep: Chirp,
+        window_m: Float[np.ndarray, "pulse 2"],
+    ) -> Found:
         end, stride = self.end, self.detector.analyser.zero_padding
         cells = power[:, ::stride]
         views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
         ratio = end.over_volume(cells, views.strength)
-        evidence = end.evidence(ratio, views)
+        evidence = _within(end.evidence(ratio, views), window_m / end.cell_m)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width = end.widths_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         kept = np.flatnonzero(_accepted(tracked, self.detector.processing.cfar.false_alarm_probability))
@@ -253,6 +274,17 @@ def _with_motion(
 
     motion = estimated_motion(sweep.carrier_hz, pulses.rows(rows).measured.boresight, likelihood)
     return _through(through.detector, through.volume, end.ground, motion, pulses, sweep)
+
+
+def _within(
+    evidence: Float[np.ndarray, "pulse cell"], window: Float[np.ndarray, "pulse 2"]
+) -> Float[np.ndarray, "pulse cell"]:
+    """Return the evidence inside a window of cells; a pulse with no cell in it has no evidence of ground anywhere."""
+    cell = np.arange(evidence.shape[1])
+    kept = np.where((cell >= window[:, :1]) & (cell <= window[:, 1:]), evidence, -np.inf)
+    nothing = ~np.isfinite(kept).any(axis=1)
+    kept[nothing] = NO_EVIDENCE
+    return kept
 
 
 def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:

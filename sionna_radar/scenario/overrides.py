@@ -214,6 +214,8 @@ def resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Take relative paths of input files as relative to a folder, or else to the working folder."""
     terrain = data.get("terrain")
     tables = [terrain, terrain.get("cover_raster")] if isinstance(terrain, dict) else []
+    processing = data.get("processing")
+    tables += [processing.get("expected_ground")] if isinstance(processing, dict) else []
     materials = data.get("materials")
     tables += materials.values() if isinstance(materials, dict) else []
     for table in tables:

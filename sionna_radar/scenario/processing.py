@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.input_file import shown
-from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 
 class CfarTable(Table):
@@ -28,6 +28,18 @@ class CfarTable(Table):
         return self
 
 
+class ExpectedGroundTable(Table):
+    """Where the ground is expected, so that echoes from elsewhere are none: rain, birds, the far side of a valley.
+
+    path: a rough DEM in metres, in the terrain's vertical datum; without it level ground `platform.altitude_m` below
+        the platform, as an altimeter reports it.
+    tolerance_m: by how much the ground may lie above or below.
+    """
+
+    path: InputPath | None = None
+    tolerance_m: Positive
+
+
 class ProcessingTable(Table):
     """From beat signals to ranges.
 
@@ -35,6 +47,7 @@ class ProcessingTable(Table):
     moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best.
     volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
     is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
+    expected_ground: ranges in which the ground of a pulse may lie; without it all.
     """
 
     window: str = "hann"
@@ -46,6 +59,7 @@ class ProcessingTable(Table):
     ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
+    expected_ground: ExpectedGroundTable | None = None
     doppler_correction: bool = Field(default=True, strict=True)
 
     @field_validator("window")

@@ -47,7 +47,7 @@ def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row colum
         in_blocks = [
             (c - w.start - (f - 1) / 2) / f for c, w, f in zip(lookup, (row_slice, column_slice), factor, strict=True)
         ]
-        height_m[inside] = _bilinear(cells, in_blocks[0], in_blocks[1])
+        height_m[inside] = bilinear(cells, in_blocks[0], in_blocks[1])
     return height_m.reshape(grid.shape)
 
 
@@ -103,7 +103,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
     return height_m
 
 
-def _bilinear(
+def bilinear(
     cells: Float[np.ndarray, "row column"], row: Float[np.ndarray, " n"], column: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return heights between cells, NaN outside them or where an empty one has any weight."""

@@ -5,11 +5,8 @@ Later covers lie over earlier ones: the raster's classes, then `fields`, then `c
 """
 
 import numpy as np
-import rasterio
 from jaxtyping import Float, Int
 from matplotlib.path import Path as Outline
-from pyproj import CRS
-from pyproj.exceptions import ProjError
 from rasterio.windows import Window
 
 from sionna_radar.errors import InputFileError, Problem, ScenarioError
@@ -17,7 +14,7 @@ from sionna_radar.georeference import Georeference
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.placed_raster import apply_affine, horizontal_part, reproject
+from sionna_radar.scene.placed_raster import apply_affine, in_crs_of
 from sionna_radar.scene.raster_file import open_raster
 
 NO_CLASS = -(2**31)
@@ -105,7 +102,7 @@ def classes_at(
         if source.transform.is_degenerate:
             message = f"{cover.path}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
             raise InputFileError(message)
-        x, y = _in_crs_of(source, point_m, georeference)
+        x, y = in_crs_of(source, point_m, georeference, "terrain.cover_raster.path")
         column, row = apply_affine(~source.transform, x, y)
         inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
         value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
@@ -132,32 +129,3 @@ def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, "row column"]:
         return np.ma.filled(cells.astype(np.int64), NO_CLASS)
     stored = cells.filled(np.nan)
     return np.where(np.abs(stored) < -NO_CLASS, stored, NO_CLASS).astype(np.int64)
-
-
-def _in_crs_of(
-    source: rasterio.DatasetReader, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return local points in the raster's own coordinates."""
-    x, y = point_m.T
-    if georeference is None:
-        if source.crs is not None:
-            message = (
-                f"the raster is in {source.crs.to_string()}, but the terrain lies nowhere on the Earth; remove the "
-                "raster's CRS, so that its coordinates are local metres, or use a georeferenced terrain"
-            )
-            raise ScenarioError([Problem("terrain.cover_raster.path", message)])
-        return x, y
-    if source.crs is None:
-        message = "the raster has no CRS, so it cannot be placed; add one, e.g. with gdal_translate -a_srs"
-        raise ScenarioError([Problem("terrain.cover_raster.path", message)])
-    local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
-    own = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
-    if not (own.is_projected or own.is_geographic):
-        message = f"the raster's CRS, {own.name!r}, is neither projected nor geographic; give the raster one that is"
-        raise ScenarioError([Problem("terrain.cover_raster.path", message)])
-    east, north = georeference.origin_m[:2]
-    try:
-        return reproject(local, own, x + east, y + north)
-    except ProjError as error:
-        message = f"the raster's CRS, {own.name!r}, cannot be reached from the terrain's, {local.name!r} ({error})"
-        raise ScenarioError([Problem("terrain.cover_raster.path", message)]) from error

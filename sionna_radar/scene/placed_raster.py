@@ -11,7 +11,10 @@ import numpy as np
 import rasterio
 from jaxtyping import Float
 from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
 
+from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.georeference import Georeference
 from sionna_radar.scene.vertical import HeightSystem
 
 
@@ -95,3 +98,35 @@ def apply_affine(
     """Apply an affine transform to points (affine 3 warns of its `*`, affine 2 has no `@`)."""
     a, b, c, d, e, f = tuple(transform)[:6]
     return a * x + b * y + c, d * x + e * y + f
+
+
+def in_crs_of(
+    source: Any, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None, key: str
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return local points in the coordinates of an open raster.
+
+    Raises ScenarioError, for the given key, where only one of raster and terrain has a place on the Earth.
+    """
+    x, y = point_m.T
+    if georeference is None:
+        if source.crs is not None:
+            message = (
+                f"the raster is in {source.crs.to_string()}, but the terrain lies nowhere on the Earth; remove the "
+                "raster's CRS, so that its coordinates are local metres, or use a georeferenced terrain"
+            )
+            raise ScenarioError([Problem(key, message)])
+        return x, y
+    if source.crs is None:
+        message = "the raster has no CRS, so it cannot be placed; add one, e.g. with gdal_translate -a_srs"
+        raise ScenarioError([Problem(key, message)])
+    local = horizontal_part(CRS.from_wkt(georeference.crs_wkt))
+    own = horizontal_part(CRS.from_wkt(source.crs.to_wkt()))
+    if not (own.is_projected or own.is_geographic):
+        message = f"the raster's CRS, {own.name!r}, is neither projected nor geographic; give the raster one that is"
+        raise ScenarioError([Problem(key, message)])
+    east, north = georeference.origin_m[:2]
+    try:
+        return reproject(local, own, x + east, y + north)
+    except ProjError as error:
+        message = f"the raster's CRS, {own.name!r}, cannot be reached from the terrain's, {local.name!r} ({error})"
+        raise ScenarioError([Problem(key, message)]) from error
