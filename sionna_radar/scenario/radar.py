@@ -12,15 +12,32 @@ from sionna_radar.scenario.table import Real, Table, refuse
 
 
 class AntennaTable(Table):
-    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane."""
+    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane.
+
+    polarization: as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave).
+    receive_polarization: "co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same
+    sense, in which spheres and mirrors return nothing, and "cross" the opposite sense.
+    axial_ratio_db: major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's.
+    """
 
     beamwidth_deg: (
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
-    polarization: Literal["V", "H"] = "V"
+    polarization: Literal["V", "H", "RHCP", "LHCP"] = "V"
     receive_polarization: Literal["co", "cross"] = "co"
+    axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+
+    @model_validator(mode="after")
+    def _ellipse_is_circular(self) -> AntennaTable:
+        if self.axial_ratio_db > 0 and self.polarization in ("V", "H"):
+            raise refuse(
+                "axial_ratio_db",
+                f"{self.axial_ratio_db:g} has no effect on polarization = {self.polarization!r}; remove it, or set "
+                "polarization = 'RHCP' or 'LHCP'",
+            )
+        return self
 
     @property
     def beamwidths_rad(self) -> tuple[float, float]:

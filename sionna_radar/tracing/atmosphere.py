@@ -22,8 +22,7 @@ class Atmosphere:
 
     def __init__(self, weather: Weather, antenna: Antenna, chirp: Chirp, seed: int) -> None:
         self._weather, self._antenna = weather, antenna
-        # Drops are taken for spheres, which keep the polarisation: a cross-polar receiver does not see them.
-        raining = weather.rain_rate_mm_per_h > 0 and antenna.receives == "co"
+        raining = weather.rain_rate_mm_per_h > 0
         self._rain = RainEcho(weather, antenna, chirp, seed) if raining else None
 
     def with_rain(self, paths: Paths, pulses: Pulses) -> Paths:
@@ -43,12 +42,16 @@ class Atmosphere:
 
         Rain weakens a horizontal field more. With the field e, the boresight d and z up, the tilt of e from the
         horizontal axis h = z x d / |z x d| and the elevation of d make cos^2(el) cos(2 tilt) =
-        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down.
+        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down. V and H have it opposite, so that a circular
+        wave has the difference of their shares of it: none.
         """
-        field = pose.R_world_antenna[:, :, 2 if self._antenna.polarization == "V" else 1]
+        field = pose.R_world_antenna[:, :, 1 if self._antenna.polarization == "H" else 2]
         d = pose.boresight
         across = field[:, 1] * d[:, 0] - field[:, 0] * d[:, 1]
-        return self._weather.attenuation_db_per_km(2 * across**2 - (1 - d[:, 2] ** 2))
+        mix = 2 * across**2 - (1 - d[:, 2] ** 2)
+        if self._antenna.circular:
+            mix *= np.diff(np.abs(self._antenna.jones[0][::-1]) ** 2)
+        return self._weather.attenuation_db_per_km(mix)
 
 
 def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:

@@ -32,6 +32,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.tracing.paths import RAIN, Paths
+from sionna_radar.tracing.rain_polarisation import rain_polarisation
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.path import rain_clutter_power
 
@@ -52,6 +53,7 @@ class RainEcho:
         cells = int(np.ceil(chirp.max_range_m / self.cell_m))
         self.cell_power = _cell_power(weather.rain_reflectivity_per_m, antenna, chirp, self.cell_m, cells)
         self._speeds = weather.rain_speeds()
+        self._polarisation = rain_polarisation(weather, antenna)
         self._seed = seed
 
     def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
@@ -67,6 +69,8 @@ class RainEcho:
         boresight = pose.boresight[row]
         range_m = (cell + place) * self.cell_m
         power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level)
+        if self._polarisation is not None:
+            power *= self._polarisation.share(pose)[row]
         fall_mps = -boresight[:, 2] * self._speeds.at(size)
         return Paths(
             pulse=pulses.index[row],
