@@ -24,6 +24,7 @@ from sionna_radar.scene.build import BuiltScene, build_scene
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
+from sionna_radar.signal.receiver import HighPass, build_high_pass
 from sionna_radar.tracing.scatterers import check_scatterers
 
 SAMPLED_PULSES = 2000
@@ -39,6 +40,7 @@ class Preparation:
     scenario: with all positions in local metres.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     max_gap_m: greatest distance of a filled DEM cell from the nearest point.
+    high_pass: of the receiver; None without one.
     """
 
     scenario: Scenario
@@ -51,6 +53,7 @@ class Preparation:
     transmit_power_w: float
     noise_power_w: float
     max_gap_m: float
+    high_pass: HighPass | None = None
 
 
 @on_one_thread
@@ -84,7 +87,8 @@ def prepare(
     own_scan = scan is not None
     scan = scan or build_scan(scenario.radar.scan)
     antenna = antenna or build_antenna(scenario.radar.antenna)
-    detector = build_detector(scenario.processing, chirp, antenna)
+    high_pass = build_high_pass(scenario.radar.receiver)
+    detector = build_detector(scenario.processing, chirp, antenna, high_pass)
     if not own_scan:
         _check_nominal_range(scenario, chirp)
     built = build_scene(scenario, _window(track, chirp.max_range_m))
@@ -107,6 +111,7 @@ def prepare(
         transmit_power_w=transmit_power_w(scenario.radar),
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=max_gap_m,
+        high_pass=high_pass,
     )
 
 

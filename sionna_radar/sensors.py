@@ -239,6 +239,15 @@ def received_sweeps(
     paths: Paths, pulses: Pulses, ready: Preparation, sweeps: tuple[Chirp, ...]
 ) -> list[Inexact[np.ndarray, "pulse sample"]]:
     """Return the beat signals of each sweep of a block's pulses."""
-    clean = [np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, sweep) for sweep in sweeps]
-    beat = add_noise(np.concatenate(clean, axis=1), ready.noise_power_w, ready.scenario.seed, pulses.index)
-    return np.split(beat, len(sweeps), axis=1)
+    seed, high_pass = ready.scenario.seed, ready.high_pass
+    if high_pass is None:
+        clean = [np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, sweep) for sweep in sweeps]
+        beat = add_noise(np.concatenate(clean, axis=1), ready.noise_power_w, seed, pulses.index)
+        return np.split(beat, len(sweeps), axis=1)
+    echoes = [synthesise(high_pass.filtered(paths, sweep), pulses, sweep) for sweep in sweeps]
+    silence = np.zeros_like(np.concatenate(echoes, axis=1))
+    noise = np.split(add_noise(silence, ready.noise_power_w, seed, pulses.index), len(sweeps), axis=1)
+    return [
+        np.sqrt(ready.transmit_power_w) * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
+        for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
+    ]

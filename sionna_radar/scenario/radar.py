@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.table import Real, Table, refuse
+from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
 
 
 class AntennaTable(Table):
@@ -73,6 +73,24 @@ class ScanTable(Table):
         return self
 
 
+class ReceiverTable(Table):
+    """The receiver between mixer and sampler.
+
+    high_pass_corner_hz, high_pass_order: a Butterworth high-pass on the beat signal; 0 for none.
+    """
+
+    high_pass_corner_hz: NonNegative = 0.0
+    high_pass_order: Annotated[int, Field(strict=True, ge=1, le=4)] = 2
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ReceiverTable:
+        usual = type(self).model_fields["high_pass_order"].default
+        if self.high_pass_corner_hz == 0 and self.high_pass_order != usual:
+            message = f"{self.high_pass_order} has no effect without high_pass_corner_hz; give it"
+            raise refuse("high_pass_order", message)
+        return self
+
+
 class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
@@ -86,6 +104,7 @@ class RadarTable(Table):
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
+    receiver: ReceiverTable = ReceiverTable()
     antenna: AntennaTable = AntennaTable()
     scan: ScanTable = ScanTable()
 
@@ -95,6 +114,14 @@ class RadarTable(Table):
             raise refuse(
                 "bandwidth_hz",
                 f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it",
+            )
+        highest_hz = self.samples_per_chirp * self.chirp_rate_hz * (1 if self.sampling == "iq" else 0.5)
+        if self.sweep == "triangular":
+            highest_hz *= 2
+        if self.receiver.high_pass_corner_hz >= highest_hz:
+            raise refuse(
+                "receiver.high_pass_corner_hz",
+                f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
             )
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):
