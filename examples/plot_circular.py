@@ -18,7 +18,7 @@ from sionna_radar import load_scenario
 from sionna_radar.preparation import prepare
 from sionna_radar.sensors import build_sensor
 from sionna_radar.survey import run
-from sionna_radar.tracing.paths import RAIN
+from sionna_radar.tracing.paths import VOLUME
 from sionna_radar.weather.drop_shapes import drop_polarisation
 from sionna_radar.weather.drops import marshall_palmer
 
@@ -47,7 +47,7 @@ def levels_db(scenario):
     ready = prepare(scenario)
     pulses = ready.schedule.sample(60 if SMALL else 300)
     paths = build_sensor(ready).tracer.trace(pulses)
-    power, rain = np.abs(paths.gain.astype(complex)) ** 2, paths.surface == RAIN
+    power, rain = np.abs(paths.gain.astype(complex)) ** 2, paths.surface == VOLUME
     far = paths.delay_s > 0.5 * np.median(paths.delay_s[~rain])
     return 10 * np.log10(power[~rain].sum() / len(pulses)), 10 * np.log10(power[rain & far].sum() / len(pulses))
 

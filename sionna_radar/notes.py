@@ -37,16 +37,20 @@ def replaced_parts(
     return told
 
 
-def warnings_of(echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int = 0) -> tuple[str, ...]:
-    """Return what spoils a result: no echo at all, or rain in front of the ground.
+def warnings_of(
+    echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int = 0, falling: str = "rain"
+) -> tuple[str, ...]:
+    """Return what spoils a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
+    falling: what falls, in words.
     """
     lost: tuple[str, ...] = ()
     if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
         lost = (
-            f"rain: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground from the "
-            "rain in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow the beam",
+            f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground "
+            f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
+            "the beam",
         )
         if echoes == 0:
             return lost
@@ -57,8 +61,8 @@ def warnings_of(echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int
         if 2 * rain_echoes > echoes:
             share = f"most echoes ({rain_echoes:,} of {echoes:,})"
         return (
-            f"{share} come from precipitation in front of the ground, and the DEM is wrong or empty there; "
-            "lower weather.rain_rate_mm_per_h, fly lower, or narrow the beam",
+            f"{share} come from the {falling} in front of the ground, and the DEM is wrong or empty there; "
+            "fly lower, or narrow the beam",
             *lost,
         )
     return lost

@@ -21,7 +21,7 @@ class Stream(IntEnum):
     NOISE = 3
     TARGETS = 4
     TARGET_SCANS = 5
-    RAIN = 6
+    VOLUME = 6
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52

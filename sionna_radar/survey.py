@@ -37,7 +37,7 @@ from sionna_radar.sensors import Observation, SawtoothRadar, Sensor, TriangularR
 from sionna_radar.stopwatch import Stopwatch
 from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.main_beam import main_beam_hits
-from sionna_radar.tracing.paths import RAIN
+from sionna_radar.tracing.paths import VOLUME
 
 logger = logging.getLogger("sionna_radar")
 
@@ -165,7 +165,13 @@ def run(
         chirp = None
         if isinstance(carried, SawtoothRadar | TriangularRadar):
             chirp = record_chirp(ready, carried.tracer, carried.through[0])
-    warnings = warnings_of(len(recording.echoes), recording.rain_echoes, recording.lost_to_rain, len(ready.schedule))
+    warnings = warnings_of(
+        len(recording.echoes),
+        recording.rain_echoes,
+        recording.lost_to_rain,
+        len(ready.schedule),
+        scenario.weather.falling or "air",
+    )
     for warning in warnings:
         logger.warning("%s", warning)
     return Survey(
@@ -247,7 +253,7 @@ def record(
 
 
 def _count_of_rain(block: "Block", sensor: Sensor, ready: Preparation) -> int:
-    if not np.any(block.seen.paths.surface == RAIN):
+    if not np.any(block.seen.paths.surface == VOLUME):
         return 0
     echoes = sensor.correct(block.seen.echoes, block.pulses.index, block.pulses.measured)
     return int(from_rain(echoes, block.seen.paths, ready.chirp).sum())

@@ -1,4 +1,4 @@
-"""Which echoes are those of rain: the truth that a warning is made from, and no map may use."""
+"""Which echoes are those of rain or of what else fills the air: the truth behind a warning, which no map may use."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -6,14 +6,14 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.tracing.paths import RAIN, Paths
+from sionna_radar.tracing.paths import VOLUME, Paths
 
 # Paths this many range cells from an echo are within the main lobe of every window.
 REACH_CELLS = 2.0
 
 
 def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
-    """Tell which echoes hold more power of rain than of anything else.
+    """Tell which echoes hold more power of rain, snow, fog or dust than of anything else.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " 
         The sweep, whose range cells the echoes were found in.
 
     """
-    rain = paths.surface == RAIN
+    rain = paths.surface == VOLUME
     if not rain.any() or len(echoes) == 0:
         return np.zeros(len(echoes), dtype=bool)
     first = paths.pulse[0]

@@ -237,8 +237,8 @@ def _map_pair(
 
 
 def _empty_patch(survey: Survey) -> Patch:
-    raining = survey.scenario.weather.rain_rate_mm_per_h > 0
-    return empty_patch("shadow, no echo, or an echo of rain" if raining else "shadow or no echo")
+    falling = survey.scenario.weather.falling
+    return empty_patch(f"shadow, no echo, or an echo of {falling}" if falling else "shadow or no echo")
 
 
 def _warn(figure: Figure, survey: Survey) -> None:

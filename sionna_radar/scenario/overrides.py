@@ -21,7 +21,7 @@ LONGEST_ASSIGNMENT = 100_000
 EITHER_OR = (
     (("radar.transmit_power_dbm", "radar.noise_figure_db"), ("radar.snr_db",)),
     (("platform.waypoints_m",), ("platform.start_m", "platform.length_m", "platform.heading_deg")),
-    (("weather.fog",), ("weather.liquid_water_g_per_m3",)),
+    (("weather.fog",), ("weather.liquid_water_g_per_m3", "weather.fog_visibility_m")),
 )
 EITHER_OR_OF_A_MATERIAL = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))
 # (key, value): what means nothing beside it.

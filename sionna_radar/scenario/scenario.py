@@ -35,6 +35,8 @@ from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+from sionna_radar.weather.snow import HIGHEST_FREQUENCY_HZ as HIGHEST_SNOW_FREQUENCY_HZ
+from sionna_radar.weather.snow import LOWEST_FREQUENCY_HZ as LOWEST_SNOW_FREQUENCY_HZ
 
 # Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
 WIDEST_FITTED_DEG = 30.0
@@ -106,6 +108,21 @@ class Scenario(Table):
                 "weather.fog",
                 f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
                 f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _snow_and_dust_are_known(self) -> Scenario:
+        weather, carrier_hz = self.weather, self.radar.carrier_hz
+        if LOWEST_SNOW_FREQUENCY_HZ <= carrier_hz <= HIGHEST_SNOW_FREQUENCY_HZ:
+            return self
+        given = [key for key in ("haze", "dust", "smoke") if getattr(weather, f"{key}_visibility_m") is not None]
+        keys = ["snowfall_mm_per_h"] * (weather.snowfall_mm_per_h > 0) + [f"{key}_visibility_m" for key in given]
+        if keys:
+            raise refuse(
+                f"weather.{keys[0]}",
+                f"is modelled from {LOWEST_SNOW_FREQUENCY_HZ:g} to {HIGHEST_SNOW_FREQUENCY_HZ:g} Hz, and "
+                f"radar.carrier_hz = {carrier_hz:g}; remove it or change the carrier",
             )
         return self
 

@@ -6,17 +6,67 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.table import Real, Table, refuse
-from sionna_radar.weather.fog import FogClass
+from sionna_radar.scenario.table import Point2, Point3, Positive, Real, Seed, Table, refuse
+from sionna_radar.weather.fog import FogClass, liquid_water_of_visibility_g_per_m3
+from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE_K
+
+RainRate = Annotated[Real, Field(ge=0, le=300)]
+# As water on the ground: 10 mm/h is some 10 cm of new snow in an hour.
+Snowfall = Annotated[Real, Field(ge=0, le=10)]
+Visibility = Annotated[Real, Field(ge=5, le=1e5)]
+FASTEST_WIND_MPS = 60.0
+
+
+class RainCellTable(Table):
+    """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL)."""
+
+    centre_m: Point2
+    radius_m: Annotated[Positive, Field(ge=1)]
+    peak_mm_per_h: RainRate
+
+
+class RainFieldTable(Table):
+    """Rain that differs from place to place: a seeded log-normal field, whose mean is `rain_rate_mm_per_h`.
+
+    correlation_m: distance at which the correlation of the rate in dB has fallen to 1/e.
+    spread_db: standard deviation of the rate in dB.
+    """
+
+    correlation_m: Annotated[Positive, Field(ge=1)]
+    spread_db: Annotated[Real, Field(ge=0, le=10)]
+    seed: Seed = 1
+
+
+class WetRadomeTable(Table):
+    """A spherical radome that rain wets; dry it is taken for perfectly clear.
+
+    radius_m: of its curvature.
+    """
+
+    radius_m: Annotated[Real, Field(ge=0.01, le=50)]
 
 
 class WeatherTable(Table):
-    """The weather, the same everywhere; the default is clear air without attenuation."""
+    """The weather; the default is clear air without attenuation.
 
-    rain_rate_mm_per_h: Annotated[Real, Field(ge=0, le=300)] = 0.0
+    snowfall_mm_per_h: as water. fog_visibility_m: gives the fog's liquid water too, unless that is given.
+    wind_mps: toward east, north and up, the same everywhere; what falls and what hangs in the air moves with it.
+    """
+
+    rain_rate_mm_per_h: RainRate = 0.0
+    rain_cell: RainCellTable | None = None
+    rain_field: RainFieldTable | None = None
+    wet_radome: WetRadomeTable | None = None
+    snowfall_mm_per_h: Snowfall = 0.0
+    snow: Literal["dry", "wet"] = "dry"
     fog: Literal["none", "medium", "thick"] = "none"
     liquid_water_g_per_m3: Annotated[Real, Field(ge=0, le=10)] = 0.0
+    fog_visibility_m: Visibility | None = None
+    haze_visibility_m: Visibility | None = None
+    dust_visibility_m: Visibility | None = None
+    smoke_visibility_m: Visibility | None = None
+    wind_mps: Point3 = (0.0, 0.0, 0.0)
     gases: bool = Field(default=False, strict=True)
     temperature_k: Annotated[Real, Field(ge=LOWEST_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
     dry_pressure_hpa: Annotated[Real, Field(gt=0, le=1100)] = 1013.25
@@ -26,6 +76,18 @@ class WeatherTable(Table):
     def _consistent(self) -> WeatherTable:
         if self.fog != "none" and self.liquid_water_g_per_m3 > 0:
             raise refuse("liquid_water_g_per_m3", f"contradicts fog = {self.fog!r}; give the one or the other")
+        if self.fog != "none" and self.fog_visibility_m is not None:
+            raise refuse(
+                "fog_visibility_m",
+                f"contradicts fog = {self.fog!r}, whose visibility is {FogClass[self.fog.upper()].visibility_m:g} m; "
+                "give the one or the other",
+            )
+        if any(abs(v) > FASTEST_WIND_MPS for v in self.wind_mps):
+            raise refuse(
+                "wind_mps",
+                f"{list(self.wind_mps)} has more than {FASTEST_WIND_MPS:g} m/s; give metres per second toward east, "
+                "north and up",
+            )
         fields = type(self).model_fields
         given = [k for k in ("dry_pressure_hpa", "vapour_g_per_m3") if getattr(self, k) != fields[k].default]
         if given and not self.gases:
@@ -34,5 +96,40 @@ class WeatherTable(Table):
 
     @property
     def water_in_air_g_per_m3(self) -> float:
-        """Liquid water of the fog, by its class or by value."""
-        return self.liquid_water_g_per_m3 if self.fog == "none" else FogClass[self.fog.upper()].liquid_water_g_per_m3
+        """Liquid water of the fog: by value, by its class, or by its visibility."""
+        if self.liquid_water_g_per_m3 > 0:
+            return self.liquid_water_g_per_m3
+        if self.fog != "none":
+            return FogClass[self.fog.upper()].liquid_water_g_per_m3
+        return 0.0 if self.fog_visibility_m is None else liquid_water_of_visibility_g_per_m3(self.fog_visibility_m)
+
+    @property
+    def precipitation_mm_per_h(self) -> dict[Precipitation, float]:
+        """What falls, and how much of it as water; a rain cell comes on top, where it is."""
+        snow = Precipitation.DRY_SNOW if self.snow == "dry" else Precipitation.WET_SNOW
+        rates = {Precipitation.RAIN: self.rain_rate_mm_per_h, snow: self.snowfall_mm_per_h}
+        return {kind: rate for kind, rate in rates.items() if rate > 0}
+
+    @property
+    def falling(self) -> str:
+        """What falls anywhere, in words: "rain", "rain and dry snow"; empty where nothing does."""
+        shower = self.rain_cell is not None and self.rain_cell.peak_mm_per_h > 0
+        kinds = [kind for kind in Precipitation if kind in self.precipitation_mm_per_h]
+        if shower and Precipitation.RAIN not in kinds:
+            kinds.insert(0, Precipitation.RAIN)
+        return " and ".join(kind.value for kind in kinds)
+
+    @property
+    def visibility_m(self) -> dict[Obscurant, float]:
+        """What hangs in the air, and how far one sees through it alone.
+
+        Fog that is told by its liquid water alone is left out: water does not give a visibility without droplet sizes.
+        """
+        fog = self.fog_visibility_m if self.fog == "none" else FogClass[self.fog.upper()].visibility_m
+        visibilities = {
+            Obscurant.FOG: fog,
+            Obscurant.HAZE: self.haze_visibility_m,
+            Obscurant.DUST: self.dust_visibility_m,
+            Obscurant.SMOKE: self.smoke_visibility_m,
+        }
+        return {kind: visibility for kind, visibility in visibilities.items() if visibility is not None}

@@ -30,6 +30,8 @@ from types import MappingProxyType
 
 from scipy.constants import epsilon_0
 
+from sionna_radar.weather import ice
+
 _GHZ = 1e9
 
 
@@ -187,18 +189,9 @@ def _water_relaxation_ghz(temperature_c: float) -> float:
 
 def ice_permittivity(frequency_hz: float, *, temperature_c: float) -> complex:
     """Return the permittivity of pure ice, -60 to 0 deg C, up to 1000 GHz (P.527-6 eqs. 28-34)."""
-    f = _ghz_inside(frequency_hz, "ice")
+    _ghz_inside(frequency_hz, "ice")
     _require("temperature_c", temperature_c, -60.0, 0.0, "ice exists at and below 0; use water above")
-    kelvin = temperature_c + 273.15
-    theta = 300.0 / kelvin - 1.0
-    low = (0.00504 + 0.0062 * theta) * math.exp(-22.1 * theta)  # eq. 31
-    tail = math.exp(-335.0 / kelvin)  # eq. 33
-    high = (
-        0.0207 / kelvin * tail / (tail - 1.0) ** 2
-        + 1.16e-11 * f**2
-        + math.exp(-9.963 + 0.0372 * temperature_c)
-    )  # eq. 32
-    return complex(3.1884 + 0.00091 * temperature_c, -(low / f + high * f))  # eqs. 29, 30
+    return ice.ice_permittivity(frequency_hz, temperature_c + ice.MELTING_K).conjugate()
 
 
 def dry_snow_permittivity(frequency_hz: float, *, temperature_c: float, density_g_cm3: float) -> complex:
@@ -209,13 +202,13 @@ def dry_snow_permittivity(frequency_hz: float, *, temperature_c: float, density_
     _ghz_inside(frequency_hz, "dry_snow")
     ice_density = 0.916  # g/cm3, P.527-6 section 5.1.4.1
     _require("density_g_cm3", density_g_cm3, 0.0, ice_density, "snow cannot be denser than ice")
-    ice = ice_permittivity(frequency_hz, temperature_c=temperature_c)
-    ice_loss = -ice.imag
+    pure = ice_permittivity(frequency_hz, temperature_c=temperature_c)
+    ice_loss = -pure.imag
     real = 1.0 + 1.9 * density_g_cm3 if density_g_cm3 <= 0.5 else 0.51 + 2.88 * density_g_cm3
     filling = density_g_cm3 / ice_density
     loss = (
         3.0 * filling * ice_loss * real**2 * (2.0 * real + 1.0)
-        / ((ice.real + 2.0 * real) * (ice.real + 2.0 * real**2))
+        / ((pure.real + 2.0 * real) * (pure.real + 2.0 * real**2))
     )  # fmt: skip
     return complex(real, -loss)
 

@@ -57,7 +57,7 @@ class Tracer:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
         if self._atmosphere is not None:
-            paths = self._atmosphere.with_rain(paths, pulses)
+            paths = self._atmosphere.with_volume(paths, pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
         if self._scene.targets and self._antenna.mirrored != 0:

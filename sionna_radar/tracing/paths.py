@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float, Int
 
 # What stands in `Paths.surface` where no surface is hit.
 TARGET = -1
-RAIN = -2
+VOLUME = -2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +19,10 @@ class Paths:
     delay_s: two-way delay at the middle of the chirp.
     gain: received over sent wave; |gain|^2 is a ratio of powers, the phase leaves out the delay.
     range_rate_mps: positive when receding.
-    incidence_rad: angle between the ray and the surface normal; NaN for a point target and for rain.
-    hit_m: where the surface is hit, world frame; of rain, its place on the boresight.
-    surface: index of the surface in the scene; TARGET (-1) for a point target, RAIN (-2) for a cell of rain.
+    incidence_rad: angle between the ray and the surface normal; NaN for a point target and for the air.
+    hit_m: where the surface is hit, world frame; of what fills the air, its place on the boresight.
+    surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a cell of
+        what fills the air: rain, snow, fog, dust.
     """
 
     pulse: Int[np.ndarray, " path"]

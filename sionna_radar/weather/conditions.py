@@ -1,40 +1,72 @@
-"""The weather of a survey, the same everywhere: what it takes from a wave at one carrier, and what it sends back."""
+"""The weather of a survey: what it takes from a wave at one carrier, and what it sends back."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.weather.drops import marshall_palmer
+from sionna_radar.weather.echo_speeds import FLOATING, EchoSpeeds
 from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
+from sionna_radar.weather.kinds import Obscurant, Precipitation
+from sionna_radar.weather.obscurants import fog_droplets, obscurant
+from sionna_radar.weather.radome import wet_radome_loss_db
 from sionna_radar.weather.rain import (
-    EchoSpeeds,
     echo_speeds,
     rain_attenuations_db_per_km,
     rain_reflectivity_per_m,
 )
+from sionna_radar.weather.rain_map import RainMap
+from sionna_radar.weather.rayleigh import Aerosol
+from sionna_radar.weather.snow import snow_attenuation_db_per_km, snow_reflectivity_per_m, snow_speeds
+
+NONE_FALLS: Mapping[Precipitation, float] = {}
+NONE_HANGS: Mapping[Obscurant, float] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weather:
-    """Rain, fog and air along every path, at the carrier.
+    """What falls and what hangs in the air along every path, at the carrier.
 
+    rain_rate_mm_per_h: that is the same everywhere, and the mean where `rain_map` is given.
+    rain_map: rain that differs from place to place, in place of `rain_rate_mm_per_h`; None where it does not.
+    snowfall_mm_per_h: of dry and of wet snow, as water.
+    liquid_water_g_per_m3: of fog; its visibility is in `visibility_m`, or that of a mean fog.
+    visibility_m: of each obscurant alone.
     air: None where the loss in the air itself is left out.
-    temperature_k: of drops and droplets.
+    temperature_k: of drops and droplets; ice is at most at its melting point.
+    wet_radome_m: radius of a radome that rain wets; None where there is none.
+    wind_mps: toward east, north and up; what falls and what hangs in the air moves with it.
     """
 
     carrier_hz: float
     rain_rate_mm_per_h: float = 0.0
+    rain_map: RainMap | None = None
+    snowfall_mm_per_h: Mapping[Precipitation, float] = field(default_factory=lambda: NONE_FALLS)
     liquid_water_g_per_m3: float = 0.0
+    visibility_m: Mapping[Obscurant, float] = field(default_factory=lambda: NONE_HANGS)
     air: Air | None = None
     temperature_k: float = 288.15
+    wet_radome_m: float | None = None
+    wind_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def rains(self) -> bool:
+        """Whether it rains anywhere."""
+        return self.rain_rate_mm_per_h > 0 or self.rain_map is not None
 
     @property
     def clear(self) -> bool:
         """Whether nothing at all is taken or sent back."""
-        return self.rain_rate_mm_per_h == 0 and self.liquid_water_g_per_m3 == 0 and self.air is None
+        return self.air is None and not self.fills_the_beam
+
+    @property
+    def fills_the_beam(self) -> bool:
+        """Whether anything in the air sends an echo back."""
+        return self.rains or bool(self.snowfall_mm_per_h) or bool(self._aerosols)
 
     @cached_property
     def gas_attenuation_db_per_km(self) -> float:
@@ -50,22 +82,89 @@ class Weather:
             self.carrier_hz, liquid_water_g_per_m3=self.liquid_water_g_per_m3, temperature_k=self.temperature_k
         )
 
+    @cached_property
+    def _aerosols(self) -> dict[Obscurant, Aerosol]:
+        """The particles of what hangs in the air."""
+        found: dict[Obscurant, Aerosol] = {
+            kind: obscurant(kind, self.carrier_hz, visibility_m=seen_m, temperature_k=self.temperature_k)
+            for kind, seen_m in self.visibility_m.items()
+            if kind is not Obscurant.FOG
+        }
+        if self.liquid_water_g_per_m3 > 0:
+            found[Obscurant.FOG] = fog_droplets(
+                self.carrier_hz,
+                liquid_water_g_per_m3=self.liquid_water_g_per_m3,
+                visibility_m=self.visibility_m.get(Obscurant.FOG),
+                temperature_k=self.temperature_k,
+            )
+        return found
+
+    @cached_property
+    def still_attenuation_db_per_km(self) -> float:
+        """One-way specific attenuation of all but rain, the same in every direction."""
+        total = self.gas_attenuation_db_per_km + self.fog_attenuation_db_per_km
+        for kind, aerosol in self._aerosols.items():
+            if kind is not Obscurant.FOG:
+                total += aerosol.attenuation_db_per_km(self.carrier_hz)
+        for snow, rate in self.snowfall_mm_per_h.items():
+            total += snow_attenuation_db_per_km(
+                self.carrier_hz, snowfall_mm_per_h=rate, kind=snow, temperature_k=self.temperature_k
+            )
+        return total
+
     def attenuation_db_per_km(self, mix: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the one-way specific attenuation of all together; `mix` as in `rain_attenuations_db_per_km`."""
-        still = self.gas_attenuation_db_per_km + self.fog_attenuation_db_per_km
+        """Return the one-way specific attenuation of all together, where the rain is the same everywhere.
+
+        mix: as in `rain_attenuations_db_per_km`.
+        """
+        still = self.still_attenuation_db_per_km
         if self.rain_rate_mm_per_h == 0:
             return np.full(mix.shape, still)
         rain = rain_attenuations_db_per_km(self.carrier_hz, rain_rate_mm_per_h=self.rain_rate_mm_per_h, mix=mix)
         return still + rain
 
+    def wet_radome_loss_db(self, rain_rate_mm_per_h: float) -> float:
+        """Return the loss of an echo in the radome's film of water, both ways, in rain of a rate over the antenna.
+
+        Wet snow is taken to melt on it and run off as rain does (an assumption: what sticks is not followed); dry snow
+        leaves it dry.
+        """
+        if self.wet_radome_m is None:
+            return 0.0
+        return wet_radome_loss_db(
+            self.carrier_hz,
+            rain_rate_mm_per_h=rain_rate_mm_per_h + self.snowfall_mm_per_h.get(Precipitation.WET_SNOW, 0.0),
+            radius_m=self.wet_radome_m,
+            temperature_k=self.temperature_k,
+        )
+
     @cached_property
     def rain_reflectivity_per_m(self) -> float:
         """Radar cross-section of a cubic metre of rain (m2/m3)."""
+        return self.rain_reflectivity_at_per_m(self.rain_rate_mm_per_h)
+
+    def rain_reflectivity_at_per_m(self, rain_rate_mm_per_h: float) -> float:
+        """Return the radar cross-section of a cubic metre of rain of a rate."""
         return rain_reflectivity_per_m(
-            self.carrier_hz, rain_rate_mm_per_h=self.rain_rate_mm_per_h, temperature_k=self.temperature_k
+            self.carrier_hz, rain_rate_mm_per_h=rain_rate_mm_per_h, temperature_k=self.temperature_k
         )
 
-    def rain_speeds(self) -> EchoSpeeds:
-        """Return how fast the drops fall that send the echo; the rain rate must be positive."""
-        drops = marshall_palmer(self.rain_rate_mm_per_h)
+    @cached_property
+    def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
+        """Reflectivity (m2/m3) and fall speeds of everything but rain that sends an echo."""
+        snow = [
+            (
+                snow_reflectivity_per_m(
+                    self.carrier_hz, snowfall_mm_per_h=rate, kind=kind, temperature_k=self.temperature_k
+                ),
+                snow_speeds(self.carrier_hz, snowfall_mm_per_h=rate, kind=kind, temperature_k=self.temperature_k),
+            )
+            for kind, rate in self.snowfall_mm_per_h.items()
+        ]
+        floating = [(aerosol.reflectivity_per_m(self.carrier_hz), FLOATING) for aerosol in self._aerosols.values()]
+        return (*snow, *floating)
+
+    def rain_speeds(self, rain_rate_mm_per_h: float | None = None) -> EchoSpeeds:
+        """Return how fast the drops fall that send the echo, at a rate that must be positive."""
+        drops = marshall_palmer(self.rain_rate_mm_per_h if rain_rate_mm_per_h is None else rain_rate_mm_per_h)
         return echo_speeds(self.carrier_hz, drops=drops, temperature_k=self.temperature_k)

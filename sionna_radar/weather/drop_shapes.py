@@ -27,6 +27,7 @@ from jaxtyping import Complex, Float, Inexact
 from scipy.constants import speed_of_light
 
 from sionna_radar.weather.drops import ExponentialDrops
+from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.spheroid import spheroid_echo
 from sionna_radar.weather.water import water_permittivity
 
@@ -36,6 +37,9 @@ AXIS_RATIO = np.polynomial.Polynomial([0.9951, 0.02510, -0.03644, 0.005303, -0.0
 # Huang, Bringi and Thurai 2008, J. Atmos. Oceanic Technol. 25, 1717-1723: canting angles of drops after an 80 m fall
 # about zero, with a standard deviation of 7 to 8 deg.
 CANTING_RAD = float(np.deg2rad(7.0))
+# Linear depolarisation of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
+# 731-739), some -17 dB for crystals of all attitudes and -12 to -14 dB where they melt. The paper was not at hand.
+SNOW_DEPOLARISATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
 # Smaller drops return nothing to speak of, larger ones break up.
 SMALLEST_M, LARGEST_M = 0.2e-3, 7e-3
 NODES = 32
@@ -91,6 +95,19 @@ class DropPolarisation:
             + np.abs(exchanged) ** 2 * slanted
         )
         return power
+
+
+def spheres() -> DropPolarisation:
+    """Return the polarisation of droplets, and of dust and smoke, which are taken for spheres."""
+    none = np.zeros(len(ANGLES_RAD))
+    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
+
+
+def snow_polarisation(kind: Precipitation) -> DropPolarisation:
+    """Return the polarisation of snow, whose flakes tumble: the same from all sides, D by the linear depolarisation."""
+    level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARISATION_DB[kind] / 10))
+    none = np.zeros(len(ANGLES_RAD), dtype=complex)
+    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
 
 
 @lru_cache(maxsize=8)

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.weather.drops import ExponentialDrops, fall_speed_mps, marshall_palmer
+from sionna_radar.weather.echo_speeds import EchoSpeeds, weighted_speeds
 from sionna_radar.weather.mie import Efficiencies, mie_efficiencies
 from sionna_radar.weather.validity import require_between, require_not_negative
 from sionna_radar.weather.water import water_permittivity
@@ -106,7 +107,7 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
     """
     # Drops are flattened, so polarisation matters only for what the path sees of their horizontal axis.
     mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
-    k, alpha = _power_law(frequency_hz, np.array([mix]))
+    k, alpha = rain_power_laws(frequency_hz, np.array([mix]))
     return RainPowerLaw(k=float(k[0]), alpha=float(alpha[0]))
 
 
@@ -119,13 +120,14 @@ def rain_attenuations_db_per_km(
         path, vertical field) over 0 (straight down) to 1 (level path, horizontal field).
     """
     require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
-    k, alpha = _power_law(frequency_hz, mix)
+    k, alpha = rain_power_laws(frequency_hz, mix)
     return k * rain_rate_mm_per_h**alpha
 
 
-def _power_law(
+def rain_power_laws(
     frequency_hz: float, mix: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return k and alpha of ITU-R P.838-3 for many ways of looking; `mix` as in `rain_attenuations_db_per_km`."""
     require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
     frequency_ghz = frequency_hz / 1e9
     k_h, k_v = 10.0 ** _LOG_K_HORIZONTAL.at(frequency_ghz), 10.0 ** _LOG_K_VERTICAL.at(frequency_ghz)
@@ -155,9 +157,7 @@ def rain_reflectivity_per_m(frequency_hz: float, *, rain_rate_mm_per_h: float, t
     require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
     if rain_rate_mm_per_h == 0:
         return 0.0
-    return drop_reflectivity_per_m(
-        frequency_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=temperature_k
-    )
+    return drop_reflectivity_per_m(frequency_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=temperature_k)
 
 
 def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
@@ -166,36 +166,13 @@ def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, tem
     return float(np.sum(area_per_m3 * efficiencies.backscatter))
 
 
-@dataclass(frozen=True, kw_only=True)
-class EchoSpeeds:
-    """How fast the drops fall that send the echo: the distribution of the reflectivity over fall speed.
-
-    share: of the reflectivity, cumulative from 0 to 1; speed_mps: the fall speed that this share stays below.
-    """
-
-    share: Float[np.ndarray, " node"]
-    speed_mps: Float[np.ndarray, " node"]
-
-    def at(self, quantile: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-        """Return fall speeds by their quantiles: evenly spread quantiles give drops as the echo weighs them."""
-        return np.interp(quantile, self.share, self.speed_mps)
-
-
 def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> EchoSpeeds:
     """Return the fall speeds of drops, weighted by what each size sends back."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    weight = area_per_m3 * efficiencies.backscatter
-    below = np.cumsum(weight) - weight / 2  # a node stands in the middle of what it weighs
-    speed = fall_speed_mps(_diameters(drops)[0])
-    return EchoSpeeds(
-        share=np.concatenate([[0.0], below / weight.sum(), [1.0]]),
-        speed_mps=np.concatenate([speed[:1], speed, speed[-1:]]),
-    )
+    return weighted_speeds(area_per_m3 * efficiencies.backscatter, fall_speed_mps(_diameters(drops)[0]))
 
 
-def scattered_attenuation_db_per_km(
-    frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float
-) -> float:
+def scattered_attenuation_db_per_km(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
     """Return the attenuation that the drops' extinction causes: the Mie counterpart of P.838."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
     extinction_per_m = float(np.sum(area_per_m3 * efficiencies.extinction))

@@ -12,6 +12,7 @@ HIGHEST_FREQUENCY_HZ = 1000e9  # the fit of Liebe et al. 1991 reaches 1 THz
 # "atmospheric temperatures" (Liebe et al. 1991, abstract), and turns back far below this range.
 LOWEST_TEMPERATURE_K = 253.15
 HIGHEST_TEMPERATURE_K = 313.15
+DENSITY_KG_PER_M3 = 1000.0
 
 
 def water_permittivity(frequency_hz: float, temperature_k: float) -> complex:

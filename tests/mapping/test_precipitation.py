@@ -4,7 +4,7 @@ import numpy as np
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.mapping.precipitation import from_rain
-from sionna_radar.tracing.paths import RAIN, TARGET, Paths
+from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 
 
 def paths_of(rows):
@@ -37,8 +37,8 @@ def echoes_of(rows):
 
 def test_each_echo_has_the_stronger_of_what_lies_at_its_range(chirp_of):
     paths = paths_of([
-        (7, 10.0, 3.0, RAIN), (7, 10.2, 1.0, 0), (7, 60.0, 2.0, RAIN), (7, 60.1, 5.0, 0),
-        (8, 10.0, 3.0, RAIN), (8, 150.0, 9.0, TARGET),
+        (7, 10.0, 3.0, VOLUME), (7, 10.2, 1.0, 0), (7, 60.0, 2.0, VOLUME), (7, 60.1, 5.0, 0),
+        (8, 10.0, 3.0, VOLUME), (8, 150.0, 9.0, TARGET),
         (9, 10.0, 1.0, 0),
     ])  # fmt: skip
     echoes = echoes_of([(7, 10.1), (7, 60.0), (7, 100.0), (8, 10.3), (8, 150.0), (9, 10.0)])

@@ -41,7 +41,7 @@ def test_a_point_target_loses_the_closed_form(pencil, chirp_of, surface_of, look
     np.testing.assert_allclose(power_db(clear) - power_db(left), expected, rtol=1e-9)
 
     raining = Atmosphere(Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=25.0), pencil, chirp, 1)
-    left = raining.through(raining.with_rain(clear, pulses), pulses)
+    left = raining.through(raining.with_volume(clear, pulses), pulses)
     rain = rain_attenuation_db_per_km(CARRIER_HZ, rain_rate_mm_per_h=25.0, elevation_rad=-np.pi / 2, tilt_rad=0.0)
     target = left.surface == -1
     np.testing.assert_allclose(power_db(clear) - 20 * np.log10(np.abs(left.gain[target])), 0.1 * rain, rtol=1e-9)

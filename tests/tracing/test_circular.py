@@ -19,11 +19,12 @@ from sionna_radar.tracing.beam_solver import BeamEngine
 from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.gamma_engine import GammaEngine
 from sionna_radar.tracing.path_solver import PathSolverEngine
-from sionna_radar.tracing.paths import RAIN, Paths
+from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.tracing.persistent import PersistentEngine
-from sionna_radar.tracing.rain_polarisation import rain_polarisation
 from sionna_radar.tracing.sionna_parts import SeparablePattern, mi
+from sionna_radar.tracing.volume_polarisation import volume_polarisation
 from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.kinds import Precipitation
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 EVEN, WEAK = ConstantGammaBackscatter(0.05), ConstantGammaBackscatter(0.0125)
@@ -188,11 +189,11 @@ def test_an_axial_ratio_needs_a_circular_wave():
 def test_rain_in_each_port(scan_deg, antenna_of, looking):
     weather = Weather(carrier_hz=77e9, rain_rate_mm_per_h=4.0)
     pose = looking(1, incidence_deg=45.0, scan_deg=scan_deg).true
-    assert rain_polarisation(weather, antenna_of(2.0, 2.0)) is None
+    assert volume_polarisation(weather, antenna_of(2.0, 2.0)) is None
 
     def share_db(**changes) -> float:
         antenna = replace(antenna_of(2.0, 2.0), **changes)
-        return float(10 * np.log10(rain_polarisation(weather, antenna).share(pose)[0]))
+        return float(10 * np.log10(volume_polarisation(weather, antenna).share(pose)[0]))
 
     assert share_db(polarization="RHCP", receives="cross") == pytest.approx(0.0, abs=1e-6)
     same = share_db(polarization="RHCP")
@@ -205,12 +206,23 @@ def test_rain_in_each_port(scan_deg, antenna_of, looking):
     assert crossed < -48 if scan_deg == 0 else same - 6 < crossed < same
 
 
+def test_snow_turns_more_and_fog_turns_nothing(antenna_of, looking):
+    pose, antenna = looking(1, incidence_deg=45.0).true, replace(antenna_of(2.0, 2.0), polarization="RHCP")
+    fog = {"liquid_water_g_per_m3": 0.1}
+    shares = {}
+    for name, weather in {"fog": fog, "snow": {"snowfall_mm_per_h": {Precipitation.DRY_SNOW: 1.0}, **fog}}.items():
+        shares[name] = volume_polarisation(Weather(carrier_hz=77e9, **weather), antenna).share(pose)[0]
+    assert shares["fog"] == pytest.approx(0.0, abs=1e-12)
+    # Of randomly turned particles the same sense has twice the linear depolarisation.
+    assert 10 * np.log10(shares["snow"]) == pytest.approx(-15.0, abs=0.1)
+
+
 def test_rain_of_a_survey_is_rejected():
     weather = {"weather.rain_rate_mm_per_h": 25.0, "platform.length_m": 2.0, "tracing.paths_per_pulse": 32}
     levels = []
     for antenna in ({}, {"polarization": "RHCP", "axial_ratio_db": 1.0}):
         ready = prepare(load_scenario("hills", {**weather, "radar.antenna": {"beamwidth_deg": 2.0, **antenna}}))
         paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(20)))
-        levels.append(np.sum(np.abs(paths.gain[paths.surface == RAIN]) ** 2))
+        levels.append(np.sum(np.abs(paths.gain[paths.surface == VOLUME]) ** 2))
     # The ellipse's major axis is V's and flat drops return more of H: a part of what leaks is taken back.
     assert -19.8 < 10 * np.log10(levels[1] / levels[0]) < -18.8

@@ -14,12 +14,13 @@ from sionna_radar.signal.beat import synthesise
 from sionna_radar.survey import run
 from sionna_radar.tracing.atmosphere import Atmosphere
 from sionna_radar.tracing.beam_solver import BeamEngine
-from sionna_radar.tracing.paths import RAIN, Paths
-from sionna_radar.tracing.rain import RainEcho
+from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.tracing.volume_echo import VolumeEcho
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.path import gaussian_two_way_beam_sr, rain_clutter_power
 from sionna_radar.weather.rain import echo_speeds
+from sionna_radar.weather.volume import EvenVolume
 
 C = 299_792_458.0
 CARRIER_HZ = 77e9
@@ -68,7 +69,7 @@ def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, chirp_of, look
     chirp = chirp_of(sampling=sampling, samples=1024 if sampling == "real" else 512)
     pulses = looking(400, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0))
     atmosphere = Atmosphere(weather, pencil, chirp, 5)
-    beat = synthesise(atmosphere.through(atmosphere.with_rain(NOTHING, pulses), pulses), pulses, chirp)
+    beat = synthesise(atmosphere.through(atmosphere.with_volume(NOTHING, pulses), pulses), pulses, chirp)
     analyser = SpectrumAnalyser(chirp, "hann", 1)
     # A cell of the spectrum sums to its power times the window's noise bandwidth.
     bandwidth = chirp.samples * np.sum(analyser.window**2)
@@ -83,7 +84,7 @@ def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, chirp_of, look
 
 
 def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, chirp_of, looking, weather):
-    rain = RainEcho(weather, pencil, chirp_of(), 3)
+    rain = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 3)
     paths = rain.trace(looking(3000), NOTHING)
     gain = paths.gain.reshape(3000, -1)
     cell = 300
@@ -96,7 +97,7 @@ def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, chirp_of, lookin
 
 def test_close_to_the_antenna_the_echo_is_that_of_a_collimated_beam(pencil, chirp_of, looking, weather):
     """P/P_t per metre is eta / G0 and no more: the beam has the width of the aperture."""
-    rain = RainEcho(weather, pencil, chirp_of(), 1)
+    rain = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 1)
     near = weather.rain_reflectivity_per_m / pencil.peak_gain * rain.cell_m
     assert rain.cell_power[0] == pytest.approx(near, rel=0.1)  # the change falls on the edge of a cell
     assert np.all(np.diff(rain.cell_power) <= 1e-12 * near)
@@ -108,9 +109,9 @@ def test_rain_ends_at_the_ground(plane, antenna_of, chirp_of, looking, weather):
     """Of a wide beam on a plane, the share still in the air at a range is that of the rays that reach farther."""
     antenna, chirp, pulses = antenna_of(10.0, 10.0), chirp_of(), looking(64, incidence_deg=60.0, first=9)
     ground = BeamEngine(plane, antenna, chirp, 1, 512, 0.05).trace(pulses)
-    rain = RainEcho(weather, antenna, chirp, 1)
+    rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
-    assert np.all(tones.surface == RAIN)
+    assert np.all(tones.surface == VOLUME)
     range_m = tones.delay_s * C / 2
     # Quadrature of the two-way pattern over the directions below the cone that meets the plane at each range.
     u, v = np.meshgrid(np.linspace(-0.4, 0.4, 401), np.linspace(-0.4, 0.4, 401), indexing="ij")
@@ -128,7 +129,7 @@ def test_rain_ends_at_the_ground(plane, antenna_of, chirp_of, looking, weather):
     narrow = antenna_of(2.0, 2.0)
     pulses = looking(8, incidence_deg=0.0)
     ground = BeamEngine(plane, narrow, chirp, 1, 512, 0.05).trace(pulses)
-    below = RainEcho(weather, narrow, chirp, 1).trace(pulses, ground).delay_s * C / 2
+    below = VolumeEcho(EvenVolume(weather), narrow, chirp, 1).trace(pulses, ground).delay_s * C / 2
     assert 49.5 < below.max() < 51.5
 
 
@@ -136,7 +137,7 @@ def test_drops_recede_from_a_radar_above_and_approach_one_that_flies_into_them(p
     speeds = echo_speeds(CARRIER_HZ, drops=marshall_palmer(RATE), temperature_k=288.15)
     mean_fall = speeds.at((np.arange(10_000) + 0.5) / 10_000).mean()
     pulses = looking(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
-    rate = RainEcho(weather, pencil, chirp_of(), 1).trace(pulses, NOTHING).range_rate_mps
+    rate = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 1).trace(pulses, NOTHING).range_rate_mps
     expected = mean_fall * np.cos(np.deg2rad(60)) - 12.0 * np.sin(np.deg2rad(60))
     assert rate.mean() == pytest.approx(expected, abs=0.02)
     assert rate.std() > 0.2
@@ -166,7 +167,7 @@ def test_a_roof_ends_the_rain_for_its_share_of_the_beam(surface_of, scene_of, an
     step = scene_of(surface_of(lambda x, y: 0 * x), roof)
     antenna, chirp, pulses = antenna_of(6.0, 6.0), chirp_of(), looking(200)
     ground = BeamEngine(step, antenna, chirp, 1, 256, 0.05).trace(pulses)
-    rain = RainEcho(weather, antenna, chirp, 1)
+    rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
     between = (tones.delay_s * C / 2 > 33.0) & (tones.delay_s * C / 2 < 48.0)
     cells = slice(round(33.0 / rain.cell_m), round(48.0 / rain.cell_m))
@@ -189,7 +190,7 @@ def rain_over_a_platform(material: dict, **antenna):
     )
     ready = prepare(scenario)
     paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(16)))
-    rain = paths.surface == RAIN
+    rain = paths.surface == VOLUME
     return paths.delay_s[rain], paths.gain[rain], paths.gain[~rain]
 
 

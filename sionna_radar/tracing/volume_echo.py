@@ -1,16 +1,18 @@
-"""The echo of rain: for every pulse one random tone in each of many thin cells of range.
+"""The echo of what fills the air (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
 
-Drops move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase even), and
+Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase even), and
 new in each pulse: between two chirps drops move by many wavelengths. A tone lies at an even chance anywhere within
-its cell, so that the mean spectrum is that of rain without gaps, however wide the cells are; they are half a range
-cell. Its range rate is the platform's along the boresight with the fall of a drop drawn as the echo weighs the
-sizes. The loss on the way is not taken here but with that of all paths (`atmosphere`).
+its cell, so that the mean spectrum is that of a volume without gaps, however wide the cells are; they are half a range
+cell. Where several kinds fill the air, a tone has the power of all and moves as one of them, drawn as the echo weighs
+them. Its range rate is the platform's along the boresight with the fall of a particle drawn as the echo weighs the
+sizes, and with the wind, which carries particles of all sizes alike. The loss on the way is not taken here but with
+that of all paths (`atmosphere`).
 
-Rain fills the beam as far as the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
+The volume fills the beam as far as the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
 incidence, split at the edge of a roof; the part of the beam that is still in the air at a range is the share of
 |gain|^2 r^2 that the surfaces beyond it send back. That is the share of the two-way beam where sigma0 / cos t is
 one constant over the footprint (constant gamma, one material), and near it elsewhere. A pulse that meets no
-surface sees rain as far as its beat is sampled.
+surface sees the volume as far as its beat is sampled.
 
 Close to the antenna the far-field law 1/r^2 cannot hold: there the beam is as wide as the aperture. By reciprocity a
 drop's echo is P/P_t = sigma lambda^2 / (4 pi) (S/P_t)^2 with the power density S, in the far field the radar
@@ -31,55 +33,61 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.randomness import Stream, pulse_uniforms
-from sionna_radar.tracing.paths import RAIN, Paths
-from sionna_radar.tracing.rain_polarisation import rain_polarisation
-from sionna_radar.weather.conditions import Weather
+from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.path import rain_clutter_power
+from sionna_radar.weather.volume import Volume
 
 CELLS_PER_RANGE_CELL = 2
-# A range where less of the beam than this is in the air has no rain worth a tone: that of side lobes.
+# A range where less of the beam than this is in the air has nothing worth a tone: that of side lobes.
 LEAST_SHARE = 1e-3
 
 
-class RainEcho:
-    """The rain in the beam of one antenna.
+class VolumeEcho:
+    """What fills the air in the beam of one antenna.
 
+    wind_mps: toward east, north and up. Uneven rain drifts with it, unchanged.
     cell_m: width of a cell.
-    cell_power: mean received over sent power of each cell, full of rain, without loss on the way.
+    cell_power: mean received over sent power of each cell, full of a volume of the reflectivity that places are told
+        against, without loss on the way.
     """
 
-    def __init__(self, weather: Weather, antenna: Antenna, chirp: Chirp, seed: int) -> None:
+    def __init__(
+        self,
+        volume: Volume,
+        antenna: Antenna,
+        chirp: Chirp,
+        seed: int,
+        wind_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
         self.cell_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
         cells = int(np.ceil(chirp.max_range_m / self.cell_m))
-        self.cell_power = _cell_power(weather.rain_reflectivity_per_m, antenna, chirp, self.cell_m, cells)
-        self._speeds = weather.rain_speeds()
-        self._polarisation = rain_polarisation(weather, antenna)
-        self._seed = seed
+        self.cell_power = _cell_power(volume.reflectivity_per_m, antenna, chirp, self.cell_m, cells)
+        self._volume, self._wind_mps, self._seed = volume, np.array(wind_mps), seed
 
     def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
         """Return the tones of a block of pulses, sorted by pulse, those of a pulse by range.
 
-        surfaces: the diffuse paths of the block, which end the rain; a mirror's would outweigh its place in the beam.
+        surfaces: the diffuse paths of the block, which end the volume; a mirror's would outweigh its place in the beam.
         """
         share = self._in_air(pulses, surfaces)
         row, cell = np.nonzero(share > LEAST_SHARE)
-        drawn = pulse_uniforms(self._seed, Stream.RAIN, pulses.index, 4 * len(self.cell_power))
+        drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
         place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
         pose = pulses.true
         boresight = pose.boresight[row]
         range_m = (cell + place) * self.cell_m
-        power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level)
-        if self._polarisation is not None:
-            power *= self._polarisation.share(pose)[row]
-        fall_mps = -boresight[:, 2] * self._speeds.at(size)
+        hit_m = pose.position_m[row] + range_m[:, None] * boresight
+        origin_m = hit_m[:, :2] - pulses.time_s[row, None] * self._wind_mps[:2]
+        power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
+        fall_mps = -boresight[:, 2] * self._volume.fall_mps(origin_m, size)
         return Paths(
             pulse=pulses.index[row],
             delay_s=2 * range_m / speed_of_light,
             gain=np.sqrt(power) * np.exp(2j * np.pi * turn),
-            range_rate_mps=pose.boresight_range_rate_mps[row] + fall_mps,
+            range_rate_mps=pose.boresight_range_rate_mps[row] + fall_mps + boresight @ self._wind_mps,
             incidence_rad=np.full(len(row), np.nan),
-            hit_m=pose.position_m[row] + range_m[:, None] * boresight,
-            surface=np.full(len(row), RAIN),
+            hit_m=hit_m,
+            surface=np.full(len(row), VOLUME),
         )
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:

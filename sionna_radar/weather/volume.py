@@ -1,0 +1,126 @@
+"""What fills the air of a survey and sends an echo: its reflectivity at a place, and how fast it falls there."""
+
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.echo_speeds import EchoSpeeds, SpeedMixture
+from sionna_radar.weather.rain_map import LEAST_MM_PER_H, MOST_MM_PER_H, RainMap
+
+# Rates at which uneven rain is computed, and quantiles of the fall speed; between them it is interpolated.
+RATES = 41
+QUANTILES = 65
+
+
+@runtime_checkable
+class Volume(Protocol):
+    """What fills the air.
+
+    reflectivity_per_m: that of the whole volume (m2/m3), or one that the places are told against.
+    """
+
+    reflectivity_per_m: float
+
+    def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
+        """Return the reflectivity at positions east and north over `reflectivity_per_m`."""
+        ...
+
+    def fall_mps(
+        self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
+    ) -> Float[np.ndarray, " tone"]:
+        """Return fall speeds at positions, by quantiles below 1 of the reflectivity."""
+        ...
+
+
+class EvenVolume:
+    """Air that is filled alike everywhere."""
+
+    def __init__(self, weather: Weather) -> None:
+        rain = [(weather.rain_reflectivity_per_m, weather.rain_speeds())] if weather.rain_rate_mm_per_h > 0 else []
+        kinds = [*rain, *weather.still_echoes]
+        self.reflectivity_per_m = float(sum(reflectivity for reflectivity, _ in kinds))
+        share = tuple(reflectivity / self.reflectivity_per_m for reflectivity, _ in kinds)
+        self._speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in kinds])
+
+    def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
+        """Return ones."""
+        return np.ones(len(position_m))
+
+    def fall_mps(
+        self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
+    ) -> Float[np.ndarray, " tone"]:
+        """Return fall speeds, the same everywhere."""
+        return self._speeds.at(quantile)
+
+
+class UnevenVolume:
+    """Rain that differs from place to place, in air that is filled alike with all else."""
+
+    def __init__(self, weather: Weather, rain: RainMap) -> None:
+        self._weather, self._rain = weather, rain
+        self._log_rate = np.linspace(np.log(LEAST_MM_PER_H), np.log(MOST_MM_PER_H), RATES)
+        still = weather.still_echoes
+        self._still_per_m = float(sum(reflectivity for reflectivity, _ in still))
+        share = tuple(reflectivity / self._still_per_m for reflectivity, _ in still)
+        self._still_speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in still]) if still else None
+        self.reflectivity_per_m = float(np.exp(self._log_reflectivity[-1])) + self._still_per_m
+
+    @cached_property
+    def _log_reflectivity(self) -> Float[np.ndarray, " rate"]:
+        return np.log([self._weather.rain_reflectivity_at_per_m(rate) for rate in np.exp(self._log_rate)])
+
+    @cached_property
+    def _fall_mps(self) -> Float[np.ndarray, "rate quantile"]:
+        quantile = np.linspace(0.0, 1.0, QUANTILES)
+        speeds: list[EchoSpeeds] = [self._weather.rain_speeds(float(rate)) for rate in np.exp(self._log_rate)]
+        return np.stack([s.at(quantile) for s in speeds])
+
+    def _rain_per_m(self, rate_mm_per_h: Float[np.ndarray, " tone"]) -> Float[np.ndarray, " tone"]:
+        some = rate_mm_per_h >= LEAST_MM_PER_H
+        log_rate = np.log(np.maximum(rate_mm_per_h, LEAST_MM_PER_H))
+        return np.where(some, np.exp(np.interp(log_rate, self._log_rate, self._log_reflectivity)), 0.0)
+
+    def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
+        """Return the reflectivity at positions east and north over that of the heaviest rain."""
+        rain_per_m = self._rain_per_m(self._rain.rate_mm_per_h(position_m))
+        return (rain_per_m + self._still_per_m) / self.reflectivity_per_m
+
+    def fall_mps(
+        self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
+    ) -> Float[np.ndarray, " tone"]:
+        """Return fall speeds at positions: quantiles up to the rain's share are drops, those above it all else."""
+        rate = self._rain.rate_mm_per_h(position_m)
+        rain_per_m = self._rain_per_m(rate)
+        total = rain_per_m + self._still_per_m
+        share = np.divide(rain_per_m, total, out=np.ones_like(total), where=total > 0)
+        drops = quantile < share
+        speed = np.empty_like(quantile)
+        speed[drops] = self._drop_mps(rate[drops], quantile[drops] / share[drops])
+        if self._still_speeds is not None:
+            rest = ~drops
+            speed[rest] = self._still_speeds.at((quantile[rest] - share[rest]) / (1 - share[rest]))
+        return speed
+
+    def _drop_mps(
+        self, rate_mm_per_h: Float[np.ndarray, " tone"], quantile: Float[np.ndarray, " tone"]
+    ) -> Float[np.ndarray, " tone"]:
+        low, high = self._log_rate[0], self._log_rate[-1]
+        row = (np.log(np.maximum(rate_mm_per_h, LEAST_MM_PER_H)) - low) / (high - low) * (RATES - 1)
+        column = quantile * (QUANTILES - 1)
+        i, j = np.minimum(row.astype(np.int64), RATES - 2), np.minimum(column.astype(np.int64), QUANTILES - 2)
+        u, v = row - i, column - j
+        table = self._fall_mps
+        below = (1 - v) * table[i, j] + v * table[i, j + 1]
+        above = (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]
+        speed: Float[np.ndarray, " tone"] = (1 - u) * below + u * above
+        return speed
+
+
+def volume_of(weather: Weather) -> Volume | None:
+    """Return what fills the air; None where nothing in it sends an echo."""
+    if weather.rain_map is not None:
+        return UnevenVolume(weather, weather.rain_map)
+    return EvenVolume(weather) if weather.fills_the_beam else None
