@@ -18,7 +18,7 @@ from sionna_radar import load_scenario
 from sionna_radar.survey import run
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
-SIZE = {"platform.length_m": 5.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}
+SIZE = {"platform.length_m": 3.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}
 # A real receiver's noise: with snr_db the radar would hear as well through any air.
 NOISE = {"radar.snr_db": None, "radar.transmit_power_dbm": 10.0, "radar.noise_figure_db": 15.0}
 LIDARS = {
@@ -27,15 +27,14 @@ LIDARS = {
     "lidar 1550 nm, gated": {"wavelength_nm": 1550, "near_range_m": 30.0},
 }
 SENSORS = {"radar": {"sensor": "radar"}, **{name: {"sensor": "lidar", "lidar": keys} for name, keys in LIDARS.items()}}
-VISIBILITIES = [500.0, 100.0] if SMALL else [2000.0, 500.0, 200.0, 100.0, 50.0]
+if SMALL:
+    SENSORS.pop("lidar 1550 nm, gated")
+KINDS = ["fog", "rain"] if SMALL else ["fog", "dust", "smoke", "rain"]
+VISIBILITIES = [100.0] if SMALL else [2000.0, 500.0, 200.0, 100.0, 50.0]
 RATES = [25.0] if SMALL else [4.0, 25.0, 50.0]
-AIRS = {
-    "clear": [("", {})],
-    "fog": [(f"{v:g} m", {"fog_visibility_m": v}) for v in VISIBILITIES],
-    "dust": [(f"{v:g} m", {"dust_visibility_m": v}) for v in VISIBILITIES],
-    "smoke": [(f"{v:g} m", {"smoke_visibility_m": v}) for v in VISIBILITIES],
-    "rain": [(f"{r:g} mm/h", {"rain_rate_mm_per_h": r}) for r in RATES],
-}
+AIRS = {"clear": [("", {})]}
+AIRS |= {kind: [(f"{v:g} m", {f"{kind}_visibility_m": v}) for v in VISIBILITIES] for kind in KINDS if kind != "rain"}
+AIRS["rain"] = [(f"{r:g} mm/h", {"rain_rate_mm_per_h": r}) for r in RATES]
 
 
 def flown(sensor, weather):
@@ -58,13 +57,13 @@ for kind, steps in AIRS.items():
 
 # %%
 figure = Figure(figsize=(13.0, 6.4), layout="constrained")
-rows = figure.subplots(2, 4, sharex="col", sharey="row")
+rows = figure.subplots(2, len(KINDS), sharex="col", sharey="row")
 colours = ["#0072b2", "#d55e00", "#e69f00", "#cc79a7"]
 marks = ["o", "s", "^", "v"]
-for column, kind in enumerate(("fog", "dust", "smoke", "rain")):
+for column, kind in enumerate(KINDS):
     names = ["clear"] + [name for name, _ in AIRS[kind]]
     places = np.arange(len(names))
-    for sensor, colour, mark in zip(SENSORS, colours, marks, strict=True):
+    for sensor, colour, mark in zip(SENSORS, colours, marks, strict=False):
         values = [found["clear", "", sensor]] + [found[kind, name, sensor] for name in names[1:]]
         style = {"color": colour, "marker": mark, "label": sensor, "alpha": 0.85}
         rows[0, column].plot(places, [100 * coverage for _, coverage in values], **style)
