@@ -58,22 +58,23 @@ for kind, steps in AIRS.items():
 # %%
 figure = Figure(figsize=(13.0, 6.4), layout="constrained")
 rows = figure.subplots(2, len(KINDS), sharex="col", sharey="row")
-colours = ["#0072b2", "#d55e00", "#e69f00", "#cc79a7"]
-marks = ["o", "s", "^", "v"]
+# Drawn from below: the lidars often agree.
+LOOKS = [("#0072b2", "o", "-", 6), ("#d55e00", "s", "-", 9), ("#e69f00", "^", "--", 7), ("#009e73", "v", ":", 4)]
 for column, kind in enumerate(KINDS):
     names = ["clear"] + [name for name, _ in AIRS[kind]]
     places = np.arange(len(names))
-    for sensor, colour, mark in zip(SENSORS, colours, marks, strict=False):
+    for sensor, (colour, mark, line, size) in zip(SENSORS, LOOKS, strict=False):
         values = [found["clear", "", sensor]] + [found[kind, name, sensor] for name in names[1:]]
-        style = {"color": colour, "marker": mark, "label": sensor, "alpha": 0.85}
+        style = {"color": colour, "marker": mark, "linestyle": line, "markersize": size, "label": sensor}
         rows[0, column].plot(places, [100 * coverage for _, coverage in values], **style)
         rows[1, column].plot(places, [rms for rms, _ in values], **style)
-    rows[0, column].set_title({"rain": "Rain"}.get(kind, f"{kind.capitalize()}, by visibility"))
-    rows[1, column].set_xticks(places, names)
+    rows[0, column].set_title(kind.capitalize())
+    rows[1, column].set_xticks(places, [name.split()[0] for name in names])
+    rows[1, column].set_xlabel("Rain rate (mm/h)" if kind == "rain" else "Visibility (m)")
 rows[0, 0].set(ylabel="Coverage of lit cells (%)", ylim=(-5, 105))
 rows[1, 0].set(ylabel="RMS error of lit cells (m)", yscale="log")
 for axes in rows.ravel():
     axes.grid(alpha=0.3)
 figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(SENSORS))
-figure.suptitle("Rolling hills from 50 m, ranges of 55 to 110 m: radar at 77 GHz and an ideal lidar")
+figure.suptitle("Rolling hills from 50 m, ranges of 70 to 110 m: radar at 77 GHz and an ideal lidar")
 figure.savefig("radar_and_lidar.png", dpi=110)

@@ -14,7 +14,7 @@ The first return is the volume at the near range where it exceeds the threshold 
 before the ground; else the ground. The last return is the ground where it is heard, else what is heard before it.
 
 Drops lie in the beam by chance (Poisson, Marshall-Palmer), each alone; that several share a pulse and add up is left
-out, as is the mean echo of the many small ones, which at 50 mm/h is that of a target of 0.01 %. So are multiple
+out, as is the mean echo of the many small ones, which at 50 mm/h is that of a target of 0.004 %. So are multiple
 scattering, which brings some of a fog's light back into the field of view, speckle, and the detector's noise itself.
 """
 

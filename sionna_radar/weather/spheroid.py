@@ -36,7 +36,7 @@ def spheroid_echo(
 ) -> SpheroidEcho:
     """Return the backscatter of one spheroid.
 
-    Tested against Mie's sphere, against small spheroids, and against T-matrix results to axis ratios of 0.6.
+    Tested against Mie's sphere, against small spheroids, and against T-matrix results down to axis ratios of 0.8.
 
     Parameters
     ----------
