@@ -15,7 +15,7 @@ from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.obscurants import fog_droplets, obscurant
 from sionna_radar.weather.radome import wet_radome_loss_db
 from sionna_radar.weather.rain import (
-    echo_speeds,
+    drop_echo,
     rain_attenuations_db_per_km,
     rain_reflectivity_per_m,
 )
@@ -141,13 +141,17 @@ class Weather:
     @cached_property
     def rain_reflectivity_per_m(self) -> float:
         """Radar cross-section of a cubic metre of rain (m2/m3)."""
-        return self.rain_reflectivity_at_per_m(self.rain_rate_mm_per_h)
-
-    def rain_reflectivity_at_per_m(self, rain_rate_mm_per_h: float) -> float:
-        """Return the radar cross-section of a cubic metre of rain of a rate."""
         return rain_reflectivity_per_m(
-            self.carrier_hz, rain_rate_mm_per_h=rain_rate_mm_per_h, temperature_k=self.temperature_k
+            self.carrier_hz, rain_rate_mm_per_h=self.rain_rate_mm_per_h, temperature_k=self.temperature_k
         )
+
+    def rain_speeds(self) -> EchoSpeeds:
+        """Return how fast the drops fall that send the echo; the rain rate must be positive."""
+        return self.rain_echo(self.rain_rate_mm_per_h)[1]
+
+    def rain_echo(self, rain_rate_mm_per_h: float) -> tuple[float, EchoSpeeds]:
+        """Return the reflectivity (m2/m3) and fall speeds of rain of a rate, which must be positive."""
+        return drop_echo(self.carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=self.temperature_k)
 
     @cached_property
     def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
@@ -163,8 +167,3 @@ class Weather:
         ]
         floating = [(aerosol.reflectivity_per_m(self.carrier_hz), FLOATING) for aerosol in self._aerosols.values()]
         return (*snow, *floating)
-
-    def rain_speeds(self, rain_rate_mm_per_h: float | None = None) -> EchoSpeeds:
-        """Return how fast the drops fall that send the echo, at a rate that must be positive."""
-        drops = marshall_palmer(self.rain_rate_mm_per_h if rain_rate_mm_per_h is None else rain_rate_mm_per_h)
-        return echo_speeds(self.carrier_hz, drops=drops, temperature_k=self.temperature_k)

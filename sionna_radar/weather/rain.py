@@ -162,14 +162,19 @@ def rain_reflectivity_per_m(frequency_hz: float, *, rain_rate_mm_per_h: float, t
 
 def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
     """Return eta (m2/m3) of a custom drop size distribution: the integral of N(D) sigma_back(D) over D."""
-    area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    return float(np.sum(area_per_m3 * efficiencies.backscatter))
+    return drop_echo(frequency_hz, drops=drops, temperature_k=temperature_k)[0]
 
 
 def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> EchoSpeeds:
     """Return the fall speeds of drops, weighted by what each size sends back."""
+    return drop_echo(frequency_hz, drops=drops, temperature_k=temperature_k)[1]
+
+
+def drop_echo(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> tuple[float, EchoSpeeds]:
+    """Return the reflectivity (m2/m3) of drops, and how fast those fall that send it."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    return weighted_speeds(area_per_m3 * efficiencies.backscatter, fall_speed_mps(_diameters(drops)[0]))
+    weight = area_per_m3 * efficiencies.backscatter
+    return float(np.sum(weight)), weighted_speeds(weight, fall_speed_mps(_diameters(drops)[0]))
 
 
 def scattered_attenuation_db_per_km(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:

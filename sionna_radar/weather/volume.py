@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.echo_speeds import EchoSpeeds, SpeedMixture
+from sionna_radar.weather.echo_speeds import SpeedMixture
 from sionna_radar.weather.rain_map import LEAST_MM_PER_H, MOST_MM_PER_H, RainMap
 
 # Rates at which uneven rain is computed, and quantiles of the fall speed; between them it is interpolated.
-RATES = 41
-QUANTILES = 65
+RATES = 21
+QUANTILES = 257
 
 
 @runtime_checkable
@@ -66,22 +66,20 @@ class UnevenVolume:
         self._still_per_m = float(sum(reflectivity for reflectivity, _ in still))
         share = tuple(reflectivity / self._still_per_m for reflectivity, _ in still)
         self._still_speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in still]) if still else None
-        self.reflectivity_per_m = float(np.exp(self._log_reflectivity[-1])) + self._still_per_m
+        self.reflectivity_per_m = weather.rain_echo(MOST_MM_PER_H)[0] + self._still_per_m
 
     @cached_property
-    def _log_reflectivity(self) -> Float[np.ndarray, " rate"]:
-        return np.log([self._weather.rain_reflectivity_at_per_m(rate) for rate in np.exp(self._log_rate)])
-
-    @cached_property
-    def _fall_mps(self) -> Float[np.ndarray, "rate quantile"]:
+    def _tables(self) -> tuple[Float[np.ndarray, " rate"], Float[np.ndarray, "rate quantile"]]:
+        """Logarithm of the reflectivity by rain rate, and fall speeds by rain rate and quantile."""
+        echoes = [self._weather.rain_echo(float(rate)) for rate in np.exp(self._log_rate)]
         quantile = np.linspace(0.0, 1.0, QUANTILES)
-        speeds: list[EchoSpeeds] = [self._weather.rain_speeds(float(rate)) for rate in np.exp(self._log_rate)]
-        return np.stack([s.at(quantile) for s in speeds])
+        reflectivity = np.log([reflectivity for reflectivity, _ in echoes])
+        return reflectivity, np.stack([speeds.at(quantile) for _, speeds in echoes])
 
     def _rain_per_m(self, rate_mm_per_h: Float[np.ndarray, " tone"]) -> Float[np.ndarray, " tone"]:
         some = rate_mm_per_h >= LEAST_MM_PER_H
         log_rate = np.log(np.maximum(rate_mm_per_h, LEAST_MM_PER_H))
-        return np.where(some, np.exp(np.interp(log_rate, self._log_rate, self._log_reflectivity)), 0.0)
+        return np.where(some, np.exp(np.interp(log_rate, self._log_rate, self._tables[0])), 0.0)
 
     def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
         """Return the reflectivity at positions east and north over that of the heaviest rain."""
@@ -112,7 +110,7 @@ class UnevenVolume:
         column = quantile * (QUANTILES - 1)
         i, j = np.minimum(row.astype(np.int64), RATES - 2), np.minimum(column.astype(np.int64), QUANTILES - 2)
         u, v = row - i, column - j
-        table = self._fall_mps
+        table = self._tables[1]
         below = (1 - v) * table[i, j] + v * table[i, j + 1]
         above = (1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]
         speed: Float[np.ndarray, " tone"] = (1 - u) * below + u * above

@@ -1,5 +1,7 @@
 """The weather on the paths: every echo loses what its own way costs, and clear air leaves it as it was."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +21,9 @@ from sionna_radar.tracing.targets import trace_targets
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.rain import rain_attenuation_db_per_km
+from sionna_radar.weather.kinds import Precipitation
+from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_power_laws
+from sionna_radar.weather.rain_map import RainCell, RainTogether
 
 CARRIER_HZ = 77e9
 
@@ -79,6 +83,47 @@ def test_both_engines_paths_pass_the_same_weather(engine, plane, pencil, chirp_o
     range_km = clear.delay_s * 299_792.458 / 2
     expected = 2 * range_km * gas_attenuation_db_per_km(CARRIER_HZ, Air())
     np.testing.assert_allclose(power_db(clear) - power_db(hazy), expected, atol=2e-6)
+
+
+def test_rain_by_place_takes_the_integral_along_the_way(pencil, chirp_of, surface_of, looking):
+    """Straight through the middle of a shower, k R^alpha integrates to k peak^alpha radius / alpha on each side."""
+    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
+    chirp, pulses = chirp_of(), looking(2, incidence_deg=60.0)
+    pose = pulses.true
+    target = tuple(float(v) for v in pose.position_m[0] + 100.0 * pose.boresight[0])
+    clear = trace_targets([Target(position_m=target, rcs_m2=1.0)], pulses, pencil, chirp, caster)
+    middle = tuple(float(v) for v in pose.position_m[0, :2] + 70.0 * pose.boresight[0, :2])
+    cell = RainCell(centre_m=middle, radius_m=12.0, peak_mm_per_h=80.0)
+    atmosphere = Atmosphere(Weather(carrier_hz=CARRIER_HZ, rain_map=RainTogether(parts=(cell,))), pencil, chirp, 1)
+    lost_db = power_db(clear) - power_db(atmosphere.through(clear, pulses))
+
+    field = pose.R_world_antenna[0, :, 2]
+    d = pose.boresight[0]
+    mix = 2 * (field[1] * d[0] - field[0] * d[1]) ** 2 - (1 - d[2] ** 2)
+    k, alpha = (float(v[0]) for v in rain_power_laws(CARRIER_HZ, np.array([mix])))
+    slant_m = 12.0 / np.hypot(d[0], d[1]) / alpha
+    one_way = k * 80.0**alpha * slant_m / 1000 * (2 - np.exp(-70 / slant_m) - np.exp(-30 / slant_m))
+    assert lost_db[0] == pytest.approx(2 * one_way, rel=1e-3)
+
+
+def test_even_rain_told_by_place_is_even_rain(pencil, chirp_of, surface_of, looking):
+    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
+    chirp, pulses = chirp_of(), looking(3, incidence_deg=50.0)
+    clear = trace_targets([Target(position_m=(-40.0, 3.0, 0.0), rcs_m2=1.0)], pulses, pencil, chirp, caster)
+    air, snow = Air(), {Precipitation.DRY_SNOW: 1.0}
+    even = Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=20.0, air=air, snowfall_mm_per_h=snow, wet_radome_m=0.1)
+    told = Weather(
+        carrier_hz=CARRIER_HZ,
+        rain_map=RainTogether(parts=(), everywhere_mm_per_h=20.0),
+        air=air,
+        snowfall_mm_per_h=snow,
+        wet_radome_m=0.1,
+    )
+    left = [Atmosphere(weather, pencil, chirp, 1).through(clear, pulses) for weather in (even, told)]
+    np.testing.assert_allclose(power_db(left[0]), power_db(left[1]), atol=1e-9)
+    dry = Atmosphere(dataclasses.replace(even, wet_radome_m=None), pencil, chirp, 1).through(clear, pulses)
+    np.testing.assert_allclose(power_db(dry) - power_db(left[0]), even.wet_radome_loss_db(20.0), atol=1e-9)
+    assert even.wet_radome_loss_db(20.0) > 5.0
 
 
 def test_clear_air_hands_the_very_paths_on(plane, pencil, chirp_of, looking):

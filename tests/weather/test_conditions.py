@@ -15,6 +15,7 @@ from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import fall_speed_mps, marshall_palmer
 from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
+from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.mie import mie_efficiencies
 from sionna_radar.weather.rain import (
     drop_reflectivity_per_m,
@@ -83,6 +84,53 @@ def test_the_drops_drawn_for_the_echo_weigh_as_their_reflectivity():
     assert drawn.mean() == pytest.approx(weight @ fall_speed_mps(middle) / weight.sum(), rel=0.01)
 
 
+def test_a_scenario_says_what_falls_and_how_far_one_sees():
+    table = WeatherTable(
+        rain_rate_mm_per_h=2.0, snowfall_mm_per_h=1.0, snow="wet", fog="medium", smoke_visibility_m=400.0
+    )
+    assert table.precipitation_mm_per_h == {Precipitation.RAIN: 2.0, Precipitation.WET_SNOW: 1.0}
+    assert table.visibility_m == {Obscurant.FOG: 300.0, Obscurant.SMOKE: 400.0}
+    assert table.falling == "rain and wet snow"
+    assert WeatherTable().falling == ""
+    assert not WeatherTable().precipitation_mm_per_h
+    assert not WeatherTable(liquid_water_g_per_m3=0.1).visibility_m
+    shower = {"centre_m": (0.0, 0.0), "radius_m": 100.0, "peak_mm_per_h": 9.0}
+    assert WeatherTable(rain_cell=shower, snowfall_mm_per_h=0.5).falling == "rain and dry snow"
+    # A mean fog of 300 m (Kunkel 1984) has a third more water than the ITU's; water given by value stands.
+    assert WeatherTable(fog_visibility_m=300.0).water_in_air_g_per_m3 == pytest.approx(0.065, abs=0.001)
+    assert WeatherTable(fog_visibility_m=300.0, liquid_water_g_per_m3=0.2).water_in_air_g_per_m3 == 0.2
+
+
+def test_every_kind_of_air_takes_its_part():
+    one = {
+        "haze_visibility_m": 2000.0,
+        "dust_visibility_m": 200.0,
+        "smoke_visibility_m": 100.0,
+        "snowfall_mm_per_h": 1.0,
+    }
+    alone = [build_weather(WeatherTable(**{key: value}), CARRIER_HZ) for key, value in one.items()]
+    together = build_weather(WeatherTable(**one), CARRIER_HZ)
+    mix = np.array([0.3])
+    losses = [weather.attenuation_db_per_km(mix)[0] for weather in alone]
+    assert min(losses) > 0
+    assert together.attenuation_db_per_km(mix)[0] == pytest.approx(sum(losses), rel=1e-12)
+    assert all(weather.fills_the_beam and not weather.clear for weather in alone)
+
+
+def test_only_water_wets_a_radome():
+    wet = {"wet_radome": {"radius_m": 0.1}}
+    dry_snow, wet_snow, rain = (
+        build_weather(WeatherTable(**wet, **kind), CARRIER_HZ)
+        for kind in (
+            {"snowfall_mm_per_h": 2.0},
+            {"snowfall_mm_per_h": 2.0, "snow": "wet"},
+            {"rain_rate_mm_per_h": 2.0},
+        )
+    )
+    assert dry_snow.wet_radome_loss_db(0.0) == pytest.approx(0.0)
+    assert wet_snow.wet_radome_loss_db(0.0) == rain.wet_radome_loss_db(2.0) > 3.0
+
+
 def test_a_scenario_gives_its_weather():
     table = WeatherTable(fog="thick", gases=True, dry_pressure_hpa=900.0, vapour_g_per_m3=3.0, temperature_k=280.0)
     weather = build_weather(table, CARRIER_HZ)
@@ -102,6 +150,22 @@ def test_a_scenario_gives_its_weather():
         ({"weather": {"temperature_k": 200.0}}, "weather.temperature_k"),
         ({"weather": {"vapour_g_per_m3": 3.0}}, "weather.gases"),
         ({"weather": {"fog": "thick"}, "radar": {"snr_db": 30.0, "carrier_hz": 240e9}}, "weather.fog"),
+        ({"weather": {"fog": "thick", "fog_visibility_m": 50.0}}, "weather.fog_visibility_m"),
+        ({"weather": {"snow": "slush"}}, "weather.snow"),
+        ({"weather": {"snowfall_mm_per_h": 50.0}}, "weather.snowfall_mm_per_h"),
+        ({"weather": {"dust_visibility_m": 0.0}}, "weather.dust_visibility_m"),
+        ({"weather": {"wind_mps": [0.0, 90.0, 0.0]}}, "weather.wind_mps"),
+        ({"weather": {"wet_radome": {"radius_m": 0.0}}}, "weather.wet_radome.radius_m"),
+        ({"weather": {"rain_cell": {"centre_m": [0.0, 0.0], "radius_m": 10.0}}}, "weather.rain_cell.peak_mm_per_h"),
+        ({"weather": {"rain_field": {"correlation_m": 50.0, "spread_db": -1.0}}}, "weather.rain_field.spread_db"),
+        (
+            {"weather": {"snowfall_mm_per_h": 1.0}, "radar": {"snr_db": 30.0, "carrier_hz": 5e9}},
+            "weather.snowfall_mm_per_h",
+        ),
+        (
+            {"weather": {"haze_visibility_m": 900.0}, "radar": {"snr_db": 30.0, "carrier_hz": 160e9}},
+            "weather.haze_visibility_m",
+        ),
         ({"targets": [{"position_m": [0.0, 0.0], "rcs_dbsm": 0.0, "swerling": 5}]}, "targets.0.swerling"),
     ],
 )

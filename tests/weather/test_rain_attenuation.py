@@ -57,8 +57,7 @@ def test_seen_from_straight_above_polarisation_does_not_matter():
 def test_no_rain_takes_nothing_and_more_rain_takes_more():
     rates = (0.0, 1.0, 10.0, 100.0)
     found = [
-        rain_attenuation_db_per_km(77e9, rain_rate_mm_per_h=rate, elevation_rad=0.0, tilt_rad=0.0)
-        for rate in rates
+        rain_attenuation_db_per_km(77e9, rain_rate_mm_per_h=rate, elevation_rad=0.0, tilt_rad=0.0) for rate in rates
     ]
     assert found[0] == 0.0
     assert sorted(found) == found

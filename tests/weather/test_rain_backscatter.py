@@ -37,11 +37,7 @@ def test_a_w_band_radar_sees_19_dbz_at_250_m(rate):
     # Hogan et al. 2003 (J. Atmos. Oceanic Technol. 20, 572, abstract): 94/95 GHz, 250 m, 3 to 10 mm/h, nearly
     # constant 19 dBZ for the loss on the way included; natural spread about 1.5 dB.
     eta_per_m = rain_reflectivity_per_m(94e9, rain_rate_mm_per_h=rate, temperature_k=TEMPERATURE_K)
-    loss_db = (
-        2
-        * 0.25
-        * scattered_attenuation_db_per_km(94e9, drops=marshall_palmer(rate), temperature_k=TEMPERATURE_K)
-    )
+    loss_db = 2 * 0.25 * scattered_attenuation_db_per_km(94e9, drops=marshall_palmer(rate), temperature_k=TEMPERATURE_K)
     assert equivalent_reflectivity_dbz(eta_per_m, 94e9) - loss_db == pytest.approx(19.0, abs=1.5)
 
 
@@ -88,9 +84,7 @@ def test_marshall_palmer_drops_carry_roughly_their_rain_rate():
     drops = marshall_palmer(rate)
     diameter_m = np.linspace(1e-4, 8e-3, 4000)
     speed_mps = np.clip(9.65 - 10.3 * np.exp(-600.0 * diameter_m), 0, None)
-    flux_mps = trapezoid(
-        drops.density_per_m4(diameter_m) * math.pi / 6 * diameter_m**3 * speed_mps, diameter_m
-    )
+    flux_mps = trapezoid(drops.density_per_m4(diameter_m) * math.pi / 6 * diameter_m**3 * speed_mps, diameter_m)
     assert flux_mps * 3.6e6 == pytest.approx(1.16 * rate, rel=0.02)
 
 
