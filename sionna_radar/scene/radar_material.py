@@ -22,7 +22,7 @@ Of a circular wave (v + j h) / sqrt 2 comes back in the same sense (v - h + 2 j 
     same sense       (a_v - a_h)^2 / 4 + d^2 + x^2  =  (s_h + s_v - 2 rho sqrt(s_h s_v)) / 4 + s_hv
     opposite sense   (a_v + a_h)^2 / 4              =  (s_h + s_v + 2 rho sqrt(s_h s_v)) / 4
 
-The phase between V and H of a lossy rough surface is left out: at 77 GHz it is some degrees over soil.
+The phase between V and H of a lossy rough surface is left out: over soil at 77 GHz it is 1 to 10 deg.
 """
 
 from dataclasses import dataclass, replace

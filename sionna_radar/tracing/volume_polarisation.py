@@ -48,7 +48,7 @@ def _moments(weather: Weather) -> DropPolarisation:
     if weather.rains:
         rate = weather.rain_rate_mm_per_h or TYPICAL_RATE_MM_PER_H
         drops = drop_polarisation(weather.carrier_hz, marshall_palmer(rate), weather.temperature_k)
-        kinds.append((weather.rain_reflectivity_at_per_m(rate), drops))
+        kinds.append((weather.rain_echo(rate)[0], drops))
     hydrometeors = [snow_polarisation(kind) for kind in weather.snowfall_mm_per_h]
     still = weather.still_echoes
     hydrometeors += [spheres()] * (len(still) - len(hydrometeors))
