@@ -165,7 +165,7 @@ class _Growing:
         self._ready, self._window = ready, ready.scenario.processing.window
         self._strip = _strip(ready)
         self._points = tuple(point_beside(target, self._strip) for target in ready.built.scene.targets)
-        analyser = SpectrumAnalyser(ready.chirp, self._window, BINS_PER_CELL)
+        analyser = SpectrumAnalyser(ready.chirp, self._window, BINS_PER_CELL, ready.high_pass)
         self._slar = SideLooking(analyser, _stretch_m(ready, self._strip))
         self._aperture: Aperture | None = None
         self._sar: BackProjection | None = None
@@ -182,8 +182,8 @@ class _Growing:
             inside = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
             if inside and pixels.across_m[0] <= point.ground_m <= pixels.across_m[-1]:
                 patch = patch_around(point, self._strip, self._focused_theory(point, aperture))
-                self._patches[number] = BackProjection(ready.chirp, patch, aperture, self._window)
-        return BackProjection(ready.chirp, pixels, aperture, self._window)
+                self._patches[number] = BackProjection(ready.chirp, patch, aperture, self._window, ready.high_pass)
+        return BackProjection(ready.chirp, pixels, aperture, self._window, ready.high_pass)
 
     def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
         self._slar.add(beats, measured)

@@ -25,6 +25,7 @@ from sionna_radar.scene.build import BuiltScene, build_scene
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.radar_material import as_radar_material
 from sionna_radar.signal.noise import noise_power, transmit_power_w
+from sionna_radar.signal.receiver import HighPass, build_high_pass
 from sionna_radar.tracing.scatterers import check_scatterers
 
 SAMPLED_PULSES = 2000
@@ -41,6 +42,7 @@ class Preparation:
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     max_gap_m: greatest distance of a filled DEM cell from the nearest point.
     expected_ground: what is known of the ground beforehand; None for nothing.
+    high_pass: of the receiver; None without one.
     """
 
     scenario: Scenario
@@ -54,6 +56,7 @@ class Preparation:
     noise_power_w: float
     max_gap_m: float
     expected_ground: ExpectedGround | None = None
+    high_pass: HighPass | None = None
 
     def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
         """Return the ranges in which a sweep's ground is searched; None for all."""
@@ -91,7 +94,8 @@ def prepare(
     own_scan = scan is not None
     scan = scan or build_scan(scenario.radar.scan)
     antenna = antenna or build_antenna(scenario.radar.antenna)
-    detector = build_detector(scenario.processing, chirp, antenna)
+    high_pass = build_high_pass(scenario.radar.receiver)
+    detector = build_detector(scenario.processing, chirp, antenna, high_pass)
     if not own_scan:
         _check_nominal_range(scenario, chirp)
     built = build_scene(scenario, _window(track, chirp.max_range_m))
@@ -116,6 +120,7 @@ def prepare(
         noise_power_w=noise_power(scenario.radar, chirp, _reference_echo(scenario, antenna, chirp, built)),
         max_gap_m=max_gap_m,
         expected_ground=build_expected_ground(scenario, antenna, grid, built.scene.georeference),
+        high_pass=high_pass,
     )
 
 

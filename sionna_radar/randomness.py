@@ -25,6 +25,7 @@ class Stream(IntEnum):
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52
+    LIDAR_DROPS = 53
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

@@ -23,12 +23,13 @@ from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise
+from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.stopwatch import Stopwatch
 from sionna_radar.tracing.atmosphere import build_atmosphere
 from sionna_radar.tracing.boresight import trace_boresights
 from sionna_radar.tracing.engine import Engine, EngineInputs, Tracer, build_engine
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import VOLUME, Paths
 
 # A glance at so many pulses tells whether rain fills the beam; if it does, so many tell its mean echo.
 GLANCE_PULSES, VOLUME_PULSES = 48, 256
@@ -146,27 +147,38 @@ class TriangularRadar:
 
 
 class Lidar:
-    """An ideal range sensor: the range along the beam axis, exact but for white noise."""
+    """An ideal range sensor: the range along the beam axis, exact but for white noise and for what fills the air."""
 
-    def __init__(self, caster: RayCaster, range_noise_m: float, seed: int, watch: Stopwatch | None = None) -> None:
+    def __init__(
+        self,
+        caster: RayCaster,
+        range_noise_m: float,
+        seed: int,
+        watch: Stopwatch | None = None,
+        receiver: LidarReceiver | None = None,
+    ) -> None:
         self._caster, self._range_noise_m, self._seed = caster, range_noise_m, seed
-        self._watch = watch or Stopwatch()
+        self._watch, self._receiver = watch or Stopwatch(), receiver
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses; their power is one, and they have no noise to stand against."""
         with self._watch("trace"):
-            paths = trace_boresights(pulses, self._caster)
-        range_m = paths.delay_s * speed_of_light / 2
+            paths = read = trace_boresights(pulses, self._caster)
+        if self._receiver is not None:
+            read = self._receiver.received(paths, pulses)
+            # What the beam lights is not what the lidar hears of it.
+            paths = Paths.concatenate([paths, read.only(read.surface == VOLUME)])
+        range_m = read.delay_s * speed_of_light / 2
         if self._range_noise_m:
-            uniform = pulse_uniforms(self._seed, Stream.LIDAR, paths.pulse, 1)[:, 0]
+            uniform = pulse_uniforms(self._seed, Stream.LIDAR, read.pulse, 1)[:, 0]
             range_m = range_m + self._range_noise_m * ndtri(np.maximum(uniform, 2.0**-54))
         echoes = Echoes(
-            pulse=paths.pulse,
-            number=np.zeros(len(paths), dtype=np.int64),
+            pulse=read.pulse,
+            number=np.zeros(len(read), dtype=np.int64),
             range_m=range_m,
-            range_sigma_m=np.full(len(paths), self._range_noise_m),
-            power=np.ones(len(paths)),
-            snr_db=np.full(len(paths), np.nan),
+            range_sigma_m=np.full(len(read), self._range_noise_m),
+            power=np.ones(len(read)),
+            snr_db=np.full(len(read), np.nan),
         )
         return Observation(paths=paths, echoes=echoes)
 
@@ -196,7 +208,8 @@ def build_sensor(ready: Preparation, watch: Stopwatch | None = None) -> Sensor:
     """Return the sensor of a prepared survey."""
     scenario = ready.scenario
     if scenario.sensor == "lidar":
-        return Lidar(ready.built.caster, scenario.lidar.range_noise_m, scenario.seed, watch)
+        receiver = lidar_receiver(scenario.lidar, scenario.weather, scenario.seed)
+        return Lidar(ready.built.caster, scenario.lidar.range_noise_m, scenario.seed, watch, receiver)
     if scenario.radar.sweep == "triangular":
         return TriangularRadar(ready, watch)
     return SawtoothRadar(ready, watch)
@@ -242,6 +255,15 @@ def received_sweeps(
     paths: Paths, pulses: Pulses, ready: Preparation, sweeps: tuple[Chirp, ...]
 ) -> list[Inexact[np.ndarray, "pulse sample"]]:
     """Return the beat signals of each sweep of a block's pulses."""
-    clean = [np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, sweep) for sweep in sweeps]
-    beat = add_noise(np.concatenate(clean, axis=1), ready.noise_power_w, ready.scenario.seed, pulses.index)
-    return np.split(beat, len(sweeps), axis=1)
+    seed, high_pass = ready.scenario.seed, ready.high_pass
+    if high_pass is None:
+        clean = [np.sqrt(ready.transmit_power_w) * synthesise(paths, pulses, sweep) for sweep in sweeps]
+        beat = add_noise(np.concatenate(clean, axis=1), ready.noise_power_w, seed, pulses.index)
+        return np.split(beat, len(sweeps), axis=1)
+    echoes = [synthesise(high_pass.filtered(paths, sweep), pulses, sweep) for sweep in sweeps]
+    silence = np.zeros_like(np.concatenate(echoes, axis=1))
+    noise = np.split(add_noise(silence, ready.noise_power_w, seed, pulses.index), len(sweeps), axis=1)
+    return [
+        np.sqrt(ready.transmit_power_w) * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
+        for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
+    ]

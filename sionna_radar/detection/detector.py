@@ -17,6 +17,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.signal.receiver import HighPass
 
 # Noise of the cell under test and of the nearest training cell may share this much of their power.
 SHARED_NOISE = 0.01
@@ -187,7 +188,9 @@ class Detector:
         return runs.only(keep)
 
 
-def build_detector(processing: ProcessingTable, chirp: Chirp, antenna: Antenna | None = None) -> Detector:
+def build_detector(
+    processing: ProcessingTable, chirp: Chirp, antenna: Antenna | None = None, high_pass: HighPass | None = None
+) -> Detector:
     """Return the processing of a scenario.
 
     Parameters
@@ -196,6 +199,8 @@ def build_detector(processing: ProcessingTable, chirp: Chirp, antenna: Antenna |
         The processing and the sweep it is for.
     antenna:
         The antenna, for estimators that know the beam.
+    high_pass:
+        Of the receiver, which the calibration takes out of the spectra.
 
     Raises
     ------
@@ -203,7 +208,7 @@ def build_detector(processing: ProcessingTable, chirp: Chirp, antenna: Antenna |
         The window spreads the cell under test into the training cells.
 
     """
-    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding)
+    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass)
     table = processing.cfar
     correlation = analyser.noise_correlation(table.guard + table.training + 1)
     shared = np.flatnonzero(correlation**2 > SHARED_NOISE)

@@ -9,6 +9,10 @@ from jaxtyping import Complex, Float, Inexact
 from scipy.signal import get_window
 
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.signal.receiver import HighPass
+
+# How far about a bin its window's response is followed, and in which steps.
+SEEN_CELLS, STEPS_PER_CELL = 8, 4
 
 
 @dataclass(frozen=True)
@@ -16,11 +20,13 @@ class SpectrumAnalyser:
     """Window, zero-padding and FFT; a beat of power P peaks at P.
 
     zero_padding: spectrum bins per range cell (c / 2B).
+    high_pass: of the receiver; the calibration divides by what it leaves of each bin.
     """
 
     chirp: Chirp
     window_name: str
     zero_padding: int
+    high_pass: HighPass | None = None
 
     @cached_property
     def window(self) -> Float[np.ndarray, " sample"]:
@@ -42,13 +48,32 @@ class SpectrumAnalyser:
     def power(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Float[np.ndarray, "pulse bin"]:
         """Return the power spectra of beat signals."""
         spectrum = self._transform(beat)
+        if self.high_pass is not None:
+            return np.abs(spectrum / self._passed) ** 2
         return spectrum.real**2 + spectrum.imag**2
 
     def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""
         middle = self.chirp.samples // 2
         turns = np.arange(len(self.range_m)) * (middle / (self.chirp.samples * self.zero_padding))
-        return self._transform(beat) * np.exp(2j * np.pi * np.mod(turns, 1.0))
+        spectrum = self._transform(beat) * np.exp(2j * np.pi * np.mod(turns, 1.0))
+        return spectrum if self.high_pass is None else spectrum / self._passed
+
+    @cached_property
+    def _passed(self) -> Complex[np.ndarray, " bin"]:
+        """What the high-pass leaves of each bin, as the window sees it.
+
+        Its square is the response's mean over the window's own: white noise before the filter is white in the
+        calibrated spectrum, down to the bins next to zero, where the response itself vanishes.
+        """
+        assert self.high_pass is not None
+        cell_hz = 1 / self.chirp.duration_s
+        bin_hz = np.arange(len(self.range_m)) / self.zero_padding * cell_hz
+        share = self.response(SEEN_CELLS * STEPS_PER_CELL, STEPS_PER_CELL)
+        offset_hz = np.arange(-SEEN_CELLS * STEPS_PER_CELL, SEEN_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL * cell_hz
+        mean = sum(s * self.high_pass.power_response(bin_hz + o) for s, o in zip(share, offset_hz, strict=True))
+        passed: Complex[np.ndarray, " bin"] = np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
+        return passed
 
     def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding

@@ -25,6 +25,7 @@ from sionna_radar.imaging.aperture import Aperture, check_sampling
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.beat import phase_polynomial
+from sionna_radar.signal.receiver import HighPass
 
 # Spectrum bins per range cell; between them the complex spectrum is linear within 1 % of its peak.
 ZERO_PADDING = 8
@@ -60,9 +61,16 @@ class BackProjection:
     rounding.
     """
 
-    def __init__(self, chirp: Chirp, grid: PixelGrid, aperture: Aperture, window_name: str = "hann") -> None:
+    def __init__(
+        self,
+        chirp: Chirp,
+        grid: PixelGrid,
+        aperture: Aperture,
+        window_name: str = "hann",
+        high_pass: HighPass | None = None,
+    ) -> None:
         self._chirp, self._grid, self._aperture = chirp, grid, aperture
-        self._analyser = SpectrumAnalyser(chirp, window_name, ZERO_PADDING)
+        self._analyser = SpectrumAnalyser(chirp, window_name, ZERO_PADDING, high_pass)
         # Column by column, so that neighbours in a chunk are neighbours along the track.
         self._pixels = grid.position_m.transpose(1, 0, 2).reshape(-1, 3)
         self._sum = np.zeros(len(self._pixels), dtype=np.complex128)

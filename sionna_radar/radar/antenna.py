@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 from scipy.integrate import cumulative_simpson, simpson
 from scipy.optimize import brentq
 from scipy.signal.windows import taylor
@@ -85,14 +85,17 @@ class Antenna:
     """A pencil-beam antenna, the same for sending and receiving.
 
     azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up.
-    polarization: direction of the sent electric field on boresight, up (V) or left (H).
-    receives: the same polarisation ("co") or the other one ("cross").
+    polarization: of the sent field on boresight: up (V), left (H), or circular to the right or left (RHCP, LHCP).
+    receives: the same polarisation ("co") or the orthogonal one ("cross"). Of a circular wave, "co" is the same
+        sense, each as seen along its own way, and a mirror returns the opposite one.
+    axial_ratio_db: of the ellipse of a circular antenna, its major axis along V; 0 for a circle.
     """
 
     azimuth: Cut
     elevation: Cut
     polarization: str = "V"
     receives: str = "co"
+    axial_ratio_db: float = 0.0
 
     @cached_property
     def peak_gain(self) -> float:
@@ -110,10 +113,49 @@ class Antenna:
         return self.peak_gain * (self.azimuth.at(u) * self.elevation.at(v)) ** 2 * np.maximum(cos, 0.0)
 
     @property
-    def polarizations(self) -> tuple[str, str]:
-        """The polarisation sent and the one received, each "V" or "H"."""
-        other = {"V": "H", "H": "V"}[self.polarization]
-        return self.polarization, self.polarization if self.receives == "co" else other
+    def circular(self) -> bool:
+        """Whether the wave is circular, well or badly."""
+        return self.polarization in ("RHCP", "LHCP")
+
+    @cached_property
+    def jones(self) -> tuple[Inexact[np.ndarray, "2"], Inexact[np.ndarray, "2"]]:
+        """The sent field and the one received, both as sent, by their shares of V and H; time as exp(+j w t).
+
+        What is received of a field e is the product with the second one, no part of it conjugated (reciprocity).
+        With V up and H left, the field turns to the right where H leads V by a quarter of a turn. The two ports of
+        an antenna of axial ratio r are orthogonal: (r, j) and (1, -j r) over sqrt(r^2 + 1).
+        """
+        if not self.circular:
+            ports = [np.array([1.0, 0.0]), np.array([0.0, 1.0])]
+            own = ports.pop("VH".index(self.polarization))
+            return own, own if self.receives == "co" else ports[0]
+        ratio = 10 ** (self.axial_ratio_db / 20)
+        hand = 1j if self.polarization == "RHCP" else -1j
+        same, opposite = np.array([ratio, hand]), np.array([1.0, -hand * ratio])
+        size = np.sqrt(ratio**2 + 1)
+        return same / size, (same if self.receives == "co" else opposite) / size
+
+    @property
+    def mirrored(self) -> complex:
+        """Share of the field that is received of a wave that a sphere or a mirror returns.
+
+        One for a linear antenna that receives what it sends, zero for its cross-polar port. Of a circular antenna of
+        axial ratio r it is (r^2 - 1) / (r^2 + 1) in the same sense and 2 r / (r^2 + 1) in the opposite one; the first
+        bounds what it rejects of rain (the integrated cancellation ratio).
+        """
+        sent, received = self.jones
+        return complex(sent @ received)
+
+    def fields(
+        self, direction: Float[np.ndarray, "n 3"]
+    ) -> tuple[Inexact[np.ndarray, "n 3"], Inexact[np.ndarray, "n 3"]]:
+        """Return the sent and the received field toward unit vectors, all in the antenna's frame."""
+        if not self.circular:
+            sent, received = ("VH"[int(port[1])] for port in self.jones)
+            return self.field(direction, sent), self.field(direction, received)
+        axes = np.stack([self.field(direction, p) for p in "VH"])
+        sent_field, received_field = (np.tensordot(port, axes, 1) for port in self.jones)
+        return sent_field, received_field
 
     @staticmethod
     def field(direction: Float[np.ndarray, "n 3"], polarization: str) -> Float[np.ndarray, "n 3"]:
@@ -201,4 +243,5 @@ def build_antenna(table: AntennaTable) -> Antenna:
         taylor_cut(elevation, table.side_lobe_db),
         table.polarization,
         table.receive_polarization,
+        table.axial_ratio_db,
     )

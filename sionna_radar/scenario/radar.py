@@ -8,19 +8,36 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
-from sionna_radar.scenario.table import Real, Table, refuse
+from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
 
 
 class AntennaTable(Table):
-    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane."""
+    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane.
+
+    polarization: as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave).
+    receive_polarization: "co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same
+    sense, in which spheres and mirrors return nothing, and "cross" the opposite sense.
+    axial_ratio_db: major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's.
+    """
 
     beamwidth_deg: (
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
-    polarization: Literal["V", "H"] = "V"
+    polarization: Literal["V", "H", "RHCP", "LHCP"] = "V"
     receive_polarization: Literal["co", "cross"] = "co"
+    axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+
+    @model_validator(mode="after")
+    def _ellipse_is_circular(self) -> AntennaTable:
+        if self.axial_ratio_db > 0 and self.polarization in ("V", "H"):
+            raise refuse(
+                "axial_ratio_db",
+                f"{self.axial_ratio_db:g} has no effect on polarization = {self.polarization!r}; remove it, or set "
+                "polarization = 'RHCP' or 'LHCP'",
+            )
+        return self
 
     @property
     def beamwidths_rad(self) -> tuple[float, float]:
@@ -56,6 +73,24 @@ class ScanTable(Table):
         return self
 
 
+class ReceiverTable(Table):
+    """The receiver between mixer and sampler.
+
+    high_pass_corner_hz, high_pass_order: a Butterworth high-pass on the beat signal; 0 for none.
+    """
+
+    high_pass_corner_hz: NonNegative = 0.0
+    high_pass_order: Annotated[int, Field(strict=True, ge=1, le=4)] = 2
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ReceiverTable:
+        usual = type(self).model_fields["high_pass_order"].default
+        if self.high_pass_corner_hz == 0 and self.high_pass_order != usual:
+            message = f"{self.high_pass_order} has no effect without high_pass_corner_hz; give it"
+            raise refuse("high_pass_order", message)
+        return self
+
+
 class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
@@ -69,6 +104,7 @@ class RadarTable(Table):
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
+    receiver: ReceiverTable = ReceiverTable()
     antenna: AntennaTable = AntennaTable()
     scan: ScanTable = ScanTable()
 
@@ -78,6 +114,14 @@ class RadarTable(Table):
             raise refuse(
                 "bandwidth_hz",
                 f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it",
+            )
+        highest_hz = self.samples_per_chirp * self.chirp_rate_hz * (1 if self.sampling == "iq" else 0.5)
+        if self.sweep == "triangular":
+            highest_hz *= 2
+        if self.receiver.high_pass_corner_hz >= highest_hz:
+            raise refuse(
+                "receiver.high_pass_corner_hz",
+                f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
             )
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):

@@ -139,6 +139,12 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _map_has_its_echoes(self) -> Scenario:
         method = self.dem.method
+        uneven = [k for k in ("rain_cell", "rain_field") if getattr(self.weather, k) is not None]
+        if uneven and self.sensor == "lidar" and self.lidar.wavelength_nm is not None:
+            raise refuse(
+                f"weather.{uneven[0]}",
+                "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
+            )
         if method != "linear" and self.sensor == "lidar":
             raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar has none; set 'linear'")
         if method != "linear" and self.radar.sweep == "triangular":

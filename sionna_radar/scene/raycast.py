@@ -18,10 +18,14 @@ EDGE_JUMP_M = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class Hits:
-    """First hits of rays; a miss has infinite distance and surface -1."""
+    """First hits of rays; a miss has infinite distance and surface -1.
+
+    cosine: of the angle between the ray and the surface's normal, not negative; of a miss anything.
+    """
 
     distance_m: Float[np.ndarray, " ray"]
     surface: Int[np.ndarray, " ray"]
+    cosine: Float[np.ndarray, " ray"]
 
     @property
     def hit(self) -> Bool[np.ndarray, " ray"]:
@@ -56,16 +60,20 @@ class RayCaster:
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return what rays along unit vectors hit first."""
         if len(origin_m) == 0:  # Dr.Jit ends the process on arrays of no size
-            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64))
+            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64), cosine=np.zeros(0))
         mi = load_mitsuba()
         import drjit as dr
 
-        found = self.intersect(self.prepare(origin_m, direction))
+        ray = self.prepare(origin_m, direction)
+        found = self.intersect(ray)
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)
         shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
         surface = np.where(hit.numpy(), self._surface_of_shape[shape.numpy()], -1)
-        return Hits(distance_m=distance.numpy().astype(np.float64), surface=surface)
+        cosine = dr.minimum(dr.abs(dr.dot(found.n, ray.d)), 1.0)
+        return Hits(
+            distance_m=distance.numpy().astype(np.float64), surface=surface, cosine=cosine.numpy().astype(np.float64)
+        )
 
     def prepare(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Any:
         """Return rays in the memory of the ray tracer."""

@@ -48,6 +48,14 @@ def phase_polynomial(
     )
 
 
+def beat_phase(paths: Paths, chirp: Chirp) -> PhasePolynomial:
+    """Return the beat phase of paths, whose delays are those of the pulse, in one of its sweeps."""
+    delay_s = paths.delay_s
+    if chirp.centre_s:
+        delay_s = delay_s + chirp.centre_s * 2 * paths.range_rate_mps.astype(np.float64) / speed_of_light
+    return phase_polynomial(delay_s, paths.range_rate_mps, chirp)
+
+
 def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray, "pulse sample"]:
     """Return the noise-free beat signals of a block of pulses for a unit sent power.
 
@@ -64,10 +72,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The sweep.
 
     """
-    delay_s = paths.delay_s
-    if chirp.centre_s:
-        delay_s = delay_s + chirp.centre_s * 2 * paths.range_rate_mps.astype(np.float64) / speed_of_light
-    phase = phase_polynomial(delay_s, paths.range_rate_mps, chirp)
+    phase = beat_phase(paths, chirp)
     gain = np.conj(paths.gain) if chirp.direction > 0 else paths.gain
     rotor = np.exp(2j * np.pi * np.mod(phase.constant, 1.0))
     # A plain call, not an expression: NumPy may swap the factors of a large temporary, and a fused complex

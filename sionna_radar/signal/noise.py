@@ -39,7 +39,10 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
 def add_noise(
     beat: Inexact[np.ndarray, "pulse sample"], power: float, seed: int, pulse: Int[np.ndarray, " pulse"]
 ) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return beat signals with white Gaussian noise of a given power; complex signals get half in each part."""
+    """Return beat signals with white Gaussian noise of a given power; complex signals get half in each part.
+
+    The generator of a pulse fills its samples; with a zero signal it is the noise alone.
+    """
     noisy = beat.copy()
     for row, index in zip(noisy, pulse, strict=True):
         generator = pulse_generator(seed, Stream.NOISE, int(index))

@@ -12,6 +12,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho
+from sionna_radar.tracing.volume_polarisation import volume_polarisation
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
 from sionna_radar.weather.kinds import Precipitation
@@ -28,13 +29,18 @@ class Atmosphere:
         self._weather, self._antenna = weather, antenna
         self._step_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
         self._steps = int(np.ceil(chirp.max_range_m / self._step_m))
-        # Drops are taken for spheres, which keep the polarisation: a cross-polar receiver does not see them.
-        volume = volume_of(weather) if antenna.receives == "co" else None
+        volume = volume_of(weather)
         self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)
+        self._polarisation = None if volume is None else volume_polarisation(weather, antenna)
 
     def with_volume(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's diffuse paths and the echo of what fills the air in front of them."""
-        return paths if self._echo is None else Paths.concatenate([paths, self._echo.trace(pulses, paths)])
+        if self._echo is None:
+            return paths
+        echo = self._echo.trace(pulses, paths)
+        if self._polarisation is not None:
+            echo = self._polarisation.received(echo, pulses)
+        return Paths.concatenate([paths, echo])
 
     def through(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's paths with the loss on their way; clear air changes nothing."""
@@ -89,13 +95,14 @@ class Atmosphere:
 
         Rain weakens a horizontal field more. With the field e, the boresight d and z up, the tilt of e from the
         horizontal axis h = z x d / |z x d| and the elevation of d make cos^2(el) cos(2 tilt) =
-        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down.
+        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down. V and H have it opposite, so that a circular
+        wave has the difference of their shares of it: none.
         """
-        field = pose.R_world_antenna[:, :, 2 if self._antenna.polarization == "V" else 1]
+        field = pose.R_world_antenna[:, :, 1 if self._antenna.polarization == "H" else 2]
         d = pose.boresight
         across = field[:, 1] * d[:, 0] - field[:, 0] * d[:, 1]
         mix: Float[np.ndarray, " pulse"] = 2 * across**2 - (1 - d[:, 2] ** 2)
-        return mix
+        return mix * np.diff(np.abs(self._antenna.jones[0][::-1]) ** 2) if self._antenna.circular else mix
 
 
 def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:

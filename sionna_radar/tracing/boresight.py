@@ -19,7 +19,7 @@ def trace_boresights(pulses: Pulses, caster: RayCaster) -> Paths:
         delay_s=2 * range_m / speed_of_light,
         gain=np.ones(len(range_m), dtype=np.complex128),
         range_rate_mps=pose.boresight_range_rate_mps[seen],
-        incidence_rad=np.full(len(range_m), np.nan),
+        incidence_rad=np.arccos(hits.cosine[seen]),
         hit_m=pose.position_m[seen] + range_m[:, None] * pose.boresight[seen],
         surface=hits.surface[seen],
     )

@@ -30,7 +30,8 @@ class Engine(Protocol):
 class Tracer:
     """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
 
-    Point targets keep the polarisation, so a cross-polar receiver does not see them.
+    Point targets keep the polarisation, as spheres and trihedral reflectors do (an odd number of bounces): a
+    cross-polar receiver does not see them, nor does a circular one of the same sense.
 
     atmosphere: None for clear air.
     seed: of the targets' fluctuations.
@@ -59,7 +60,7 @@ class Tracer:
             paths = self._atmosphere.with_volume(paths, pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
-        if self._scene.targets and self._antenna.receives == "co":
+        if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(
                 self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed
             )

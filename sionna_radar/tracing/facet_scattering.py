@@ -4,16 +4,17 @@ With e the field that the antenna sends toward a facet and r the one that it rec
 line of sight k, h = k x n / |k x n| across the plane of incidence and v = h x k in it, the facet's amplitude over
 its area is
 
-    a_v r.e + (a_h - a_v) (r.h) (h.e)  +  x [ j s1 ((r.h) (e.h) - (r.v) (e.v)) + s2 ((r.h) (e.v) + (r.v) (e.h)) ]
+    a_v r.e + (a_h - a_v) (r.h) (h.e)  +  j s1 d ((r.h) (e.h) - (r.v) (e.v)) + s2 x ((r.h) (e.v) + (r.v) (e.h))
 
-where a_v^2 = sigma_v - x^2, a_h^2 = sigma_h - x^2, x^2 is the cross-polar sigma0, and the signs s1, s2 belong to the
-facet. A beam that is turned out of the vertical plane mixes V and H in this way, as does a sloping facet.
+where a_v^2 = sigma_v - d^2, a_h^2 = sigma_h - d^2, x^2 is the cross-polar sigma0 (and d^2 too, but for a material of a
+co-polar correlation of its own), and the signs s1, s2 belong to the facet. A beam that is turned out of the vertical
+plane mixes V and H in this way, as does a sloping facet.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int, UInt64
+from jaxtyping import Bool, Complex, Float, Inexact, Int, UInt64
 
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scene.model import Scene
@@ -57,8 +58,9 @@ class FacetScattering:
             model = self._materials[number]
             if _is_plain(model):
                 # The field comes back along the axis that it was sent: nothing for a cross-polar receiver.
-                if self._antenna.receives == "co":
-                    amplitude[own] = np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
+                kept = self._antenna.mirrored
+                if kept != 0:
+                    amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
                 continue
             fields = self._fields(direction[own], normal[own], R_world_antenna)
             amplitude[own] = _polarised(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
@@ -69,7 +71,7 @@ class FacetScattering:
         direction: Float[np.ndarray, "facet 3"],
         normal: Float[np.ndarray, "facet 3"],
         R_world_antenna: Float[np.ndarray, "3 3"],
-    ) -> tuple[Float[np.ndarray, "facet 2"], Float[np.ndarray, "facet 2"]]:
+    ) -> tuple[Inexact[np.ndarray, "facet 2"], Inexact[np.ndarray, "facet 2"]]:
         """Return the sent and the received field along v and h of each facet."""
         across = np.cross(direction, normal)
         size = np.linalg.norm(across, axis=1)
@@ -79,31 +81,28 @@ class FacetScattering:
         across /= np.linalg.norm(across, axis=1)[:, None]
         axes = np.stack([np.cross(across, direction), across], axis=1)
         ahead = direction @ R_world_antenna
-        sent, received = (self._antenna.field(ahead, p) @ R_world_antenna.T for p in self._antenna.polarizations)
+        sent, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
         return np.einsum("fai,fi->fa", axes, sent), np.einsum("fai,fi->fa", axes, received)
 
 
 def _is_plain(model: RadarMaterial) -> bool:
-    return model.cross_polar == 0.0 and model.vertical is model.horizontal
+    return model.cross_polar == 0.0 and model.copolar_correlation is None and model.vertical is model.horizontal
 
 
 def _polarised(
     model: RadarMaterial,
     incidence_rad: Float[np.ndarray, " facet"],
-    sent: Float[np.ndarray, "facet 2"],
-    received: Float[np.ndarray, "facet 2"],
+    sent: Inexact[np.ndarray, "facet 2"],
+    received: Inexact[np.ndarray, "facet 2"],
     signs: Sequence[Float[np.ndarray, " facet"]],
 ) -> Complex[np.ndarray, " facet"]:
-    cross = model.cross_sigma0(incidence_rad)
-    vertical, horizontal = (
-        np.sqrt(np.maximum(m.sigma0(incidence_rad) - cross, 0.0)) for m in (model.vertical, model.horizontal)
-    )
+    parts = model.parts(incidence_rad)
     (sent_v, sent_h), (received_v, received_h) = sent.T, received.T
-    kept = vertical * (sent_v * received_v) + horizontal * (sent_h * received_h)
+    kept = parts.vertical * (sent_v * received_v) + parts.horizontal * (sent_h * received_h)
     opposed = sent_h * received_h - sent_v * received_v
     exchanged = sent_h * received_v + sent_v * received_h
-    amplitude: Complex[np.ndarray, " facet"] = kept + np.sqrt(cross) * (
-        1j * signs[0] * opposed + signs[1] * exchanged
+    amplitude: Complex[np.ndarray, " facet"] = (
+        kept + 1j * (signs[0] * parts.opposed) * opposed + signs[1] * parts.exchanged * exchanged
     )
     return amplitude
 

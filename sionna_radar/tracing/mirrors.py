@@ -258,8 +258,8 @@ class MirrorTracer:
         self._patches: list[Patch] = []
         for number, surface in enumerate(scene.surfaces):
             mirror = as_radar_material(scene.materials[surface.material]).mirror
-            if mirror is not None and antenna.receives == "co":
-                self._patches += patches_of(surface, number, mirror.amplitude, least_m)
+            if mirror is not None and antenna.mirrored != 0:
+                self._patches += patches_of(surface, number, mirror.amplitude * antenna.mirrored, least_m)
         self._normal = np.array([p.normal for p in self._patches]).reshape(-1, 3)
         self._centre_m = np.array([p.centre_m for p in self._patches]).reshape(-1, 3)
         self._radius_m = np.array([p.radius_m for p in self._patches])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 # What stands in `Paths.surface` where no surface is hit.
 TARGET = -1
@@ -35,6 +35,10 @@ class Paths:
 
     def __len__(self) -> int:
         return len(self.pulse)
+
+    def only(self, chosen: Bool[np.ndarray, " path"]) -> "Paths":
+        """Return some of the rows."""
+        return Paths(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
 
     @staticmethod
     def concatenate(tables: Sequence["Paths"]) -> "Paths":

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Inexact, Int
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -41,11 +41,14 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
     def __init__(self, properties: Any, backscatter: Backscatter) -> None:
         super().__init__(properties)
-        vertical, excess, cross = _amplitudes(as_radar_material(backscatter))
+        material = as_radar_material(backscatter)
+        vertical, excess, opposed, exchanged = _amplitudes(material)
         self._vertical = mi.Float(vertical.astype(np.float32))
         # Left out where they are zero, for speed.
         self._excess = mi.Float(excess.astype(np.float32)) if np.any(excess) else None
-        self._cross = mi.Float(cross.astype(np.float32)) if np.any(cross) else None
+        self._cross = mi.Float(exchanged.astype(np.float32)) if np.any(exchanged) or np.any(opposed) else None
+        # With both alike any axes will do.
+        self._opposed = None if material.copolar_correlation is None else mi.Float(opposed.astype(np.float32))
 
     def frequency_update(self) -> None:
         """Do nothing: sigma0 is given at the carrier of the scenario."""
@@ -86,8 +89,13 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         if self._cross is None:
             return mi.Spectrum(_as_four(real * scale, mi.Matrix2f(0.0)))
         cross, (one, two) = at_incidence(self._cross), _signs(si.p)
-        real += turn.exchanged * (two * cross)
-        return mi.Spectrum(_as_four(real * scale, turn.opposed * (one * cross * scale)))
+        if self._opposed is None:
+            real += turn.exchanged * (two * cross)
+            return mi.Spectrum(_as_four(real * scale, turn.opposed * (one * cross * scale)))
+        across, within = _incidence_axes(k_in, si.n)
+        real += (turn.between(across, within) + turn.between(within, across)) * (two * cross)
+        opposed = turn.between(across, across) - turn.between(within, within)
+        return mi.Spectrum(_as_four(real * scale, opposed * (one * at_incidence(self._opposed) * scale)))
 
     def pdf(self, ctx, si, wo, active=True):  # type: ignore[no-untyped-def]
         """Return the probability of a diffuse reflection."""
@@ -104,20 +112,17 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
 def _amplitudes(
     material: RadarMaterial,
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return a_v, (a_h - a_v) / sin^2 and x at evenly spaced incidence angles, for a solid angle of one."""
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return a_v, (a_h - a_v) / sin^2, d and x at evenly spaced incidence angles, for a solid angle of one."""
     incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
     # At grazing the ratio is taken just short of the horizon, where sigma0 and the cosine both vanish.
     safe = np.minimum(incidence, np.deg2rad(89.99))
     spread = 4 * np.pi * np.cos(safe)
-    cross = material.cross_sigma0(safe) / spread
-    vertical, horizontal = (
-        np.sqrt(np.maximum(m.sigma0(safe) / spread - cross, 0.0)) for m in (material.vertical, material.horizontal)
-    )
+    parts = material.parts(safe, spread)
     excess = np.zeros(TABLE_SIZE)
-    excess[1:] = (horizontal - vertical)[1:] / np.sin(safe[1:]) ** 2
+    excess[1:] = (parts.horizontal - parts.vertical)[1:] / np.sin(safe[1:]) ** 2
     excess[0] = excess[1]
-    return vertical, excess, np.sqrt(cross)
+    return parts.vertical, excess, parts.opposed, parts.exchanged
 
 
 class _Transverse:
@@ -147,8 +152,18 @@ class _Transverse:
 
     def along(self, axis):  # type: ignore[no-untyped-def]
         """Its part along an axis, times the axis's size squared."""
-        seen, shown = ([dr.dot(axis, b) for b in basis] for basis in (self._in, self._out))
-        return mi.Matrix2f([[o * i for i in seen] for o in shown])
+        return self.between(axis, axis)
+
+    def between(self, shown, seen):  # type: ignore[no-untyped-def]
+        """Its part along one axis, put along another."""
+        return mi.Matrix2f([[dr.dot(shown, o) * dr.dot(seen, i) for i in self._in] for o in self._out])
+
+
+def _incidence_axes(k_in, normal):  # type: ignore[no-untyped-def]
+    """Return unit axes across the plane of incidence and in it; any two straight down."""
+    across = dr.cross(k_in, normal)
+    across = dr.normalize(dr.select(dr.squared_norm(across) > 1e-12, across, implicit_basis_vector(k_in)))
+    return across, dr.cross(across, k_in)
 
 
 def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
@@ -170,10 +185,15 @@ def _signs(place):  # type: ignore[no-untyped-def]
 
 
 class SeparablePattern(rt.AntennaPattern):
-    """An antenna of ours as a Sionna antenna pattern, of a polarisation; |c|^2 is the power gain."""
+    """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
 
-    def __init__(self, antenna: Antenna, polarization: str | None = None) -> None:
-        polarization = polarization or antenna.polarization
+    jones: shares of the field along Sionna's two axes, theta (ours for V, turned downward) and phi; None for what the
+    antenna sends.
+    """
+
+    def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
+        # With one axis turned round, the hands of a circular wave change places.
+        shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in _cuts(antenna))
         peak = float(np.sqrt(antenna.peak_gain))
 
@@ -183,9 +203,7 @@ class SeparablePattern(rt.AntennaPattern):
             cos_boresight = sin_theta * cos_phi
             voltage = _lookup(azimuth, sin_theta * sin_phi) * _lookup(elevation, cos_theta)
             voltage *= peak * dr.sqrt(dr.maximum(cos_boresight, 0.0))
-            zero = dr.zeros(mi.Float, dr.width(voltage))
-            along, across = mi.Complex2f(voltage, zero), mi.Complex2f(zero, zero)
-            return (along, across) if polarization == "V" else (across, along)
+            return tuple(mi.Complex2f(voltage * share.real, voltage * share.imag) for share in shares)
 
         self.patterns = [pattern]
 
@@ -224,8 +242,8 @@ class SionnaScene:
         ]
         self.rt_scene.edit(add=objects)
         self.pattern = SeparablePattern(antenna)
-        other = {"V": "H", "H": "V"}[antenna.polarization]
-        self.receive_pattern = self.pattern if antenna.receives == "co" else SeparablePattern(antenna, other)
+        # Sionna receives by the conjugate of the pattern: what is conjugated for its axes stays as it is.
+        self.receive_pattern = SeparablePattern(antenna, antenna.jones[1])
         shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)

@@ -42,7 +42,7 @@ def trace_targets(
     range_m = np.linalg.norm(away, axis=1)
     direction = away / range_m[:, None]
     gain = antenna.gain(np.einsum("nij,ni->nj", pose.R_world_antenna[row], direction))
-    power = gain**2 * chirp.wavelength_m**2 * rcs_m2 / ((4 * np.pi) ** 3 * range_m**4)
+    power = gain**2 * chirp.wavelength_m**2 * rcs_m2 / ((4 * np.pi) ** 3 * range_m**4) * abs(antenna.mirrored) ** 2
     seen = power > 0
     hit = pose.position_m[row] + away
     seen[seen] = caster.visible(pose.position_m[row][seen], hit[seen], TOUCHING_M)
