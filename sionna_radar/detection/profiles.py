@@ -16,13 +16,55 @@ LEAST_MARGIN_CELLS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
+class VolumeInFront:
+    """What stands in front of the ground of some profiles, such as rain.
+
+    power: mean power in the profiles' cells as if there were no ground; in_air: the share of it that detection leaves.
+    echo_m, echo_sigma_m: where detection puts the ground of each profile, and its standard deviation.
+    drift_m: by how much motion lengthens the volume's ranges against those of still ground.
+    spread_m: standard deviation of that, of particles that fall at different speeds.
+    """
+
+    power: Float32[np.ndarray, " value"]
+    in_air: Float32[np.ndarray, " value"]
+    echo_m: Float[np.ndarray, " profile"]
+    echo_sigma_m: Float[np.ndarray, " profile"]
+    drift_m: Float[np.ndarray, " profile"]
+    spread_m: float
+
+    def only(self, rows: Int[np.ndarray, " kept"], values: Int[np.ndarray, " value"]) -> "VolumeInFront":
+        """Return that of some profiles, whose values are given too."""
+        return VolumeInFront(
+            power=self.power[values],
+            in_air=self.in_air[values],
+            echo_m=self.echo_m[rows],
+            echo_sigma_m=self.echo_sigma_m[rows],
+            drift_m=self.drift_m[rows],
+            spread_m=self.spread_m,
+        )
+
+    @staticmethod
+    def concatenate(tables: Sequence["VolumeInFront"]) -> "VolumeInFront | None":
+        """Return all in order; a survey has a volume in front of all of its profiles or of none."""
+        if not tables:
+            return None
+        return VolumeInFront(
+            power=np.concatenate([t.power for t in tables]),
+            in_air=np.concatenate([t.in_air for t in tables]),
+            echo_m=np.concatenate([t.echo_m for t in tables]),
+            echo_sigma_m=np.concatenate([t.echo_sigma_m for t in tables]),
+            drift_m=np.concatenate([t.drift_m for t in tables]),
+            spread_m=tables[0].spread_m,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Profiles:
     """Profiles of the pulses that brought an echo, sorted by pulse.
 
     first: range cell of each profile's first value; start: where its values begin in `power`, and their end.
     power: calibrated power of the cells; noise: that of the receiver in each profile.
-    volume: mean power of rain in the cells, as far as the ground leaves room for it; None in clear air.
-    echo_m, echo_sigma_m: where detection puts each profile's ground behind a volume, and how surely; else None.
+    volume: the volume that stands in front of the ground; None in clear air.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
     """
 
@@ -32,9 +74,7 @@ class Profiles:
     power: Float32[np.ndarray, " value"]
     noise: Float[np.ndarray, " profile"]
     cell_m: float
-    volume: Float32[np.ndarray, " value"] | None = None
-    echo_m: Float[np.ndarray, " profile"] | None = None
-    echo_sigma_m: Float[np.ndarray, " profile"] | None = None
+    volume: "VolumeInFront | None" = None
 
     def __len__(self) -> int:
         return len(self.pulse)
@@ -48,7 +88,16 @@ class Profiles:
         noise = float(self.noise[profile])
         if self.volume is None:
             return noise
-        return noise + self.volume[self.start[profile] : self.start[profile + 1]].astype(np.float64)
+        cells = slice(self.start[profile], self.start[profile + 1])
+        return noise + self.volume.power[cells].astype(np.float64) * self.volume.in_air[cells]
+
+    def of_cells(
+        self, values: Float[np.ndarray, "row cell"], row: Int[np.ndarray, " profile"]
+    ) -> Float32[np.ndarray, " value"]:
+        """Return values of range cells, one row of them for each profile, where the profiles have theirs."""
+        length = np.diff(self.start)
+        cell = np.arange(self.start[-1]) + np.repeat(self.first - self.start[:-1], length)
+        return values[np.repeat(row, length), cell].astype(np.float32)
 
     def only(self, rows: Int[np.ndarray, " kept"]) -> "Profiles":
         """Return some of the profiles, in increasing order."""
@@ -62,9 +111,7 @@ class Profiles:
             power=self.power[index],
             noise=self.noise[rows],
             cell_m=self.cell_m,
-            volume=None if self.volume is None else self.volume[index],
-            echo_m=None if self.echo_m is None else self.echo_m[rows],
-            echo_sigma_m=None if self.echo_sigma_m is None else self.echo_sigma_m[rows],
+            volume=None if self.volume is None else self.volume.only(rows, index),
         )
 
     @staticmethod
@@ -78,23 +125,14 @@ class Profiles:
             power=np.concatenate([t.power for t in tables]),
             noise=np.concatenate([t.noise for t in tables]),
             cell_m=tables[0].cell_m,
-            volume=_joined([t.volume for t in tables]),
-            echo_m=_joined([t.echo_m for t in tables]),
-            echo_sigma_m=_joined([t.echo_sigma_m for t in tables]),
+            volume=VolumeInFront.concatenate([t.volume for t in tables if t.volume is not None]),
         )
-
-
-def _joined(parts: list[np.ndarray | None]) -> np.ndarray | None:
-    """Return columns end to end; a survey has all of them or none."""
-    known = [part for part in parts if part is not None]
-    return np.concatenate(known) if known else None
 
 
 def cut_profiles(
     runs: EchoRuns,
     pulse: Int[np.ndarray, " pulse"],
     bins_per_cell: int,
-    volume: Float[np.ndarray, "pulse bin"] | None = None,
 ) -> Profiles:
     """Return the profiles around the echoes of a block.
 
@@ -106,8 +144,6 @@ def cut_profiles(
         Running numbers of the block's pulses.
     bins_per_cell:
         Bins of the spectra in a range cell.
-    volume:
-        Mean power of rain in the spectra; None in clear air.
 
     """
     rows, begin = np.unique(runs.row, return_index=True)
@@ -120,7 +156,6 @@ def cut_profiles(
             power=np.zeros(0, dtype=np.float32),
             noise=np.zeros(0),
             cell_m=runs.bin_m * bins_per_cell,
-            volume=None if volume is None else np.zeros(0, dtype=np.float32),
         )
     cells = runs.power.shape[1] // bins_per_cell
     first = np.minimum.reduceat(runs.start, begin) // bins_per_cell
@@ -137,5 +172,4 @@ def cut_profiles(
         power=runs.power[row, cell * bins_per_cell].astype(np.float32),
         noise=np.min(runs.noise[rows], axis=1),
         cell_m=runs.bin_m * bins_per_cell,
-        volume=None if volume is None else volume[row, cell * bins_per_cell].astype(np.float32),
     )

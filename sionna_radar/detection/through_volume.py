@@ -16,7 +16,7 @@ from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ground_behind import GroundBehind, learned_ground, unknown_ground
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
-from sionna_radar.detection.profiles import Profiles, cut_profiles
+from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging import EchoRuns
 from sionna_radar.detection.volume_clutter import NEIGHBOURS, VolumeClutter, first_guess, measured_mean
 from sionna_radar.detection.volume_end import Views, VolumeEnd
@@ -102,7 +102,10 @@ class ThroughVolume:
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width = end.widths_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         kept = np.flatnonzero(_accepted(tracked, self.detector.processing.cfar.false_alarm_probability))
-        runs, volume = self._runs(power, tracked.cell, width, views, kept)
+        place = np.arange(power.shape[1]) / stride
+        in_air = end.in_air(tracked.cell, width, views.drift_m, place)
+        volume = views.strength[:, None] * np.interp(place, np.arange(end.cells), self.volume.mean)
+        runs = self._runs(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
         noise = runs.noise[runs.row, runs.peak]
         peak = power[runs.row, runs.peak]
         range_m, sigma_m = tracked.cell[kept] * end.cell_m, tracked.sigma[kept] * end.cell_m
@@ -115,8 +118,16 @@ class ThroughVolume:
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
         )
         quiet = replace(runs, noise=np.full(power.shape, self.volume.noise))
-        profiles = cut_profiles(quiet, pulses.index, stride, volume)
-        return Found(echoes=echoes, profiles=replace(profiles, echo_m=range_m, echo_sigma_m=sigma_m))
+        profiles = cut_profiles(quiet, pulses.index, stride)
+        in_front = VolumeInFront(
+            power=profiles.of_cells(volume[:, ::stride], kept),
+            in_air=profiles.of_cells(in_air[:, ::stride], kept),
+            echo_m=range_m,
+            echo_sigma_m=sigma_m,
+            drift_m=views.drift_m[kept],
+            spread_m=end.spread_m,
+        )
+        return Found(echoes=echoes, profiles=replace(profiles, volume=in_front))
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
@@ -136,23 +147,20 @@ class ThroughVolume:
     def _runs(
         self,
         power: Float[np.ndarray, "pulse bin"],
+        noise: Float[np.ndarray, "pulse bin"],
         cell: Float[np.ndarray, " pulse"],
         width: Float[np.ndarray, " pulse"],
-        views: Views,
         kept: Int[np.ndarray, " echo"],
-    ) -> tuple[EchoRuns, Float[np.ndarray, "pulse bin"]]:
-        """Return the echoes' runs, volume and noise as their noise, and the mean of the volume alone."""
+    ) -> EchoRuns:
+        """Return the echoes' runs, with volume and receiver noise as their noise."""
         analyser = self.detector.analyser
         stride, bins = analyser.zero_padding, power.shape[1]
-        place = np.arange(bins) / stride
-        mean = np.interp(place, np.arange(len(self.volume.mean)), self.volume.mean)
-        volume = mean * views.strength[:, None] * self.end.in_air(cell, width, views.drift_m, place)
         reach = WIDTHS_OF_RUN * width + 1
         start = np.clip(np.floor((cell - reach) * stride), 0, bins - 1).astype(np.int64)
         stop = np.clip(np.ceil((cell + reach) * stride) + 1, start + 1, bins).astype(np.int64)
-        runs = EchoRuns(
+        return EchoRuns(
             power=power,
-            noise=volume + self.volume.noise,
+            noise=noise,
             row=kept,
             start=start[kept],
             stop=stop[kept],
@@ -161,7 +169,6 @@ class ThroughVolume:
             looks_per_bin=analyser.looks_per_cell / stride,
             beam=self.detector.beam,
         )
-        return runs, volume
 
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:

@@ -9,12 +9,16 @@ Powers are exponential about their means mu. A change of the surface changes log
 level explains is taken out, so that reflectivity need not be known. Cells far below the echo's level hold side
 lobes and a handful of scatterers: each cell counts with a weight w(mu) that fades there, which leaves the
 score w (P / mu - 1) unbiased, as it does not depend on P.
+
+Behind a volume such as rain, mu has the volume's power too, as far as the beam is in the air: a sample ends it at its
+own range, shifted by the motion of the volume. So the end of the rain moves the surface as the ground's echo does.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.ndimage import convolve1d, gaussian_filter1d
 from scipy.sparse import csr_matrix
 
 from sionna_radar.detection.profiles import Profiles
@@ -32,6 +36,8 @@ HIGHEST_RATIO = 8.0
 OUT_OF_NOISE = 30.0
 STEEPEST = 0.05
 LEVEL_ITERATIONS = 12
+# A spread of the volume's drift below this moves nothing.
+LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
 
 
@@ -110,13 +116,17 @@ def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
 
 @dataclass(frozen=True)
 class _Spread:
-    """The samples of one pulse on its range cells: those that lie inside, with cell, share of it, and power."""
+    """The samples of one pulse on its range cells: those that lie inside, with cell, share of it, and power.
+
+    share_before: share of the beam that meets the surface before the first cell.
+    """
 
     sample: Int[np.ndarray, " inside"]
     below: Int[np.ndarray, " inside"]
     above_share: Float[np.ndarray, " inside"]
     power: Float[np.ndarray, " inside"]
     stretch: Float[np.ndarray, " inside"]
+    share_before: float
 
 
 class EchoModel:
@@ -159,14 +169,16 @@ class EchoModel:
         spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
-        background = profiles.background(pulse)
-        top = echo_level(power, float(profiles.noise[pulse]), background)
+        volume, by_height = self._volume(pulse)
+        noise = float(profiles.noise[pulse])
+        top = echo_level(power, noise, noise + volume)
         if not shape.any() or top == 0:
             return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
-        level, mean, weight = _fit_level(power, shape, background + PEDESTAL * top, top)
+        level, mean, weight = _fit_level(power, shape, volume, noise + PEDESTAL * top, top)
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
-        jacobian = self._jacobian(pulse, spread, len(shape))[used] * (level / mean)[:, None]
+        moved = self._responded(self._moved(pulse, spread, spread.power, len(shape)), len(shape))
+        jacobian = (level * moved + by_height)[used] / mean[:, None]
         of_level = level * shape[used] / mean
         if len(used) < FEWEST_CELLS:
             return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
@@ -175,36 +187,70 @@ class EchoModel:
         root = np.sqrt(looks * weight)[:, None] * jacobian
         return looks * (weight * residual) @ jacobian, root.astype(np.float32)
 
-    def _spread(self, pulse: int, first: float, last: float) -> _Spread:
-        """Return the samples of a pulse between two range cells, which count from the first."""
+    def _volume(self, pulse: int) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "cell node"]]:
+        """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes."""
+        profiles, nodes = self._sightings.profiles, self._sightings.beam.direction.shape[0]
+        inside = slice(profiles.start[pulse], profiles.start[pulse + 1])
+        cells, first = inside.stop - inside.start, float(profiles.first[pulse])
+        if profiles.volume is None:
+            return np.zeros(cells), np.zeros((cells, nodes))
+        power = profiles.volume.power[inside].astype(np.float64)
+        spread = self._spread(pulse, first, first + cells - 1, float(profiles.volume.drift_m[pulse]))
+        share, pad = self._sightings.beam.share[spread.sample], 2 * self._half + 1
+        hit = self._hits(spread, share, cells)
+        air = 1 - spread.share_before - _up_to_middle(hit[:, None])
+        moved = -_up_to_middle(self._moved(pulse, spread, share, cells))
+        sigma = profiles.volume.spread_m / profiles.cell_m
+        response = self._sightings.response / self._sightings.response.sum()
+        both = np.concatenate([air, moved], axis=1)
+        if sigma > LEAST_SPREAD_CELLS:
+            both = gaussian_filter1d(both, sigma, axis=0, mode="nearest")
+        both = convolve1d(both, response, axis=0, mode="nearest")[pad : pad + cells]
+        return power * both[:, 0], power[:, None] * both[:, 1:]
+
+    def _spread(self, pulse: int, first: float, last: float, drift_m: float = 0.0) -> _Spread:
+        """Return the samples of a pulse between two range cells, which count from the first.
+
+        drift_m: by how much they are read farther than the ground's echoes.
+        """
         beam = self._sightings.beam
         range_m = self._feet.range_m[pulse]
         met = np.isfinite(range_m)
         inverse = np.where(met, 1 / np.maximum(range_m, 1.0), 0.0)
         whole = beam.between @ (~met).astype(float) == 0
         sample_range = 1 / np.maximum(beam.between @ inverse, 1e-6)
-        cell = (sample_range + beam.between @ self._shift[pulse]) / self._sightings.profiles.cell_m
+        cell = (sample_range + beam.between @ self._shift[pulse] + drift_m) / self._sightings.profiles.cell_m
         origin = first if np.isfinite(first) else 0.0
         inside: Bool[np.ndarray, " sample"] = whole & (cell > first - self._half) & (cell < last + self._half)
+        before = float(beam.share[whole & (cell <= first - self._half)].sum())
         cell = cell[inside] - origin
         below = np.floor(cell).astype(np.int64)
         power = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
-        return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2)
+        return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2, before)
 
     def _mean(self, spread: _Spread, cells: int) -> Float[np.ndarray, " cell"]:
         """Return the profile that the samples make, of unit level."""
         pad = 2 * self._half + 1
-        size = cells + 2 * pad
-        hit = np.bincount(spread.below + pad, spread.power * (1 - spread.above_share), size)
-        hit += np.bincount(spread.below + pad + 1, spread.power * spread.above_share, size)
+        hit = self._hits(spread, spread.power, cells)
         profile: Float[np.ndarray, " cell"] = np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
         return profile
 
-    def _jacobian(self, pulse: int, spread: _Spread, cells: int) -> Float[np.ndarray, "cell node"]:
-        """Return the change of the profile of unit level with the heights under the nodes."""
+    def _hits(
+        self, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int
+    ) -> Float[np.ndarray, " padded"]:
+        """Return the power of the samples on cells, with a margin for the window's response."""
+        pad = 2 * self._half + 1
+        size = cells + 2 * pad
+        hit = np.bincount(spread.below + pad, power * (1 - spread.above_share), size)
+        return np.asarray(hit + np.bincount(spread.below + pad + 1, power * spread.above_share, size))
+
+    def _moved(
+        self, pulse: int, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int
+    ) -> Float[np.ndarray, "padded node"]:
+        """Return the change of those with the heights under the nodes."""
         sightings = self._sightings
         pad = 2 * self._half + 1
-        moved = spread.power * spread.stretch / sightings.profiles.cell_m
+        moved = power * spread.stretch / sightings.profiles.cell_m
         number = np.arange(len(moved))
         onto = csr_matrix(
             (
@@ -215,11 +261,22 @@ class EchoModel:
         )
         inverse = 1 / np.maximum(np.nan_to_num(self._feet.range_m[pulse], nan=np.inf), 1.0)
         raw = (onto @ sightings.beam.between[spread.sample]).toarray()
-        spreaded = np.zeros((cells, raw.shape[1]))
-        for offset, response in enumerate(sightings.response):
+        return np.asarray(raw * (inverse**2 * self._feet.range_per_height[pulse]))
+
+    def _responded(self, raw: Float[np.ndarray, "padded node"], cells: int) -> Float[np.ndarray, "cell node"]:
+        """Return values on cells, spread by the window's response."""
+        pad = 2 * self._half + 1
+        spread = np.zeros((cells, raw.shape[1]))
+        for offset, response in enumerate(self._sightings.response):
             start = pad + self._half - offset
-            spreaded += response * raw[start : start + cells]
-        return spreaded * (inverse**2 * self._feet.range_per_height[pulse])
+            spread += response * raw[start : start + cells]
+        return spread
+
+
+def _up_to_middle(values: Float[np.ndarray, "cell n"]) -> Float[np.ndarray, "cell n"]:
+    """Return the sums of values up to the middle of each cell."""
+    total = np.cumsum(values, axis=0)
+    return np.asarray(total - values / 2)
 
 
 def echo_level(
@@ -236,24 +293,25 @@ def echo_level(
 def _fit_level(
     power: Float[np.ndarray, " cell"],
     shape: Float[np.ndarray, " cell"],
-    background: float | Float[np.ndarray, " cell"],
+    volume: Float[np.ndarray, " cell"],
+    noise: float,
     top: float,
 ) -> tuple[float, Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
     """Return the most likely level of an echo, with the mean powers and the weights of the cells there."""
     level = float(power.sum() / shape.sum())
     for _ in range(LEVEL_ITERATIONS):
-        mean, weight = _at_level(level, shape, background, top)
+        mean, weight = _at_level(level, shape, volume, noise, top)
         share = weight * level * shape / mean
         excess = np.minimum(power / mean, HIGHEST_RATIO) - 1
         step = float(share @ excess / max(share.sum(), np.finfo(float).tiny))
         level *= float(np.exp(np.clip(step, -1.0, 1.0)))
         if abs(step) < 1e-4:
             break
-    return level, *_at_level(level, shape, background, top)
+    return level, *_at_level(level, shape, volume, noise, top)
 
 
 def _at_level(
-    level: float, shape: Float[np.ndarray, " cell"], background: float | Float[np.ndarray, " cell"], top: float
+    level: float, shape: Float[np.ndarray, " cell"], volume: Float[np.ndarray, " cell"], noise: float, top: float
 ) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-    echo = level * shape
-    return echo + background, (echo / (echo + FADING_LEVEL * top)) ** 2
+    signal = level * shape + volume
+    return signal + noise, (signal / (signal + FADING_LEVEL * top)) ** 2

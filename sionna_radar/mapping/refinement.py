@@ -82,8 +82,8 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     """
     profiles = sightings.profiles
     axis = sightings.pose.boresight[:, None]
-    if profiles.echo_m is not None and profiles.echo_sigma_m is not None:
-        return MeanRanges(profiles.echo_m - sightings.shift_m(axis)[:, 0], profiles.echo_sigma_m)
+    if profiles.volume is not None:
+        return MeanRanges(profiles.volume.echo_m - sightings.shift_m(axis)[:, 0], profiles.volume.echo_sigma_m)
     range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     for i in range(len(profiles)):
         power = profiles.values(i)
