@@ -38,16 +38,28 @@ def replaced_parts(
 
 
 def warnings_of(
-    echoes: int, rain_echoes: int, lost_pulses: int = 0, pulses: int = 0, falling: str = "rain"
+    echoes: int,
+    rain_echoes: int,
+    lost_pulses: int = 0,
+    pulses: int = 0,
+    falling: str = "rain",
+    *,
+    stepped_behind_volume: bool = False,
 ) -> tuple[str, ...]:
     """Return what spoils a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
     falling: what falls, in words.
+    stepped_behind_volume: whether walls were looked for behind what falls.
     """
     lost: tuple[str, ...] = ()
-    if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
+    if stepped_behind_volume:
         lost = (
+            f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
+            "'refined' or 'linear'",
+        )
+    if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
+        lost += (
             f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground "
             f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
             "the beam",

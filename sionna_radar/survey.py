@@ -171,6 +171,7 @@ def run(
         recording.lost_to_rain,
         len(ready.schedule),
         scenario.weather.falling or "air",
+        stepped_behind_volume=scenario.dem.method == "stepped" and recording.behind_volume,
     )
     for warning in warnings:
         logger.warning("%s", warning)
@@ -214,6 +215,11 @@ class Recording:
     paths: int
     rain_echoes: int
     lost_to_rain: int = 0
+
+    @property
+    def behind_volume(self) -> bool:
+        """Whether its profiles are of ground behind a volume of rain."""
+        return self.profiles is not None and self.profiles.volume is not None
 
 
 @on_one_thread

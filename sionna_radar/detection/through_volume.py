@@ -34,6 +34,8 @@ ESTIMATION_ROUNDS = 2
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
 RARELY_GROUND = 0.02
+# Drops that a storm blows along approach no faster.
+FASTEST_DROPS_MPS = 25.0
 # Log-likelihood of ground in every cell of a pulse that is searched nowhere.
 NO_EVIDENCE = -1e3
 # Pulses that the volume's motion is estimated from.
@@ -95,7 +97,7 @@ class ThroughVolume:
         window_m: Float[np.ndarray, "pulse 2"],
     ) -> Found:
         end, stride = self.end, self.detector.analyser.zero_padding
-        cells = power[:, ::stride]
+        cells = power[:, ::stride][:, : end.cells]
         views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
         ratio = end.over_volume(cells, views.strength)
         evidence = _within(end.evidence(ratio, views), window_m / end.cell_m)
@@ -207,7 +209,8 @@ def volume_in_front(
     guess = _first_guess(detector, power)
     if guess is None:
         return None
-    cells = power[:, :: detector.analyser.zero_padding]
+    cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
+    guess = replace(guess, mean=guess.mean[: cells.shape[1]])
     through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
     for _ in range(ESTIMATION_ROUNDS):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
@@ -239,9 +242,23 @@ def _through(
         looks=analyser.looks_per_cell,
         response=analyser.response(RESPONSE_CELLS, 1),
         first=_first_cell(detector),
-        cells=len(analyser.range_m[:: analyser.zero_padding]),
+        cells=_cells(detector, pulses, sweep),
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
+
+
+def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
+    """Return how many range cells can hold ground.
+
+    Drops next to the radar that approach it have a negative beat frequency, which I/Q sampling reads as the farthest.
+    """
+    analyser = detector.analyser
+    count = len(analyser.range_m[:: analyser.zero_padding])
+    if sweep.sampling == "real":
+        return count
+    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + FASTEST_DROPS_MPS
+    folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
+    return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
 
 
 def _with_mean_and_ground(

@@ -169,7 +169,7 @@ class EchoModel:
         spread = self._spread(pulse, float(first), float(first + len(power) - 1))
         shape = self._mean(spread, len(power))
         nodes = self._sightings.beam.direction.shape[0]
-        volume, by_height = self._volume(pulse)
+        volume, by_height = self._volume(pulse) if profiles.volume is not None else (np.zeros(len(power)), None)
         noise = float(profiles.noise[pulse])
         top = echo_level(power, noise, noise + volume)
         if not shape.any() or top == 0:
@@ -178,7 +178,9 @@ class EchoModel:
         used = np.flatnonzero(weight > 1e-4)
         power, mean, weight = power[used], mean[used], weight[used]
         moved = self._responded(self._moved(pulse, spread, spread.power, len(shape)), len(shape))
-        jacobian = (level * moved + by_height)[used] / mean[:, None]
+        if by_height is not None:
+            moved += by_height / level
+        jacobian = moved[used] * (level / mean)[:, None]
         of_level = level * shape[used] / mean
         if len(used) < FEWEST_CELLS:
             return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
@@ -189,11 +191,10 @@ class EchoModel:
 
     def _volume(self, pulse: int) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "cell node"]]:
         """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes."""
-        profiles, nodes = self._sightings.profiles, self._sightings.beam.direction.shape[0]
+        profiles = self._sightings.profiles
         inside = slice(profiles.start[pulse], profiles.start[pulse + 1])
         cells, first = inside.stop - inside.start, float(profiles.first[pulse])
-        if profiles.volume is None:
-            return np.zeros(cells), np.zeros((cells, nodes))
+        assert profiles.volume is not None
         power = profiles.volume.power[inside].astype(np.float64)
         spread = self._spread(pulse, first, first + cells - 1, float(profiles.volume.drift_m[pulse]))
         share, pad = self._sightings.beam.share[spread.sample], 2 * self._half + 1
