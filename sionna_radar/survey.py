@@ -171,6 +171,7 @@ def run(
         recording.lost_to_rain,
         len(ready.schedule),
         scenario.weather.falling or "air",
+        None if ready.expected_ground is None else "processing.expected_ground",
     )
     for warning in warnings:
         logger.warning("%s", warning)

@@ -117,6 +117,14 @@ def test_hills_are_mapped_in_rain(rate):
     assert wet.warnings == ()
 
 
+def test_hills_are_mapped_in_rain_that_a_headwind_carries():
+    """The drops come towards the radar, so that their end is read metres short of the ground that ends them."""
+    survey = run(rainy(4.0, weather__wind_mps=(-10.0, 0.0, 0.0)))
+    assert survey.lit_error.rms_m < 0.4
+    assert survey.lit_error.coverage > 0.9 * flown(0.0).lit_error.coverage
+    assert false_heights(survey) <= 0.005
+
+
 def test_off_takes_rain_for_ground():
     survey = flown(4.0, processing__volume_clutter="off")
     assert not survey.lit_error.coverage > 0.5 or survey.lit_error.rms_m > 5
