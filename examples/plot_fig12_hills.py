@@ -22,7 +22,7 @@ from sionna_radar.preparation import prepare
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
-METHOD = {"processing.ranging": "peak", "platform.length_m": 40.0 if SMALL else 100.0}
+METHOD = {"processing.ranging": "peak", "platform.length_m": 15.0 if SMALL else 100.0}
 STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 30.0}
 SHADOW = ListedColormap(["#cc79a7"])
 

@@ -34,7 +34,7 @@ axes = (
     Axis(key="processing.ranging", values=tuple(NAMES)),
     Axis(key="radar.antenna.beamwidth_deg", values=beams),
 )
-shorter = {"platform.length_m": 30.0, "tracing.paths_per_pulse": 128} if SMALL else {}
+shorter = {"platform.length_m": 12.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}
 sweep = fly_sweep(plan_sweep("hills", axes, repeat=2 if SMALL else 5, overrides=shorter))
 
 # %%

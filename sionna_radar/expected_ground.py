@@ -20,7 +20,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.raster import Grid
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.processing import ExpectedGroundTable
-from sionna_radar.scene.file_heights import bilinear
+from sionna_radar.scene.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
 from sionna_radar.scene.placed_raster import apply_affine, in_crs_of
 from sionna_radar.scene.raster_file import open_raster
 
@@ -83,7 +83,7 @@ def build_expected_ground(
     scenario:
         The survey, with its `[processing.expected_ground]`.
     antenna:
-        The antenna, whose beam is wide.
+        The antenna, whose beam has a width.
     grid:
         Cells of the survey's DEM.
     place:
@@ -120,10 +120,14 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
             raise InputFileError(message)
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
         column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
-        inside = (column >= 0) & (column <= source.width - 1) & (row >= 0) & (row <= source.height - 1)
+        # Between the centres of its outermost cells and its edge the heights of those cells hold.
+        inside = (np.abs(column - (source.width - 1) / 2) <= source.width / 2) & (
+            np.abs(row - (source.height - 1) / 2) <= source.height / 2
+        )
         if not inside.any():
             message = f"{KEY} = {table.path}: lies nowhere under the survey; check its place and CRS"
             raise InputFileError(message)
+        column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
         left, top = int(column[inside].min()), int(row[inside].min())
         width, height = (
             min(int(np.ceil(c[inside].max())) - first + 2, most - first)
@@ -135,6 +139,8 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
         stored = source.read(1, window=Window(left, top, width, height), masked=True)
     height_m = np.full(len(x), np.nan)
     cells = stored.astype(np.float64).filled(np.nan)
+    with np.errstate(invalid="ignore"):
+        cells[(cells == UNDECLARED_NODATA) | (np.abs(cells) > MAX_HEIGHT_M)] = np.nan
     height_m[inside] = bilinear(cells, row[inside] - top, column[inside] - left)
     known = np.isfinite(height_m)
     if not known.any():

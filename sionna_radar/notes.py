@@ -43,15 +43,18 @@ def warnings_of(
     lost_pulses: int = 0,
     pulses: int = 0,
     falling: str = "rain",
+    window_key: str | None = None,
     *,
     stepped_behind_volume: bool = False,
 ) -> tuple[str, ...]:
     """Return what spoils a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
-    falling: what falls, in words.
+    falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
     stepped_behind_volume: whether walls were looked for behind what falls.
     """
+    elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
+    window = elsewhere if window_key else ""
     lost: tuple[str, ...] = ()
     if stepped_behind_volume:
         lost = (
@@ -62,12 +65,12 @@ def warnings_of(
         lost += (
             f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground "
             f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
-            "the beam",
+            f"the beam{window}",
         )
         if echoes == 0:
             return lost
     if echoes == 0:
-        return ("no echo was detected; raise radar.snr_db or radar.transmit_power_dbm, or fly lower",)
+        return (f"no echo was detected; raise radar.snr_db or radar.transmit_power_dbm, or fly lower{window}",)
     if rain_echoes > RAIN_SHARE_WARNED * echoes:
         share = f"{rain_echoes:,} of {echoes:,} echoes"
         if 2 * rain_echoes > echoes:

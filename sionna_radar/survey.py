@@ -171,6 +171,7 @@ def run(
         recording.lost_to_rain,
         len(ready.schedule),
         scenario.weather.falling or "air",
+        None if ready.expected_ground is None else "processing.expected_ground",
         stepped_behind_volume=scenario.dem.method == "stepped" and recording.behind_volume,
     )
     for warning in warnings:

@@ -106,10 +106,38 @@ def loaded_by(statement: str) -> set[str]:
     return {module.split(".")[0] for module in run(f"import sys; {statement}; print(' '.join(sys.modules))").split()}
 
 
-@pytest.mark.parametrize("path", list(filter(knows_the_ray_tracer, sources("tracing"))), ids=lambda path: path.stem)
-def test_a_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads(path):
+# Stops at the first import of the ray tracer, and tells whether the library was chosen by then.
+CHOSEN_BEFORE = """
+import importlib, os, sys
+
+class Stop:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in {tracers}:
+            print(module, "DRJIT_LIBLLVM_PATH" in os.environ)
+            raise ImportError("stopped")
+
+sys.meta_path.insert(0, Stop())
+for module in {modules}:
+    os.environ.pop("DRJIT_LIBLLVM_PATH", None)
+    for name in [name for name in sys.modules if name.startswith("sionna_radar")]:
+        del sys.modules[name]
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        assert str(error) == "stopped", error
+"""
+
+
+def test_every_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads():
     """Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported; an old library ends the process."""
-    code = f"import sionna_radar.tracing.{path.stem}, os, mitsuba as mi; print(mi.Float([1, 2]) + 1)"
+    modules = [f"sionna_radar.tracing.{path.stem}" for path in filter(knows_the_ray_tracer, sources("tracing"))]
+    assert len(modules) >= 5
+    told = run(CHOSEN_BEFORE.format(tracers=sorted(RAY_TRACING), modules=modules)).splitlines()
+    assert told == [f"{module} True" for module in modules]
+
+
+def test_the_ray_tracer_works_with_the_libllvm_that_was_chosen():
+    code = "import sionna_radar.tracing.beam_solver, mitsuba as mi; print(mi.Float([1, 2]) + 1)"
     assert run(code, SIONNA_RADAR_VARIANT="llvm_ad_mono_polarized").strip() == "[2, 3]"
 
 

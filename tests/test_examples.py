@@ -1,8 +1,10 @@
 """The examples run, and leave the pictures they promise."""
 
 import os
-import subprocess
+import runpy
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
@@ -10,13 +12,23 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
+def run_example(path: Path, folder: Path) -> None:
+    os.environ["SIONNA_RADAR_SMALL"] = "1"
+    os.chdir(folder)
+    sys.argv = [str(path)]
+    runpy.run_path(str(path), run_name="__main__")
+
+
+@pytest.fixture(scope="module")
+def user():
+    """One interpreter for all examples, as a user has it: nothing checks types, and the heavy libraries load once."""
+    with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
+        yield pool
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("plot_*.py")), ids=lambda path: path.stem)
-def test_example_runs(path, tmp_path):
-    environment = os.environ | {"SIONNA_RADAR_SMALL": "1"}
-    done = subprocess.run(
-        [sys.executable, path], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
-    )
-    assert done.returncode == 0, done.stderr
+def test_example_runs(path, tmp_path, user):
+    user.submit(run_example, path, tmp_path).result()
     pictures = list(tmp_path.glob("*.png"))
     assert pictures
     assert all(picture.stat().st_size > 5000 for picture in pictures)

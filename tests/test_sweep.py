@@ -225,7 +225,7 @@ def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     print_sweep(fly_sweep(plan_sweep(small, axes)))
     printed = capsys.readouterr().out
     assert "nan" not in printed
-    assert "come from precipitation" in printed
+    assert "come from the rain" in printed
 
 
 def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):

@@ -18,7 +18,13 @@ from sionna_radar.detection.ground_behind import GroundBehind, learned_ground, u
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
 from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging import EchoRuns
-from sionna_radar.detection.volume_clutter import NEIGHBOURS, VolumeClutter, first_guess, measured_mean
+from sionna_radar.detection.volume_clutter import (
+    MOST_OVER_MEAN,
+    NEIGHBOURS,
+    VolumeClutter,
+    first_guess,
+    measured_mean,
+)
 from sionna_radar.detection.volume_end import Views, VolumeEnd
 from sionna_radar.detection.volume_motion import VolumeMotion, estimated_motion, expected_motion
 from sionna_radar.flight.pulses import Pulses
@@ -36,8 +42,8 @@ WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 RARELY_GROUND = 0.02
 # Drops that a storm blows along approach no faster.
 FASTEST_DROPS_MPS = 25.0
-# Log-likelihood of ground in every cell of a pulse that is searched nowhere.
-NO_EVIDENCE = -1e3
+# Nepers by which ground outside the expected ranges is less likely.
+UNEXPECTED = float(-np.log(1 - LEAST_PROBABILITY))
 # Pulses that the volume's motion is estimated from.
 MOTION_PULSES = 128
 
@@ -99,11 +105,16 @@ class ThroughVolume:
         end, stride = self.end, self.detector.analyser.zero_padding
         cells = power[:, ::stride][:, : end.cells]
         views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
+        expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
-        evidence = _within(end.evidence(ratio, views), window_m / end.cell_m)
+        # Of what lies elsewhere only the end of the volume counts: where that fits better than any expected range,
+        # the ground is not where it is expected, and none is told.
+        ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
+        evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width = end.widths_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
-        kept = np.flatnonzero(_accepted(tracked, self.detector.processing.cfar.false_alarm_probability))
+        accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
+        kept = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
         volume = views.strength[:, None] * np.interp(place, np.arange(end.cells), self.volume.mean)
@@ -301,14 +312,10 @@ def _with_motion(
 
 
 def _within(
-    evidence: Float[np.ndarray, "pulse cell"], window: Float[np.ndarray, "pulse 2"]
-) -> Float[np.ndarray, "pulse cell"]:
-    """Return the evidence inside a window of cells; a pulse with no cell in it has no evidence of ground anywhere."""
-    cell = np.arange(evidence.shape[1])
-    kept = np.where((cell >= window[:, :1]) & (cell <= window[:, 1:]), evidence, -np.inf)
-    nothing = ~np.isfinite(kept).any(axis=1)
-    kept[nothing] = NO_EVIDENCE
-    return kept
+    range_m: Float[np.ndarray, "#pulse place"] | Float[np.ndarray, " place"], window_m: Float[np.ndarray, "pulse 2"]
+) -> Bool[np.ndarray, "pulse place"]:
+    """Return which ranges lie inside the window of each pulse."""
+    return np.asarray((range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:]))
 
 
 def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:

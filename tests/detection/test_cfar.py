@@ -137,9 +137,10 @@ def false_alarms(sampling: str, zero_padding: int, guard: int, training: int, ch
         noise = random.standard_normal((1000, samples))
         if sampling == "iq":
             noise = noise + 1j * random.standard_normal(noise.shape)
+        # The spectra are those of all kinds; what a detector makes of them is its CFAR's threshold.
+        power = detectors["CA"].analyser.power(noise)
         for kind, detector in detectors.items():
-            spectra = detector.spectra(noise)
-            over[kind] = over[kind] + np.sum(spectra.power > spectra.threshold, axis=0)
+            over[kind] = over[kind] + np.sum(power > detector.cfar.threshold(power), axis=0)
     analyser = detectors["CA"].analyser
     cell = np.arange(256 * zero_padding)
     reach = (guard + training) * zero_padding

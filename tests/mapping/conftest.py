@@ -18,7 +18,7 @@ CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=1024)
 
 
 def make_sightings(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int = 5, bright=None) -> Sightings:
-    """Look 45 deg forward from lines 5 m apart; each profile is exponential about the mean of 20,000 rays.
+    """Look 45 deg forward from lines 5 m apart; each profile is exponential about the mean of 6,000 rays.
 
     bright: factor on the power of hits at places of the plan and heights; none means one.
     """
@@ -30,7 +30,7 @@ def make_sightings(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int =
     pose = Pose(position_m=position, velocity_mps=np.zeros_like(position), R_world_antenna=R)
     rng = np.random.default_rng(seed)
     power = np.zeros((len(scan), CELLS))
-    u, v = rng.uniform(-1.2, 1.2, (2, 20_000)) * np.deg2rad(beamwidth_deg)
+    u, v = rng.uniform(-1.2, 1.2, (2, 6_000)) * np.deg2rad(beamwidth_deg)
     share = (cut.at(u) * cut.at(v)) ** 4
     local = np.column_stack([np.sqrt(1 - u**2 - v**2), u, v])
     for row in range(len(scan)):
