@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import logsumexp
 
+from sionna_radar.decibel import from_db
 from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ground_behind import GroundBehind, learned_ground, unknown_ground
@@ -40,6 +41,8 @@ ESTIMATION_ROUNDS = 2
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
 RARELY_GROUND = 0.02
+# What is stronger by this is the strongest of a pulse, whatever chance does.
+STRONGER = 2.0
 # Drops that a storm blows along approach no faster.
 FASTEST_DROPS_MPS = 25.0
 # Nepers by which ground outside the expected ranges is less likely.
@@ -192,7 +195,16 @@ def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> b
 def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
     stride = detector.analyser.zero_padding
     range_m = detector.analyser.range_m[::stride]
-    return first_guess(power[:, ::stride], range_m, _first_cell(detector), len(range_m) - 2)
+    first, last = _first_cell(detector), len(range_m) - 2
+    guess = first_guess(power[:, ::stride], range_m, first, last)
+    if guess is None:
+        return None
+    # Where the strongest cell of nearly every pulse stands so far over the nearest of the volume that this cannot pass
+    # for an echo, a thin fog or a drizzle harms nobody.
+    processing = detector.processing
+    margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
+    strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
+    return None if strongest > margin * MOST_OVER_MEAN * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:

@@ -23,6 +23,10 @@ QUIET_SHARE = 0.05
 # Cells over which the estimate is smoothed, each way, and the looks that the law is worth.
 SMOOTHED_CELLS = 8
 LOOKS_OF_LAW = 200.0
+# By how much the law may differ from a first guess, in nepers, and its loss in nepers a metre, both ways (110 dB/km).
+MOST_NEPERS, MOST_LOSS = 6.0, 0.05
+# What is measured of a volume that lies far below the noise is chance: it is no less than this share of the law.
+LEAST_OF_LAW = 0.05
 # Of exponential powers one in 3000 exceeds 8 means: what does is no volume.
 MOST_OVER_MEAN = 8.0
 # Strength of the volume about a pulse: pulses on each side of it that share in the estimate, and its limits.
@@ -146,7 +150,7 @@ def measured_mean(
     law = _law(guess, total, count, range_m)
     kernel = np.ones(2 * SMOOTHED_CELLS + 1)
     seen = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
-    return law * np.maximum(seen / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), 0.0)
+    return law * np.maximum(seen / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), LEAST_OF_LAW)
 
 
 def _law(
@@ -168,5 +172,5 @@ def _law(
         design = np.column_stack([np.ones(len(reach)), -reach])
         normal = design.T @ (weight[:, None] * design) + np.diag([1e-9, 1e-9])
         step = np.clip(np.linalg.solve(normal, design.T @ (weight * excess)), [-1.0, -0.05], [1.0, 0.05])
-        k, loss = k + step[0], max(loss + step[1], 0.0)
+        k, loss = float(np.clip(k + step[0], -MOST_NEPERS, MOST_NEPERS)), float(np.clip(loss + step[1], 0, MOST_LOSS))
     return guess.mean * np.exp(k - loss * reach)

@@ -58,6 +58,7 @@ DEVIATES = norm.ppf((np.arange(9) + 0.5) / 9)
 WIDTH_NODES = 24
 # Ranges whose likelihood lies so far below a pulse's greatest say nothing of ground or motion (nepers).
 NEGLIGIBLE = 15.0
+MOST_OVER_VOLUME = 1e8
 # The volume's strength about a pulse, in steps of 2 dB.
 STRENGTH_STEP = 10.0**0.2
 
@@ -104,7 +105,7 @@ class VolumeEnd:
         background = strength[:, None] * self.volume.mean + self.volume.noise
         ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
         ratio[:, : self.first] = 1.0
-        return np.minimum(ratio, 1e6)
+        return np.minimum(ratio, MOST_OVER_VOLUME)
 
     def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where none may be."""
