@@ -18,7 +18,7 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ground_behind import GroundBehind, learned_ground, unknown_ground
 from sionna_radar.detection.height_track import AxisHeights, Tracked, track
 from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
-from sionna_radar.detection.ranging import EchoRuns
+from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, Ranges
 from sionna_radar.detection.volume_clutter import (
     MOST_OVER_MEAN,
     NEIGHBOURS,
@@ -41,6 +41,9 @@ ESTIMATION_ROUNDS = 2
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
 # Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
 RARELY_GROUND = 0.02
+# Peak of the ground over the volume (20 dB) from which the scenario's estimator has the greater weight: side lobes of
+# stronger echoes stand over the volume, and the posterior is narrower than the range cells it is computed on.
+EVEN_LEVEL = 100.0
 # What is stronger by this is the strongest of a pulse, whatever chance does.
 STRONGER = 2.0
 # Drops that a storm blows along approach no faster.
@@ -115,7 +118,7 @@ class ThroughVolume:
         ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
-        width = end.widths_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
+        width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
         kept = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
         place = np.arange(power.shape[1]) / stride
@@ -124,12 +127,12 @@ class ThroughVolume:
         runs = self._runs(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
         noise = runs.noise[runs.row, runs.peak]
         peak = power[runs.row, runs.peak]
-        range_m, sigma_m = tracked.cell[kept] * end.cell_m, tracked.sigma[kept] * end.cell_m
+        ranges = self._ranges(runs, tracked, peak_level, kept)
         echoes = Echoes(
             pulse=pulses.index[kept],
             number=np.zeros(len(kept), dtype=np.int64),
-            range_m=range_m,
-            range_sigma_m=sigma_m,
+            range_m=ranges.range_m,
+            range_sigma_m=ranges.sigma_m,
             power=peak,
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
         )
@@ -138,12 +141,23 @@ class ThroughVolume:
         in_front = VolumeInFront(
             power=profiles.of_cells(volume[:, ::stride], kept),
             in_air=profiles.of_cells(in_air[:, ::stride], kept),
-            echo_m=range_m,
-            echo_sigma_m=sigma_m,
+            echo_m=ranges.range_m,
+            echo_sigma_m=ranges.sigma_m,
             drift_m=views.drift_m[kept],
             spread_m=end.spread_m,
         )
         return Found(echoes=echoes, profiles=replace(profiles, volume=in_front))
+
+    def _ranges(
+        self, runs: EchoRuns, tracked: Tracked, peak_level: Float[np.ndarray, " pulse"], kept: Int[np.ndarray, " echo"]
+    ) -> Ranges:
+        """Return the posterior means, and towards ground far over the volume the scenario's own estimates."""
+        own = ESTIMATORS[self.detector.processing.ranging](runs)
+        cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
+        return Ranges(
+            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,
+            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * own.sigma_m),
+        )
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""

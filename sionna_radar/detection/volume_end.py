@@ -132,11 +132,11 @@ class VolumeEnd:
                     out[number, row] = _log_sum(weighed.reshape(-1, weighed.shape[-1]).T)
         return out, cell
 
-    def widths_at(
+    def shape_at(
         self, ratio: Float[np.ndarray, "pulse cell"], cell: Int[np.ndarray, " pulse"], views: Views
-    ) -> Float[np.ndarray, " pulse"]:
-        """Return the mean width in cells of the ground's echo about given cells."""
-        width = np.empty(len(ratio))
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+        """Return the mean width in cells of the ground's echo about given cells, and its peak over the volume."""
+        width, level = np.empty(len(ratio)), np.empty(len(ratio))
         own = np.clip(cell, self._columns[0], self._columns[-1])
         window, expected = self._windows(ratio), self._log_width(views.down, self.ground.slope)
         for row, at in enumerate(own):
@@ -147,7 +147,8 @@ class VolumeEnd:
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
             share = np.exp(terms - logsumexp(terms))
             width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
-        return width
+            level[row] = share.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
+        return width, level / (np.sqrt(2 * np.pi) * width)
 
     def in_air(
         self,

@@ -44,8 +44,8 @@ class ProcessingTable(Table):
     """From beat signals to ranges.
 
     ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
-    moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume it
-    is the range that the whole scan line makes most probable instead.
+    moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that
+    is not far below the ground it is the range that the whole scan line makes most probable instead.
     volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
     is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
     expected_ground: ranges in which the ground of a pulse may lie; without it all.
