@@ -22,7 +22,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.processing import ExpectedGroundTable
 from sionna_radar.scene.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
 from sionna_radar.scene.placed_raster import apply_affine, in_crs_of
-from sionna_radar.scene.raster_file import open_raster
+from sionna_radar.scene.raster_file import open_raster, require_cells
 
 KEY = "processing.expected_ground.path"
 MOST_CELLS_READ = 100_000_000
@@ -112,12 +112,7 @@ def build_expected_ground(
 def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference | None) -> Heightfield:
     assert table.path is not None
     with open_raster(table.path, KEY) as source:
-        if source.count == 0 or np.dtype(source.dtypes[0]).kind not in "iuf":
-            message = f"{KEY} = {table.path}: holds no band of heights; give an elevation raster in metres"
-            raise InputFileError(message)
-        if source.transform.is_degenerate:
-            message = f"{KEY} = {table.path}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
-            raise InputFileError(message)
+        require_cells(source, f"{KEY} = {table.path}", "heights; give an elevation raster in metres")
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
         column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
         # Between the centres of its outermost cells and its edge the heights of those cells hold.

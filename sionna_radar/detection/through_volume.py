@@ -2,7 +2,7 @@
 
 Through a volume a pulse brings one echo at most, that of the surface which ends it. Cells about it that the model
 gives to the ground make the run of the echo; the volume's mean that is still there is part of the noise of its
-estimators. Where ground stands far over the volume, the scenario's estimator tells the range; where it does not,
+estimators. Where ground stands far over the volume, the scenario's estimator gives the range; where it does not,
 the posterior mean of the likelihood does, which knows the end of the volume too.
 """
 
@@ -114,7 +114,7 @@ class ThroughVolume:
         expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
         # Of what lies elsewhere only the end of the volume counts: where that fits better than any expected range,
-        # the ground is not where it is expected, and none is told.
+        # the ground is not where it is expected, and none is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)

@@ -81,6 +81,7 @@ def estimated_motion(
     reach = RADIAL_SPEEDS_MPS[[0, -1]]
 
     def cost(velocity_mps: Float[np.ndarray, " 3"], fall_mps: float) -> float:
+        """Return the negative log-posterior; each pulse has its own speed on its own spline."""
         speed = np.clip(boresight @ velocity_mps, *reach)
         piece = np.clip(np.searchsorted(RADIAL_SPEEDS_MPS, speed) - 1, 0, len(RADIAL_SPEEDS_MPS) - 2)
         step = speed - RADIAL_SPEEDS_MPS[piece]
@@ -89,6 +90,7 @@ def estimated_motion(
         return float(-np.sum(value) + (wind + ((velocity_mps[2] + fall_mps) / FALL_SIGMA_MPS) ** 2) / 2)
 
     def fitted(fall_mps: float) -> tuple[float, VolumeMotion]:
+        """Return the best wind and fall about an expected fall, and what they cost."""
         start = np.array([0.0, 0.0, -fall_mps])
         simplex = start + np.concatenate([np.zeros((1, 3)), np.diag([WIND_SIGMA_MPS, WIND_SIGMA_MPS, FALL_SIGMA_MPS])])
         options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01}

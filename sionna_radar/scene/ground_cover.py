@@ -15,7 +15,7 @@ from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.placed_raster import apply_affine, in_crs_of
-from sionna_radar.scene.raster_file import open_raster
+from sionna_radar.scene.raster_file import open_raster, require_cells
 
 NO_CLASS = -(2**31)
 MOST_CELLS_READ = 100_000_000
@@ -96,12 +96,7 @@ def classes_at(
 
     """
     with open_raster(cover.path, "terrain.cover_raster.path") as source:
-        if source.count == 0 or np.dtype(source.dtypes[0]).kind not in "iuf":
-            message = f"{cover.path}: holds no band of class values; give a GeoTIFF of whole numbers"
-            raise InputFileError(message)
-        if source.transform.is_degenerate:
-            message = f"{cover.path}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
-            raise InputFileError(message)
+        require_cells(source, str(cover.path), "class values; give a GeoTIFF of whole numbers")
         x, y = in_crs_of(source, point_m, georeference, "terrain.cover_raster.path")
         column, row = apply_affine(~source.transform, x, y)
         inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rasterio
 from pyproj.exceptions import ProjError
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
@@ -65,6 +66,19 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
         reason = str(error.__cause__ or error).splitlines()[0]
         message = f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}"
         raise InputFileError(message) from error
+
+
+def require_cells(dataset: Any, named: str, wanted: str) -> None:
+    """Raise InputFileError for a raster without a band of numbers or with cells of no size.
+
+    named: the file in messages; wanted: what its numbers should be, and what to give instead.
+    """
+    if dataset.count == 0 or np.dtype(dataset.dtypes[0]).kind not in "iuf":
+        message = f"{named}: holds no band of {wanted}"
+        raise InputFileError(message)
+    if dataset.transform.is_degenerate:
+        message = f"{named}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
+        raise InputFileError(message)
 
 
 def _check_side_cars(path: Path, name: str) -> None:
