@@ -88,6 +88,7 @@ class _Boundary:
     def of(
         size: float, axis_ratio: float, cosine: Float[np.ndarray, " node"], weight: Float[np.ndarray, " node"]
     ) -> "_Boundary":
+        """Return the surface of a spheroid at nodes of an integral over the polar angle."""
         across = size * axis_ratio ** (-1 / 3)
         flat = 1 / axis_ratio**2 - 1
         distance = across / np.sqrt(1 + flat * cosine**2)
