@@ -60,9 +60,7 @@ def effective_paths(paths: Paths) -> float:
 
 def _effective_path_cost(stock_pulses: int) -> Ratio:
     beam = prepare(load_scenario("hills"))
-    stock = prepare(
-        load_scenario("hills", {"tracing.engine": "path_solver", "tracing.paths_per_pulse": STOCK_SAMPLES})
-    )
+    stock = prepare(load_scenario("hills", {"tracing.engine": "path_solver", "tracing.paths_per_pulse": STOCK_SAMPLES}))
     costs = []
     for ready, count, repeats in ((stock, stock_pulses, 2), (beam, 1000, 10)):
         engine, pulses = build_tracer(ready), ready.schedule.sample(count)
@@ -141,9 +139,7 @@ def _faster_than_flight(length_m: float) -> Ratio:
 def _memory_growth(pulses: int) -> Ratio:
     """Return the peak memory of a survey ten times as long over that of a survey, each in a process of its own."""
     few, many = (_peak_in_process(count) for count in (pulses, 10 * pulses))
-    return Ratio(
-        name=f"peak memory, {10 * pulses:,} / {pulses:,} pulses", value=many / few, bound=1.15, at_most=True
-    )
+    return Ratio(name=f"peak memory, {10 * pulses:,} / {pulses:,} pulses", value=many / few, bound=1.15, at_most=True)
 
 
 def _peak_in_process(pulses: int) -> float:
@@ -153,9 +149,7 @@ def _peak_in_process(pulses: int) -> float:
         "from sionna_radar.bench import memory_scenario\n"
         "print(run(memory_scenario(int(sys.argv[1]))).peak_memory_mb)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(pulses)], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code, str(pulses)], capture_output=True, text=True, check=True)
     return float(done.stdout)
 
 
@@ -169,4 +163,3 @@ def _time(action: Callable[[], object]) -> float:
     start = perf_counter()
     action()
     return perf_counter() - start
-

@@ -125,9 +125,7 @@ def navigation_errors() -> tuple[NavigationError, ...]:
         ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
     ]
     found = [
-        NavigationError(
-            name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest
-        )
+        NavigationError(name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest)
         for name, unit, key, axes, first, largest in vectors
         for kind in kinds
     ]

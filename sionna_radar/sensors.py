@@ -67,9 +67,7 @@ class Sensor(Protocol):
 class SawtoothRadar:
     """One sweep a pulse; the measured velocity takes the Doppler shift out."""
 
-    def __init__(
-        self, ready: Preparation, watch: Stopwatch | None = None, tracer: Tracer | None = None
-    ) -> None:
+    def __init__(self, ready: Preparation, watch: Stopwatch | None = None, tracer: Tracer | None = None) -> None:
         self._ready, self._watch = ready, watch or Stopwatch()
         self.tracer = tracer or build_tracer(ready)
 
@@ -106,9 +104,7 @@ class TriangularRadar:
     The beam stands still during the pair, as it does during a sawtooth.
     """
 
-    def __init__(
-        self, ready: Preparation, watch: Stopwatch | None = None, tracer: Tracer | None = None
-    ) -> None:
+    def __init__(self, ready: Preparation, watch: Stopwatch | None = None, tracer: Tracer | None = None) -> None:
         self._ready, self._watch = ready, watch or Stopwatch()
         self.tracer = tracer or build_tracer(ready)
         self._sweeps = build_sweeps(ready.scenario.radar)

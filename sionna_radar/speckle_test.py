@@ -47,9 +47,7 @@ class SpeckleTest:
         return 3.0**-self.tiles <= probability
 
 
-def compare_speckle(
-    one: tuple[Raster, Raster], other: tuple[Raster, Raster], correlation_m: float
-) -> SpeckleTest:
+def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], correlation_m: float) -> SpeckleTest:
     """Test two engines' pairs of DEMs.
 
     Parameters

@@ -344,9 +344,7 @@ def fly_sweep(
         )
         for cell, flown, reason in zip(plan.cells, runs, reasons, strict=True)
     ]
-    return Sweep(
-        source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted
-    )
+    return Sweep(source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted)
 
 
 def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -> Run:

@@ -165,9 +165,7 @@ def _curvature(s: float, low: Float[np.ndarray, " n"], weight: Float[np.ndarray,
 
 
 @lru_cache(maxsize=64)
-def _annealed_factor(
-    correlation: tuple[float, ...], cells: int, sides: int, place: int, probability: float
-) -> float:
+def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, place: int, probability: float) -> float:
     random = np.random.default_rng(20170704)
     mix = _mixer(np.array(correlation), cells)
     field = _noise(mix, sides, random)

@@ -29,9 +29,7 @@ def world_from_level(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "
     return world_from_body(euler_rad * np.array([0.0, 0.0, 1.0]))
 
 
-def whisk_broom_from_antenna(
-    incidence_rad: float, scan_rad: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3 3"]:
+def whisk_broom_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
     """Return the antenna's axes in forward-right-down components, turned about the forward axis.
 
     The boresight, the first column, is (sin a, cos a sin b, cos a cos b).
@@ -41,9 +39,7 @@ def whisk_broom_from_antenna(
     return turn @ _tilted_antenna(incidence_rad)
 
 
-def conical_from_antenna(
-    incidence_rad: float, scan_rad: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3 3"]:
+def conical_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
     """Return the antenna's axes in forward-right-down components, turned about the downward axis.
 
     The boresight, the first column, is (sin a cos b, sin a sin b, cos a).

@@ -122,6 +122,4 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
             f"{1e3 * across:.0f} mm, more than {MOST_PIXELS:,}; shorten it"
         )
         raise ScenarioError([Problem("platform.length_m", message)])
-    return strip.pixels(
-        np.arange(margin, strip.length_m - margin, along), np.arange(strip.near_m, strip.far_m, across)
-    )
+    return strip.pixels(np.arange(margin, strip.length_m - margin, along), np.arange(strip.near_m, strip.far_m, across))

@@ -48,9 +48,7 @@ class Illumination:
         return lit
 
 
-def closed(
-    cells: Bool[np.ndarray, "row column"], gap_m: float, spacing_m: float
-) -> Bool[np.ndarray, "row column"]:
+def closed(cells: Bool[np.ndarray, "row column"], gap_m: float, spacing_m: float) -> Bool[np.ndarray, "row column"]:
     """Return some cells with the gaps between them closed that are narrower than `gap_m`.
 
     A closing by a disk of whole cells: what lies within its radius of a cell is taken, then what lies within it of a

@@ -236,9 +236,7 @@ class EchoModel:
         profile: Float[np.ndarray, " cell"] = np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
         return profile
 
-    def _hits(
-        self, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int
-    ) -> Float[np.ndarray, " padded"]:
+    def _hits(self, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int) -> Float[np.ndarray, " padded"]:
         """Return the power of the samples on cells, with a margin for the window's response."""
         pad = 2 * self._half + 1
         size = cells + 2 * pad

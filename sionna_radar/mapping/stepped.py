@@ -164,9 +164,7 @@ def _parts(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.n
     return joined
 
 
-def _whole_part(
-    sightings: Sightings, part: Int[np.ndarray, "row column"], grid: Grid
-) -> Int[np.ndarray, " pulse"]:
+def _whole_part(sightings: Sightings, part: Int[np.ndarray, "row column"], grid: Grid) -> Int[np.ndarray, " pulse"]:
     """Return the part of the map that the main lobe of each pulse lies in; -1 where in more than one."""
     pose = sightings.pose
     range_m = mean_ranges(sightings).range_m

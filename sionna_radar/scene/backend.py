@@ -71,9 +71,7 @@ def find_llvm() -> LlvmLibrary:
         if version is not None:
             return LlvmLibrary(name, version, "system")
     remedy = REMEDIES.get(platform.system(), "install LLVM")
-    message = (
-        f"no libLLVM of version {OLDEST_LLVM} or newer is found; {remedy}, or point {LLVM_VARIABLE} at one"
-    )
+    message = f"no libLLVM of version {OLDEST_LLVM} or newer is found; {remedy}, or point {LLVM_VARIABLE} at one"
     raise BackendError(message)
 
 

@@ -70,9 +70,7 @@ def _part(
 ) -> Surface:
     """Return some faces of the ground as a surface, with no more vertices than they need."""
     used, index = np.unique(faces, return_inverse=True)
-    return Surface(
-        name=f"terrain-{number}", vertices_m=vertices_m[used], faces=index.reshape(-1, 3), material=material
-    )
+    return Surface(name=f"terrain-{number}", vertices_m=vertices_m[used], faces=index.reshape(-1, 3), material=material)
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:

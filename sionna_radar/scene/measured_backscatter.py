@@ -167,9 +167,7 @@ def _check_rows(path: Path, rows: list[tuple[float, float]], numbers: Iterable[i
             message = f"{path}: line {number}: incidence_deg = {angle_deg:g} is outside 0 to 90"
             raise InputFileError(message)
         if angle_deg <= previous:
-            message = (
-                f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase; sort, and merge repeats"
-            )
+            message = f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase; sort, and merge repeats"
             raise InputFileError(message)
         if not math.isfinite(level_db):
             message = f"{path}: line {number}: sigma0_db = {level_db:g} must be finite; leave the row out"

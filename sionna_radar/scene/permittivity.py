@@ -175,11 +175,7 @@ def _double_debye_water(f_ghz: float, temperature_c: float) -> complex:
     first_ghz = _water_relaxation_ghz(temperature_c)
     second_ghz = 39.8 * first_ghz  # eq. 13
     # Two Debye terms written as one complex sum; real and imaginary parts are eqs. 6 and 7.
-    return (
-        (static - middle) / (1 + 1j * f_ghz / first_ghz)
-        + (middle - high) / (1 + 1j * f_ghz / second_ghz)
-        + high
-    )
+    return (static - middle) / (1 + 1j * f_ghz / first_ghz) + (middle - high) / (1 + 1j * f_ghz / second_ghz) + high
 
 
 def _water_relaxation_ghz(temperature_c: float) -> float:
@@ -314,9 +310,7 @@ def soil_bulk_density_g_cm3(sand_percent: float, clay_percent: float) -> float:
     total = sum(kept)
     weights = (0.078886, 0.038753, 0.032732)
     return 1.07256 + sum(
-        weight * math.log(100.0 * share / total)
-        for weight, share in zip(weights, kept, strict=True)
-        if share > 0.0
+        weight * math.log(100.0 * share / total) for weight, share in zip(weights, kept, strict=True) if share > 0.0
     )
 
 

@@ -212,9 +212,7 @@ class SmallPerturbation:
         surface = self.surface
         violated = []
         if surface.relative_height >= 0.3:  # limit stated for SPM by github Morteza-Khazaei/mwrtms, SPMModel
-            violated.append(
-                f"k s = {surface.relative_height:.3g} must be below 0.3: the surface is too rough"
-            )
+            violated.append(f"k s = {surface.relative_height:.3g} must be below 0.3: the surface is too rough")
         slope = surface.rms_slope
         if slope is not None and slope >= 1.0:  # Ruck pp. 704, assumption (b): slopes below one
             violated.append(f"rms slope = {slope:.3g} must be below 1: the surface is too steep")
@@ -292,9 +290,7 @@ class IntegralEquation:
         # Near grazing the H terms cancel; rounding must not leave a negative power.
         return np.where(lit, 0.5 * surface.wavenumber**2 * np.maximum(total, 0.0), 0.0)
 
-    def _fields(
-        self, cosine: Float[np.ndarray, " n"]
-    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    def _fields(self, cosine: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
         """Return the Kirchhoff and complementary field coefficients (Fung and others 1992)."""
         eps = self.surface.permittivity
         reflection = self._reflection(cosine)
@@ -376,9 +372,7 @@ def _lit_cosine(
     return cosine > _GRAZING_COSINE, np.maximum(cosine, _GRAZING_COSINE)
 
 
-def _spectra(
-    surface: RoughSurface, cosine: Float[np.ndarray, " n"]
-) -> Iterator[tuple[int, Float[np.ndarray, " n"]]]:
+def _spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator[tuple[int, Float[np.ndarray, " n"]]]:
     """Yield the orders of the roughness series with their spectra at the Bragg frequency 2 k sin."""
     bragg = 2.0 * surface.wavenumber * np.sqrt(1.0 - cosine**2)
     mean = 4.0 * surface.relative_height**2

@@ -84,9 +84,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     last = np.searchsorted(paths.pulse, pulses.index, side="right")
     beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
     # Within a beam the points come in no order worth sorting; the smaller grid suits few points per chirp.
-    plan = finufft.Plan(
-        1, (chirp.samples,), eps=NUFFT_ACCURACY, isign=1, nthreads=1, spread_sort=0, upsampfac=1.25
-    )
+    plan = finufft.Plan(1, (chirp.samples,), eps=NUFFT_ACCURACY, isign=1, nthreads=1, spread_sort=0, upsampfac=1.25)
     for row, (start, stop) in enumerate(zip(first, last, strict=True)):
         if start < stop:
             part = slice(start, stop)

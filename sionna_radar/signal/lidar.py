@@ -88,9 +88,7 @@ class LidarReceiver:
         """Return what the air leaves of an echo."""
         return np.exp(-2 * self.air.extinction_per_m * range_m)
 
-    def hears_ground(
-        self, range_m: Float[np.ndarray, " n"], cosine: Float[np.ndarray, " n"]
-    ) -> Bool[np.ndarray, " n"]:
+    def hears_ground(self, range_m: Float[np.ndarray, " n"], cosine: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         """Tell at which ranges ground is heard; at infinity there is none."""
         echo = self.table.ground_reflectivity * cosine * self.left(range_m)
         far_enough = np.isfinite(range_m) & (range_m >= self.table.near_range_m)

@@ -45,8 +45,7 @@ class BeamEngine:
         self._seed = seed
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
         self._quantiles = [
-            mi.Float(q.astype(np.float32))
-            for q in (self._sampler.azimuth_quantile, self._sampler.elevation_quantile)
+            mi.Float(q.astype(np.float32)) for q in (self._sampler.azimuth_quantile, self._sampler.elevation_quantile)
         ]
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -97,9 +96,7 @@ class BeamEngine:
         density = sampler.beam_share * beam + (1 - sampler.beam_share) / (2 * dr.pi)
         # Quantiles of the two cuts can combine to cosines of no direction; such a ray carries nothing.
         probability = dr.select(u * u + v * v < 1, 4 * dr.pi * sampler.rays * density, 0.0)
-        axes = [
-            dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)
-        ]
+        axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * cos + axes[1] * u + axes[2] * v), probability
 
     def _table(self, pulses: Pulses, buffer, incidence, rate) -> Paths:  # type: ignore[no-untyped-def]

@@ -61,9 +61,7 @@ class Tracer:
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
         if self._scene.targets and self._antenna.mirrored != 0:
-            targets = trace_targets(
-                self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed
-            )
+            targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, targets])
         return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
 

@@ -230,8 +230,7 @@ class SionnaScene:
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
         # Sionna knows materials and objects by names from one list: those of the user's stay out of it.
         materials = {
-            name: _material(f"material-{number}", model)
-            for number, (name, model) in enumerate(scene.materials.items())
+            name: _material(f"material-{number}", model) for number, (name, model) in enumerate(scene.materials.items())
         }
         self.rt_scene = rt.Scene()
         # Before the materials arrive, some of which are undefined at Sionna's default frequency.

@@ -22,9 +22,7 @@ def correlation_under(window: str, cells: int) -> np.ndarray:
 
 def make_cfar(kind: str, window: str, training: int, pfa: float, rank: float = 0.75) -> Cfar:
     correlation = correlation_under(window, training + 1)
-    return Cfar(
-        kind=kind, guard=8, training=training, false_alarm_probability=pfa, rank=rank, correlation=correlation
-    )
+    return Cfar(kind=kind, guard=8, training=training, false_alarm_probability=pfa, rank=rank, correlation=correlation)
 
 
 def smaller_of_two_sums(weight: np.ndarray, factor: float) -> Fraction:

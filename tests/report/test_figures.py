@@ -93,15 +93,11 @@ def test_brightest_echo_survives_thinning(survey: Survey, monkeypatch: pytest.Mo
 def test_boresight_meets_a_slope_where_geometry_says() -> None:
     grid = Grid(west_m=-100.0, south_m=-100.0, spacing_m=2.0, columns=101, rows=101)
     slope = Raster(grid=grid, height_m=(0.1 * grid.centres_m[:, 0]).reshape(grid.shape))
-    boresights = np.array(
-        [[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]]
-    )
+    boresights = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]])
     boresights /= np.linalg.norm(boresights, axis=1)[:, None]
     turn = np.zeros((5, 3, 3))
     turn[:, :, 0] = boresights
-    pose = Pose(
-        position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn
-    )
+    pose = Pose(position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn)
     hits = environment_figure._meet_ground(pose, slope)
     # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the raster's edge, nothing.
     np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=0.2)

@@ -37,9 +37,7 @@ def write(path, height, transform, crs=UTM, **profile):
     rows, columns = height.shape
     profile = {"driver": "GTiff", "dtype": height.dtype, "count": 1, **profile}
     scales, units = profile.pop("scale_offset", None), profile.pop("units", None)
-    with rasterio.open(
-        path, "w", height=rows, width=columns, transform=transform, crs=crs, **profile
-    ) as file:
+    with rasterio.open(path, "w", height=rows, width=columns, transform=transform, crs=crs, **profile) as file:
         for band in range(1, profile["count"] + 1):
             file.write(height if band == 1 else np.zeros_like(height), band)
         if scales:
@@ -115,9 +113,7 @@ def test_a_window_over_the_edge_is_clipped(tmp_path):
 def test_the_centre_is_the_given_place(tmp_path):
     target = (WEST + 30.25, NORTH - 80.5)
     lonlat = Transformer.from_crs(UTM, 4326, always_xy=True).transform(*target)
-    raster, place = load(
-        write_plane(tmp_path / "a.tif"), (-10.0, -10.0, 10.0, 10.0), centre_lonlat_deg=lonlat
-    )
+    raster, place = load(write_plane(tmp_path / "a.tif"), (-10.0, -10.0, 10.0, 10.0), centre_lonlat_deg=lonlat)
     np.testing.assert_allclose(place.origin_m[:2], target, atol=1e-6)
     here = raster.at(np.zeros((1, 2)))[0] + place.origin_m[2]
     assert here == pytest.approx(plane(*target), abs=1e-6)
@@ -193,9 +189,7 @@ def test_geographic_degrees_go_to_utm(tmp_path):
     raster, place = load(path)
     assert CRS(place.crs_wkt) == CRS("EPSG:32632")
     # One arc second of longitude at 45 degrees north, the shorter side of the cells.
-    assert raster.grid.spacing_m == pytest.approx(
-        math.radians(1 / 3600) * 6_378_137 * math.cos(0.7854), rel=5e-3
-    )
+    assert raster.grid.spacing_m == pytest.approx(math.radians(1 / 3600) * 6_378_137 * math.cos(0.7854), rel=5e-3)
     assert raster.filled.mean() > 0.95
     x, y, z = absolute(raster, place)
     np.testing.assert_allclose(z, tilted(*in_crs(place, 4326, x, y)), atol=1e-6)
@@ -244,9 +238,7 @@ def test_heights_in_feet_by_the_band_unit_become_metres(tmp_path):
 def test_feet_on_the_map_without_a_height_unit_are_said(tmp_path, caplog):
     transform = from_origin(990_000.0, 200_000.0, 3.0, 3.0)
     with caplog.at_level(logging.WARNING, "sionna_radar"):
-        load(
-            write_plane(tmp_path / "a.tif", transform=transform, crs="EPSG:2263", surface=lambda x, y: 0 * x)
-        )
+        load(write_plane(tmp_path / "a.tif", transform=transform, crs="EPSG:2263", surface=lambda x, y: 0 * x))
     assert "taken as metres" in caplog.text
 
 
@@ -267,18 +259,14 @@ def test_web_mercator_metres_are_not_believed(tmp_path):
     def tilted(x, y):
         return 100 + 0.1 * (x - 780_000) + 0.05 * (y - 5_620_000)
 
-    raster, place = load(
-        write_plane(tmp_path / "a.tif", transform=transform, crs="EPSG:3857", surface=tilted)
-    )
+    raster, place = load(write_plane(tmp_path / "a.tif", transform=transform, crs="EPSG:3857", surface=tilted))
     assert CRS(place.crs_wkt) == CRS(UTM)
     assert raster.grid.spacing_m == pytest.approx(10 * math.cos(math.radians(45)), rel=0.01)
     x, y, z = absolute(raster, place)
     np.testing.assert_allclose(z, tilted(*in_crs(place, 3857, x, y)), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("crs", "x", "y"), [("EPSG:3031", 900_000.0, 100_000.0), ("EPSG:3413", 0.0, -400_000.0)]
-)
+@pytest.mark.parametrize(("crs", "x", "y"), [("EPSG:3031", 900_000.0, 100_000.0), ("EPSG:3413", 0.0, -400_000.0)])
 def test_polar_maps_are_turned_north_up(tmp_path, crs, x, y):
     transform = from_origin(x, y, 5.0, 5.0)
 
@@ -298,8 +286,7 @@ def test_polar_maps_are_turned_north_up(tmp_path, crs, x, y):
 def test_an_ascii_grid_takes_its_crs_from_the_scenario(tmp_path):
     path = tmp_path / "a.asc"
     path.write_text(
-        "ncols 3\nnrows 3\nxllcorner 450000\nyllcorner 5000000\ncellsize 10\nNODATA_value -99\n"
-        "7 8 9\n4 5 6\n1 2 -99\n"
+        "ncols 3\nnrows 3\nxllcorner 450000\nyllcorner 5000000\ncellsize 10\nNODATA_value -99\n7 8 9\n4 5 6\n1 2 -99\n"
     )
     raster, place = load(path, crs=UTM)
     assert place.origin_m == (450_015.0, 5_000_015.0, 1.0)
@@ -424,9 +411,7 @@ def test_files_that_are_no_raster(tmp_path, content):
 
 
 def test_a_file_cut_short(tmp_path, capfd):
-    path = write(
-        tmp_path / "a.tif", np.random.default_rng(1).random((300, 300)), from_origin(WEST, NORTH, 1, 1)
-    )
+    path = write(tmp_path / "a.tif", np.random.default_rng(1).random((300, 300)), from_origin(WEST, NORTH, 1, 1))
     path.write_bytes(path.read_bytes()[:5000])
     error = refusal(path)
     assert isinstance(error, InputFileError)

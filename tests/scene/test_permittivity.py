@@ -52,9 +52,7 @@ def test_water_agrees_with_an_independent_double_debye_fit(temperature_c):
     fast = 0.69227972e-4 * math.exp(307.42330 / (t + 126.34992))
     high = 3.7245044 + 0.92609781e-2 * t
     expected = (
-        (static - middle) / (1 + 2j * math.pi * f * slow)
-        + (middle - high) / (1 + 2j * math.pi * f * fast)
-        + high
+        (static - middle) / (1 + 2j * math.pi * f * slow) + (middle - high) / (1 + 2j * math.pi * f * fast) + high
     )
     actual = water_permittivity(CARRIER_HZ, temperature_c=t)
     assert abs(actual - expected) < 0.03 * abs(expected)
@@ -94,9 +92,7 @@ def test_wet_snow_has_the_right_ends():
     dry = dry_snow_permittivity(CARRIER_HZ, temperature_c=0.0, density_g_cm3=0.3)
 
     def wet(fraction: float) -> complex:
-        return wet_snow_permittivity(
-            CARRIER_HZ, temperature_c=0.0, dry_density_g_cm3=0.3, liquid_fraction=fraction
-        )
+        return wet_snow_permittivity(CARRIER_HZ, temperature_c=0.0, dry_density_g_cm3=0.3, liquid_fraction=fraction)
 
     assert wet(0.0) == pytest.approx(dry)
     assert wet(1.0) == pytest.approx(water_permittivity(CARRIER_HZ, temperature_c=0.0))
@@ -259,9 +255,7 @@ def test_an_unknown_building_material_names_the_known_ones():
             "density_g_cm3 = 300",
         ),
         (
-            lambda: wet_snow_permittivity(
-                CARRIER_HZ, temperature_c=0.0, dry_density_g_cm3=0.3, liquid_fraction=6.0
-            ),
+            lambda: wet_snow_permittivity(CARRIER_HZ, temperature_c=0.0, dry_density_g_cm3=0.3, liquid_fraction=6.0),
             "not a percentage",
         ),
         (

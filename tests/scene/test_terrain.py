@@ -15,9 +15,7 @@ WINDOW = (-50.0, -50.0, 50.0, 50.0)
 
 def raster_of(height):
     rows, columns = height.shape
-    return Raster(
-        grid=Grid(west_m=-3.0, south_m=2.0, spacing_m=0.5, columns=columns, rows=rows), height_m=height
-    )
+    return Raster(grid=Grid(west_m=-3.0, south_m=2.0, spacing_m=0.5, columns=columns, rows=rows), height_m=height)
 
 
 def test_flat_ground_has_its_size_about_the_origin():
@@ -136,9 +134,7 @@ def test_meshes_cover_exactly_the_squares_between_filled_cells(rows, columns, se
     vertices, faces = mesh_of(raster)
 
     squares = sum(
-        bool(np.isfinite(height[i : i + 2, j : j + 2]).all())
-        for i in range(rows - 1)
-        for j in range(columns - 1)
+        bool(np.isfinite(height[i : i + 2, j : j + 2]).all()) for i in range(rows - 1) for j in range(columns - 1)
     )
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)[:, 2]

@@ -100,9 +100,7 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     distance = np.linalg.norm(away, axis=1)
     local = np.einsum("nji,nj->ni", pulses.true.R_world_antenna[row], away / distance[:, None])
     gain = ready.antenna.gain(local)
-    expected = 10 * np.log10(
-        gain**2 * (299_792_458.0 / 77e9) ** 2 * 10**0.3 / ((4 * np.pi) ** 3 * distance**4)
-    )
+    expected = 10 * np.log10(gain**2 * (299_792_458.0 / 77e9) ** 2 * 10**0.3 / ((4 * np.pi) ** 3 * distance**4))
     np.testing.assert_allclose(20 * np.log10(np.abs(paths.gain)), expected, atol=0.05)
     np.testing.assert_allclose(paths.delay_s * 299_792_458.0 / 2, distance, atol=1e-6)
 
