@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.preparation import prepare
-from sionna_radar.sensors import build_sensor
-from sionna_radar.survey import run
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_sensor
 from sionna_radar.tracing.paths import VOLUME
 from sionna_radar.weather.drop_shapes import drop_polarisation
 from sionna_radar.weather.drops import marshall_palmer

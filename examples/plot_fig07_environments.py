@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from sionna_radar import load_scenario
-from sionna_radar.preparation import prepare
 from sionna_radar.scene.terrain import load_elevation
+from sionna_radar.survey.preparation import prepare
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 SUN = LightSource(azdeg=315, altdeg=45)

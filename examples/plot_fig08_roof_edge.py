@@ -13,9 +13,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.preparation import prepare
 from sionna_radar.report.maps import colour_bar, finish_map
-from sionna_radar.sensors import build_tracer
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_tracer
 
 BLUE, ORANGE, RED = "#0072b2", "#e69f00", "#d55e00"  # safe for colour-blind readers
 

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.preparation import prepare
 from sionna_radar.radar.chirp import build_chirp
+from sionna_radar.survey.preparation import prepare
 
 COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#cc79a7")  # safe for colour-blind readers
 STYLES = ("-", "--", "-.", (0, (6, 2)), ":")

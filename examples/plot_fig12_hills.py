@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sionna_radar import load_scenario, run
-from sionna_radar.mapping.shadow import shadowed
-from sionna_radar.preparation import prepare
+from sionna_radar.accuracy.shadow import shadowed
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
+from sionna_radar.survey.preparation import prepare
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 METHOD = {"processing.ranging": "peak", "platform.length_m": 15.0 if SMALL else 100.0}

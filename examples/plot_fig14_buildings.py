@@ -15,10 +15,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.mapping.edges import half_footprint_m, near_walls
-from sionna_radar.mapping.shadow import shadowed
-from sionna_radar.preparation import prepare
+from sionna_radar.accuracy.edges import half_footprint_m, near_walls
+from sionna_radar.accuracy.shadow import shadowed
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
+from sionna_radar.survey.preparation import prepare
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, RED = "#0072b2", "#d55e00"  # safe for colour-blind readers

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
 from sionna_radar.mapping.points import locate
-from sionna_radar.preparation import prepare
-from sionna_radar.sensors import build_tracer
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_tracer
 
 ready = prepare(load_scenario("roof_edge"))
 pulses = ready.schedule.pulses(np.array([0]))

@@ -10,7 +10,7 @@ Any elevation file will do: a GeoTIFF, an Esri ASCII grid, an SRTM tile. Run it 
 import sys
 
 from sionna_radar import load_scenario, run
-from sionna_radar.report import figures
+from sionna_radar.report.survey import figures
 
 own = sys.argv[1] if len(sys.argv) > 1 else None
 scenario = load_scenario("own_dem", {"terrain.path": own}) if own else load_scenario("jacksboro")

@@ -17,10 +17,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.preparation import prepare
 from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
-from sionna_radar.sensors import build_sensor, received
-from sionna_radar.survey import run
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_sensor, received
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RATES = [0.0, 10.0] if SMALL else [0.0, 4.0, 10.0, 25.0]

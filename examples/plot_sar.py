@@ -26,8 +26,8 @@ from sionna_radar.imaging.resolution import (
 )
 from sionna_radar.imaging.sar import BackProjection
 from sionna_radar.imaging.slar import SideLooking, to_ground
-from sionna_radar.preparation import prepare
-from sionna_radar.sensors import build_tracer, received
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_tracer, received
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 WINDOW = "hann"

@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.preparation import prepare
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.sensors import build_tracer, received
-from sionna_radar.tracing.atmosphere import build_weather, rain_map_of
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_tracer, received
+from sionna_radar.tracing.effects.atmosphere import build_weather, rain_map_of
 from sionna_radar.weather.volume import volume_of
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"

@@ -1,7 +1,7 @@
 """Airborne millimetre-wave terrain radar, simulated from ray-traced fields to a DEM and its error.
 
 `load_scenario` reads a scenario, `run` flies it, and every stage between can be used alone; see
-`sionna_radar.survey` for the chain. Importing this package loads neither NumPy nor Mitsuba.
+`sionna_radar.survey.chain` for the chain. Importing this package loads neither NumPy nor Mitsuba.
 """
 
 from importlib import import_module
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
-    from sionna_radar.survey import Survey, run
+    from sionna_radar.survey.chain import Survey, run
 
     __version__: str
 
@@ -17,10 +17,10 @@ __all__ = ["Scenario", "Survey", "load_scenario", "parse_scenario", "run"]
 
 _HOMES = {
     "Scenario": "sionna_radar.scenario",
-    "Survey": "sionna_radar.survey",
+    "Survey": "sionna_radar.survey.chain",
     "load_scenario": "sionna_radar.scenario",
     "parse_scenario": "sionna_radar.scenario",
-    "run": "sionna_radar.survey",
+    "run": "sionna_radar.survey.chain",
 }
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, run
+from sionna_radar.accuracy.edges import half_footprint_m, near_walls
+from sionna_radar.accuracy.shadow import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.mapping.edges import half_footprint_m, near_walls
-from sionna_radar.mapping.shadow import shadowed
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.radar.chirp import build_chirp
-from sionna_radar.raster import Grid
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scene.model import Surface

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 
-from sionna_radar.decibel import from_db
-from sionna_radar.detection.beam_profile import BeamProfile, beam_profile
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, cut_profiles
-from sionna_radar.detection.ranging import ESTIMATORS, EchoRuns, run_cells
+from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
+from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns, run_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from sionna_radar.detection.ranging import EchoRuns
+from sionna_radar.detection.ranging.estimators import EchoRuns
 
 LEAST_MARGIN_CELLS = 16
 

@@ -25,8 +25,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from sionna_radar.errors import InputFileError, RadarError, ScenarioError
-from sionna_radar.input_file import parse_toml, read_text
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml, read_text
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.scenario.problems import translate
 

@@ -20,7 +20,7 @@ from sionna_radar.flight.body import BodyMotion, Vector3, antenna_place, body_mo
 from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Trajectory
-from sionna_radar.randomness import Stream, pulse_generator, pulse_uniforms
+from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 from sionna_radar.scenario.navigation import NavigationTable
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)

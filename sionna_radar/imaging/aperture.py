@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import get_window
 
-from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
 

@@ -5,8 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from sionna_radar.errors import Problem, ScenarioError
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.imaging.aperture import Aperture
 from sionna_radar.imaging.grid import PixelGrid, ground_pixels
 from sionna_radar.imaging.resolution import azimuth_resolution_m, ground_range_resolution_m

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from sionna_radar.raster import Grid
+from sionna_radar.foundation.raster import Grid
 
 SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
 # Likelihoods are summed over groups of near neighbours: of a large survey the whole would be too much at once.

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt
 
-from sionna_radar.raster import Grid, Raster
+from sionna_radar.foundation.raster import Grid, Raster
 
 Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Bool[np.ndarray, " ray"]]
 

@@ -22,9 +22,9 @@ from scipy.ndimage import convolve1d, gaussian_filter1d
 from scipy.sparse import csr_matrix
 
 from sionna_radar.detection.profiles import Profiles
+from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.radar.chirp import Chirp
 
 # Level, relative to the echo's, at which a cell counts a quarter.

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import Sightings, echo_level
-from sionna_radar.raster import Grid
 
 # A step of reflectivity: 6 dB, in nepers of power.
 STEP = float(np.log(4.0))

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.tri import Triangulation, TriFinder
 from scipy.spatial import Delaunay, KDTree, QhullError
 
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
-from sionna_radar.raster import Grid, Raster
 
 LONGEST_SIDE_GAPS = 3.0
 # Width of a triangle over its length below which it holds no cell.

@@ -17,11 +17,11 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
-from sionna_radar.raster import Grid
 
 TILE_M = 160.0
 OVERLAP_M = 30.0

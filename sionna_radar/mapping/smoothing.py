@@ -17,9 +17,9 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Float
 
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
-from sionna_radar.mapping.heightfield import Heightfield
-from sionna_radar.raster import Grid
 
 # Reach of the padding in covariance lengths: the periodic field must not tie opposite borders together.
 PADDING_LENGTHS = 1.0

@@ -15,14 +15,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import evidence_against
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, only, refine
-from sionna_radar.raster import Grid
 
 # The coarse map is made in blocks of cells, each with the cells about it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24

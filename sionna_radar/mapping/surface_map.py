@@ -5,15 +5,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sionna_radar.accuracy.main_beam import MAIN_BEAM_SHARE
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.echo_model import Sightings, footprints
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, only, refine
 from sionna_radar.mapping.smoothing import Heights, smooth
 from sionna_radar.mapping.stepped import step_surface
-from sionna_radar.raster import Grid, Raster
-from sionna_radar.tracing.main_beam import MAIN_BEAM_SHARE
 
 PULSES_AT_ONCE = 256
 # A sample between two nodes that straddle an edge lies off the surface by more than this.

@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_simpson, simpson
 from scipy.optimize import brentq
 from scipy.signal.windows import taylor
 
-from sionna_radar.decibel import to_db
+from sionna_radar.foundation.decibel import to_db
 from sionna_radar.scenario.radar import AntennaTable
 
 # Low side lobes lengthen the array by up to 1.7 at the same number of elements: this keeps them within half a

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.radar.antenna import Antenna, Cut
-from sionna_radar.scene.backscatter import Backscatter
+from sionna_radar.surfaces.backscatter import Backscatter
 
 NODES = 256
 

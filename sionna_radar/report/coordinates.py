@@ -7,7 +7,7 @@ from enum import StrEnum
 from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from sionna_radar.georeference import Georeference
+from sionna_radar.foundation.georeference import Georeference
 
 
 class Coordinates(StrEnum):

@@ -16,7 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.errors import KeptElsewhereError, OutputError
+from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
 from sionna_radar.report.staging import abandoned, in_use, staged
 

@@ -9,7 +9,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from sionna_radar.errors import OutputError
+from sionna_radar.foundation.errors import OutputError
 
 MANIFEST = "manifest.json"
 PROGRAM = "sionna-radar"

@@ -9,7 +9,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.transforms import ScaledTranslation
 
-from sionna_radar.raster import Raster
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.colours import EMPTY, HEIGHTS
 from sionna_radar.report.coordinates import LOCAL_FRAME, Frame, shift_ticks
 

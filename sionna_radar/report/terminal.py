@@ -13,8 +13,8 @@ from time import monotonic
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from sionna_radar.interrupts import raise_received
-from sionna_radar.progress import Progress as Report
+from sionna_radar.foundation.interrupts import raise_received
+from sionna_radar.foundation.progress import Progress as Report
 
 # In the place of a number that does not exist.
 NONE = "-"

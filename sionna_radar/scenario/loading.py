@@ -7,8 +7,8 @@ from typing import Any
 import tomli_w
 from pydantic import ValidationError
 
-from sionna_radar.errors import InputFileError, ScenarioError
-from sionna_radar.input_file import parse_toml, read_text, shown, why_not
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml, read_text, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, give_way, parse_overrides, read_overrides, resolve_paths
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario

@@ -1,6 +1,6 @@
 """What a surface is made of, for a permittivity by a published formula: `medium = {kind = "soil", ...}`.
 
-The formulas, their sources and the bands they reach are in `sionna_radar.scene.permittivity`.
+The formulas, their sources and the bands they reach are in `sionna_radar.surfaces.permittivity`.
 """
 
 from typing import Annotated, Literal

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, get_args
 
-from sionna_radar.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.scenario.materials import Material
 from sionna_radar.scenario.media import Medium
 from sionna_radar.scenario.terrain import Terrain

@@ -6,8 +6,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from sionna_radar.errors import Problem
-from sionna_radar.input_file import shown
+from sionna_radar.foundation.errors import Problem
+from sionna_radar.foundation.input_file import shown
 
 # By the type of pydantic's error; the fields are those of its context.
 WORDS = {

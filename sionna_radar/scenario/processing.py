@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from sionna_radar.input_file import shown
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 

@@ -1,7 +1,7 @@
 """The whole scenario, in the units a person writes (degrees, dB), and what its tables must agree on.
 
 Each table's own module checks its values alone and the contradictions visible within it. What needs the terrain
-or the flight to judge is checked when the survey is prepared (`sionna_radar.preparation`).
+or the flight to judge is checked when the survey is prepared (`sionna_radar.survey.preparation`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from sionna_radar.input_file import shown
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from sionna_radar.input_file import shown
+from sionna_radar.foundation.input_file import shown
 
 # Far beyond anything a survey can mean, and far within what its products and powers can reach without an overflow.
 LARGEST, SMALLEST = 1e15, 1e-15

@@ -7,12 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
-from sionna_radar.decibel import from_db
-from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.raster import Raster
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.terrain import CityTerrain
-from sionna_radar.scene.backscatter import Backscatter
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.city import load_city
 from sionna_radar.scene.ground_cover import cover_ground
@@ -20,6 +19,7 @@ from sionna_radar.scene.materials import build_materials, channel_of
 from sionna_radar.scene.model import Scene, Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.terrain import load_elevation, mesh_of
+from sionna_radar.surfaces.backscatter import Backscatter
 
 Ground = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 

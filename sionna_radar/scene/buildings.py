@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.model import Surface
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from sionna_radar.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
-from sionna_radar.scene.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.radar_material import Channel, RadarMaterial
 from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
 
 logger = logging.getLogger("sionna_radar")
 

@@ -9,13 +9,13 @@ from jaxtyping import Float, Int
 from matplotlib.path import Path as Outline
 from rasterio.windows import Window
 
-from sionna_radar.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.georeference import Georeference
+from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
+from sionna_radar.elevation.raster_file import open_raster, require_cells
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.placed_raster import apply_affine, in_crs_of
-from sionna_radar.scene.raster_file import open_raster, require_cells
 
 NO_CLASS = -(2**31)
 MOST_CELLS_READ = 100_000_000

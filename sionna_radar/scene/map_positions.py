@@ -4,12 +4,12 @@ import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 
-from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.input_file import shown
+from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, reproject
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.table import Point2
 from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
-from sionna_radar.scene.placed_raster import PlacedRaster, horizontal_part, reproject
 from sionna_radar.scene.terrain import place_of
 
 

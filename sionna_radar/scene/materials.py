@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sionna_radar.decibel import from_db
-from sionna_radar.errors import Problem, RadarError, ScenarioError
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.scenario.materials import (
     ConstantGamma,
     EmpiricalTable,
@@ -24,12 +24,12 @@ from sionna_radar.scenario.materials import (
     UlabyDobson,
 )
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scene import rough_surface
-from sionna_radar.scene.backscatter import Backscatter, ConstantGammaBackscatter, LambertianBackscatter
-from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
-from sionna_radar.scene.medium import extrapolation_of, permittivity_of
-from sionna_radar.scene.radar_material import Channel, Mirror, RadarMaterial
 from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.surfaces import rough_surface
+from sionna_radar.surfaces.backscatter import Backscatter, ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.surfaces.medium import extrapolation_of, permittivity_of
+from sionna_radar.surfaces.radar_material import Channel, Mirror, RadarMaterial
 
 logger = logging.getLogger("sionna_radar")
 

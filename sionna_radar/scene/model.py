@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.georeference import Georeference
-from sionna_radar.scene.backscatter import Backscatter
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.surfaces.backscatter import Backscatter
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.raster import Grid, Raster
-from sionna_radar.scene.backend import load_mitsuba
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
 
 # How far beside a vertical ray the one is cast that catches slips, and the least difference that is a slip.

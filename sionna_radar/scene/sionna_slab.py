@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import epsilon_0, speed_of_light
 
-from sionna_radar.scene.backend import load_mitsuba
-from sionna_radar.scene.radar_material import Channel, RadarMaterial
-from sionna_radar.scene.rough_surface import Polarization, fresnel_reflection
+from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
+from sionna_radar.surfaces.rough_surface import Polarization, fresnel_reflection
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,14 +15,14 @@ from matplotlib.cbook import get_sample_data
 from rasterio import Affine
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from sionna_radar.errors import Problem, ScenarioError
-from sionna_radar.georeference import Georeference
-from sionna_radar.raster import Grid, Raster
+from sionna_radar.elevation.cutout import Cutout
+from sionna_radar.elevation.elevation_file import cut, opened_array, opened_file
+from sionna_radar.elevation.local_frame import StatedFrame, place_file
+from sionna_radar.elevation.placed_raster import PlacedRaster
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, RasterTerrain, SampleTerrain
-from sionna_radar.scene.cutout import Cutout
-from sionna_radar.scene.elevation_file import cut, opened_array, opened_file
-from sionna_radar.scene.local_frame import StatedFrame, place_file
-from sionna_radar.scene.placed_raster import PlacedRaster
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 # Cells times filter width up to which a filter is applied tap by tap; beyond it Fourier transforms are faster.

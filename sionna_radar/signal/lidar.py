@@ -26,7 +26,7 @@ from jaxtyping import Bool, Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.paths import VOLUME, Paths

@@ -4,9 +4,9 @@ import numpy as np
 from jaxtyping import Inexact, Int
 from scipy.constants import Boltzmann
 
-from sionna_radar.decibel import from_db
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.randomness import Stream, pulse_generator
 from sionna_radar.scenario.radar import RadarTable
 
 

@@ -12,10 +12,10 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.atmosphere import Atmosphere
-from sionna_radar.tracing.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.atmosphere import Atmosphere
+from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.targets import trace_targets
 
 
 @runtime_checkable
@@ -86,17 +86,17 @@ def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     """Return the engine that a scenario names."""
     scene, antenna, chirp, seed = given.scene, given.antenna, given.chirp, given.seed
     if table.engine == "gamma":
-        from sionna_radar.tracing.gamma_engine import GammaEngine
+        from sionna_radar.tracing.engines.facets import GammaEngine
 
         return GammaEngine(scene, antenna, chirp, seed, given.caster, speckle=table.speckle)
     if table.engine == "path_solver":
-        from sionna_radar.tracing.path_solver import PathSolverEngine
+        from sionna_radar.tracing.engines.stock import PathSolverEngine
 
         return PathSolverEngine(scene, antenna, chirp, seed, samples=table.paths_per_pulse)
     if table.speckle == "persistent":
-        from sionna_radar.tracing.persistent import PersistentEngine
+        from sionna_radar.tracing.engines.persistent import PersistentEngine
 
         return PersistentEngine(scene, antenna, chirp, seed, table.scatterers_per_m2, given.region_m)
-    from sionna_radar.tracing.beam_solver import BeamEngine
+    from sionna_radar.tracing.engines.beam import BeamEngine
 
     return BeamEngine(scene, antenna, chirp, seed, table.paths_per_pulse, table.side_lobe_share)

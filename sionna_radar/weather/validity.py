@@ -1,6 +1,6 @@
 """Refusal of inputs that a published model was not made for."""
 
-from sionna_radar.errors import RadarError
+from sionna_radar.foundation.errors import RadarError
 
 
 class ValidityError(RadarError, ValueError):

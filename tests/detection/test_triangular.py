@@ -6,7 +6,7 @@ import pytest
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.triangular import pair_sweeps
-from sionna_radar.errors import ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.chirp import build_chirp, build_sweeps
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable

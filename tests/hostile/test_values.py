@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_closing
 
-from sionna_radar.errors import InputFileError, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.mapping.coverage import closed
-from sionna_radar.planning import Wanted, plan_flight
-from sionna_radar.preparation import prepare
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.loading import parse_overrides
 from sionna_radar.scene.build import build_scene
+from sionna_radar.studies.planning import Wanted, plan_flight
+from sionna_radar.survey.preparation import prepare
 
 BASE = {
     "terrain": {"kind": "flat", "size_m": [300.0, 300.0], "spacing_m": 10.0},
@@ -132,7 +132,7 @@ def test_deep_and_endless_values_are_refused(text, tmp_path):
 
 @pytest.mark.parametrize("name", ["surface-0", "surface-1", "a.b", "[/x]", "material-0", ""])
 def test_any_name_of_a_material_is_flown(name):
-    from sionna_radar.sensors import build_tracer
+    from sionna_radar.survey.sensors import build_tracer
 
     keys = {"materials": {name: {"model": "constant_gamma", "gamma_db": -20.0}}, "terrain.material": name}
     with warnings.catch_warnings():

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sionna_radar.errors import ScenarioError
 from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.imaging.aperture import Aperture, whole_beam
 from sionna_radar.imaging.grid import PixelGrid, ground_pixels
 from sionna_radar.imaging.resolution import (
@@ -19,7 +19,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.tracing.targets import trace_targets
+from sionna_radar.tracing.effects.targets import trace_targets
 
 TARGET = Target(position_m=(28.0, 0.13, 0.0), rcs_m2=1.0)
 

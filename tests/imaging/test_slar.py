@@ -15,7 +15,7 @@ from sionna_radar.imaging.slar import SideLooking, slant_range_image, to_ground
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.tracing.targets import trace_targets
+from sionna_radar.tracing.effects.targets import trace_targets
 
 
 @pytest.fixture(scope="module")

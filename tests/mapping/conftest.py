@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from sionna_radar.detection.profiles import Profiles
+from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.radar.antenna import Antenna, taylor_cut
 from sionna_radar.radar.chirp import Chirp
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.gridding import grid_points
 from sionna_radar.mapping.points import Points
-from sionna_radar.raster import Grid
 
 SHADOW_RAD = np.deg2rad(85)
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.refinement import mean_ranges, refine
 from sionna_radar.mapping.smoothing import Heights, smooth
 from sionna_radar.mapping.surface_map import seen_cells
-from sionna_radar.raster import Grid
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)

@@ -5,13 +5,13 @@ from itertools import product
 import numpy as np
 import pytest
 
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
-from sionna_radar.mapping.heightfield import Heightfield
 from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import mean_ranges
 from sionna_radar.mapping.stepped import lowest_in_view_m, step_surface
-from sionna_radar.raster import Grid
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.beam_profile import beam_profile, fit_echo
+from sionna_radar.detection.ranging.beam_profile import beam_profile, fit_echo
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.radar.antenna import taylor_cut
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.radar.equation import plane_echo
-from sionna_radar.scene.backscatter import ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 

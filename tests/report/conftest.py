@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from pyproj import CRS
 
+from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
 from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import plan_track, plan_trajectory
-from sionna_radar.georeference import Georeference
-from sionna_radar.mapping.compare import difference, summarise
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
-from sionna_radar.raster import Grid, Raster
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.survey import ChirpRecord, Survey
+from sionna_radar.survey.chain import ChirpRecord, Survey
 
 SIZE_M = 120.0
 EMPTY_PATCH = (slice(20, 32), slice(70, 90))

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from sionna_radar.errors import KeptElsewhereError, OutputError
+from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report import folder
 from sionna_radar.report.folder import check_output, write_folder
 from sionna_radar.report.manifest import MANIFEST, read_manifest
-from sionna_radar.report.plan_file import check_plan_file, write_plan_file
+from sionna_radar.report.plan.file import check_plan_file, write_plan_file
 
 MARKER = "summary.json"
 

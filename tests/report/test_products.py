@@ -12,14 +12,14 @@ import pytest
 import rasterio
 from pyproj import CRS
 
-from sionna_radar.mapping.compare import DemError
-from sionna_radar.raster import Raster
-from sionna_radar.report import products
-from sionna_radar.report.point_cloud import write_laz
-from sionna_radar.report.products import write_geotiff, write_products
-from sionna_radar.report.summary import summary, summary_json
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.report.survey import products
+from sionna_radar.report.survey.point_cloud import write_laz
+from sionna_radar.report.survey.products import write_geotiff, write_products
+from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import Survey
+from sionna_radar.survey.chain import Survey
 
 KEYS = [
     "scenario",

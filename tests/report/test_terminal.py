@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from sionna_radar.report.quantities import readable
-from sionna_radar.report.survey_table import print_survey
+from sionna_radar.report.survey.table import print_survey
 from sionna_radar.report.terminal import console, lines, number
-from sionna_radar.survey import Survey
+from sionna_radar.survey.chain import Survey
 
 MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"
 

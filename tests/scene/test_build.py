@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.errors import ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.build import build_scene
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.raster import Grid
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.errors import ScenarioError
-from sionna_radar.preparation import prepare
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
-from sionna_radar.sensors import build_tracer, received
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.signal.receiver import HighPass
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import build_tracer, received
 from sionna_radar.tracing.paths import Paths
 
 CORNER_HZ = 30e3

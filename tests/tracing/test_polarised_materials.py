@@ -7,24 +7,24 @@ import pytest
 import trimesh
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna
-from sionna_radar.scene.backscatter import ConstantGammaBackscatter, LambertianBackscatter
-from sionna_radar.scene.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
 from sionna_radar.scene.model import Scene, Surface
-from sionna_radar.scene.permittivity import building_permittivity, soil_permittivity
-from sionna_radar.scene.radar_material import RadarMaterial, as_radar_material
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.rough_surface import (
+from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
+from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
+from sionna_radar.surfaces.rough_surface import (
     GeometricalOptics,
     IntegralEquation,
     PhysicalOptics,
     RoughSurface,
     SmallPerturbation,
 )
-from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
-from sionna_radar.tracing.beam_solver import BeamEngine
-from sionna_radar.tracing.gamma_engine import GammaEngine
-from sionna_radar.tracing.path_solver import PathSolverEngine
-from sionna_radar.tracing.sionna_parts import BackscatterMaterial, _material, dr, mi
+from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.tracing.engines.stock import PathSolverEngine
+from sionna_radar.tracing.sionna.parts import BackscatterMaterial, _material, dr, mi
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 SOIL = soil_permittivity(

@@ -1,0 +1,105 @@
+"""Which places lie so near a wall that the beam on them lights more than one level."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.points import Points
+from sionna_radar.scenario.objects import Building
+from sionna_radar.scene.model import Scene, Surface
+
+# Ground of loose soil lies no steeper than about 40 deg; a face steeper than this and higher than that is a wall.
+WALL_SLOPE_DEG = 60.0
+WALL_HEIGHT_M = 1.0
+# Points along the foot of a wall, in each cell of the map.
+FOOT_POINTS_PER_CELL = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walls:
+    """The walls of a scene on the plan.
+
+    buildings: boxes of the scenario, whose outlines are known exactly.
+    foot_m: points along the steep faces of all other surfaces.
+    """
+
+    buildings: tuple[Building, ...]
+    foot_m: Float[np.ndarray, "point 2"]
+
+    def __bool__(self) -> bool:
+        return bool(self.buildings) or len(self.foot_m) > 0
+
+    def near(self, place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Tell which places of the plan lie within reach of a wall, in front of it or behind."""
+        near = near_walls(place_m, reach_m, self.buildings)
+        if len(self.foot_m):
+            near |= KDTree(self.foot_m).query(place_m, distance_upper_bound=float(reach_m.max()) + 1e-6)[0] <= reach_m
+        return near
+
+
+def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Building]) -> Walls:
+    """Return the walls that stand on a map; the last surfaces of the scene are the buildings."""
+    others = scene.surfaces[: len(scene.surfaces) - len(buildings)]
+    feet = [_foot_points(surface, grid) for surface in others]
+    return Walls(buildings=tuple(buildings), foot_m=np.concatenate([np.zeros((0, 2)), *feet]))
+
+
+def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:
+    """Return half the longer side of the footprint that each point's beam has on level ground."""
+    down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
+    return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
+
+
+def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -> Bool[np.ndarray, "row column"]:
+    """Tell which cells lie within half a footprint of a wall; each has the footprint of the point next to it."""
+    if len(points) == 0 or not walls:
+        return np.zeros(grid.shape, dtype=bool)
+    nearest = KDTree(points.position_m[:, :2]).query(grid.centres_m)[1]
+    reach_m = half_footprint_m(points, beamwidth_rad)[nearest]
+    return walls.near(grid.centres_m, reach_m).reshape(grid.shape)
+
+
+def near_walls(
+    place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Building]
+) -> Bool[np.ndarray, " n"]:
+    """Tell which places of the plan lie within reach of a building's outline, inside it or outside."""
+    near = np.zeros(len(place_m), dtype=bool)
+    for building in buildings:
+        near |= np.abs(_outside(place_m, building)) <= reach_m
+    return near
+
+
+def _outside(place_m: Float[np.ndarray, "n 2"], building: Building) -> Float[np.ndarray, " n"]:
+    """Return the distance to a building's outline, negative inside it."""
+    heading = np.deg2rad(building.heading_deg)
+    offset = place_m - np.array(building.position_m)
+    along = offset @ np.array([np.sin(heading), np.cos(heading)])
+    across = offset @ np.array([np.cos(heading), -np.sin(heading)])
+    beyond = np.abs(np.column_stack([along, across])) - np.array(building.size_m[:2]) / 2
+    distance: Float[np.ndarray, " n"] = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return distance + np.minimum(beyond.max(axis=1), 0.0)
+
+
+def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
+    """Return points on the plan along the edges of a surface's steep faces over a map."""
+    corner = surface.vertices_m[surface.faces]
+    west, east, south, north = grid.extent_m
+    low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)
+    over = np.all((high >= [west, south]) & (low <= [east, north]), axis=1)
+    corner = corner[over & (np.ptp(corner[..., 2], axis=1) >= WALL_HEIGHT_M)]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    steep = np.abs(normal[:, 2]) < np.cos(np.deg2rad(WALL_SLOPE_DEG)) * np.linalg.norm(normal, axis=1)
+    start = corner[steep][..., :2].reshape(-1, 2)
+    edge = np.roll(corner[steep][..., :2], -1, axis=1).reshape(-1, 2) - start
+    step_m = grid.spacing_m / FOOT_POINTS_PER_CELL
+    pieces = np.ceil(np.linalg.norm(edge, axis=1) / step_m).astype(int) + 1
+    number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = number / np.repeat(np.maximum(pieces - 1, 1), pieces)
+    point = np.repeat(start, pieces, axis=0) + share[:, None] * np.repeat(edge, pieces, axis=0)
+    on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
+    # Triangles share edges, and the two of a wall lie over the same line.
+    return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4

@@ -1,0 +1,146 @@
+"""Where the ground is expected: ranges about what the platform's altimeter or a rough DEM makes of each pulse.
+
+Echoes are looked for in a window of ranges alone: from where the beam would meet the expected ground, raised by the
+tolerance, to where it would meet it lowered by as much. Nothing but the measured pose enters.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from rasterio.windows import Window
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
+from sionna_radar.elevation.raster_file import open_raster, require_cells
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.processing import ExpectedGroundTable
+
+KEY = "processing.expected_ground.path"
+MOST_CELLS_READ = 100_000_000
+# A beam that looks up, or hardly down, meets level ground nowhere.
+LEAST_DOWN = 0.01
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpectedGround:
+    """The ground as it is known beforehand.
+
+    surface: rough heights; None for level ground `altitude_m` below the platform.
+    tolerance_m: by how much the true ground may lie above or below.
+    half_beam_rad: angle from boresight, in azimuth and elevation, to where the beam ends.
+    """
+
+    surface: Heightfield | None
+    altitude_m: float
+    tolerance_m: float
+    half_beam_rad: tuple[float, float]
+
+    def window_m(self, pulses: Pulses, chirp: Chirp) -> Float[np.ndarray, "pulse 2"]:
+        """Return the nearest and farthest range, as the sweep reads them, at which ground may lie.
+
+        A pulse whose beam meets no expected ground keeps all ranges.
+        """
+        pose, (azimuth, elevation) = pulses.measured, self.half_beam_rad
+        turns = Rotation.from_euler("zy", [[0, 0], [azimuth, 0], [-azimuth, 0], [0, elevation], [0, -elevation]])
+        nearest, farthest = np.full(len(pulses), np.inf), np.zeros(len(pulses))
+        for axis in turns.as_matrix()[:, :, 0]:
+            direction = pose.R_world_antenna @ axis
+            nearest = np.fmin(nearest, self._meets(pose, direction, self.tolerance_m, chirp.max_range_m))
+            lowest = self._meets(pose, direction, -self.tolerance_m, chirp.max_range_m)
+            farthest = np.maximum(farthest, np.nan_to_num(lowest, nan=np.inf))
+        met = np.isfinite(nearest)
+        shift_m = chirp.doppler_range_m(pose.boresight_range_rate_mps)
+        window = np.column_stack([nearest + shift_m, farthest + shift_m])
+        return np.where(met[:, None], window, [-np.inf, np.inf])
+
+    def _meets(
+        self, pose: Pose, direction: Float[np.ndarray, "pulse 3"], raised_m: float, reach_m: float
+    ) -> Float[np.ndarray, " pulse"]:
+        """Return where rays meet the expected ground, raised; NaN where they do not."""
+        if self.surface is None:
+            down = np.where(direction[:, 2] < -LEAST_DOWN, -direction[:, 2], np.nan)
+            return max(self.altitude_m - raised_m, 0.0) / down
+        raised = Heightfield(grid=self.surface.grid, height_m=self.surface.height_m + raised_m)
+        return raised.first_hit(pose.position_m, direction, reach_m)
+
+
+def build_expected_ground(
+    scenario: Scenario, antenna: Antenna, grid: Grid, place: Georeference | None
+) -> ExpectedGround | None:
+    """Return the expected ground of a scenario; None where it states none.
+
+    Parameters
+    ----------
+    scenario:
+        The survey, with its `[processing.expected_ground]`.
+    antenna:
+        The antenna, whose beam has a width.
+    grid:
+        Cells of the survey's DEM.
+    place:
+        Place of the local frame on the Earth, if it has one.
+
+    Raises
+    ------
+    InputFileError
+        The rough DEM cannot be read, or lies nowhere under the survey.
+    ScenarioError
+        Only one of it and the terrain has a place on the Earth.
+
+    """
+    table = scenario.processing.expected_ground
+    if table is None:
+        return None
+    azimuth, elevation = antenna.beamwidths_rad
+    return ExpectedGround(
+        surface=None if table.path is None else _rough_surface(table, grid, place),
+        altitude_m=scenario.platform.altitude_m,
+        tolerance_m=table.tolerance_m,
+        half_beam_rad=(azimuth, elevation),
+    )
+
+
+def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference | None) -> Heightfield:
+    assert table.path is not None
+    with open_raster(table.path, KEY) as source:
+        require_cells(source, f"{KEY} = {table.path}", "heights; give an elevation raster in metres")
+        x, y = in_crs_of(source, grid.centres_m, place, KEY)
+        column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
+        # Between the centres of its outermost cells and its edge the heights of those cells hold.
+        inside = (np.abs(column - (source.width - 1) / 2) <= source.width / 2) & (
+            np.abs(row - (source.height - 1) / 2) <= source.height / 2
+        )
+        if not inside.any():
+            message = f"{KEY} = {table.path}: lies nowhere under the survey; check its place and CRS"
+            raise InputFileError(message)
+        column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
+        left, top = int(column[inside].min()), int(row[inside].min())
+        width, height = (
+            min(int(np.ceil(c[inside].max())) - first + 2, most - first)
+            for c, first, most in ((column, left, source.width), (row, top, source.height))
+        )
+        if width * height > MOST_CELLS_READ:
+            message = f"{KEY} = {table.path}: has more than {MOST_CELLS_READ:,} cells under the survey; make it coarser"
+            raise InputFileError(message)
+        stored = source.read(1, window=Window(left, top, width, height), masked=True)
+    height_m = np.full(len(x), np.nan)
+    cells = stored.astype(np.float64).filled(np.nan)
+    with np.errstate(invalid="ignore"):
+        cells[(cells == UNDECLARED_NODATA) | (np.abs(cells) > MAX_HEIGHT_M)] = np.nan
+    height_m[inside] = bilinear(cells, row[inside] - top, column[inside] - left)
+    known = np.isfinite(height_m)
+    if not known.any():
+        message = f"{KEY} = {table.path}: has no heights under the survey; fill its holes, or give another"
+        raise InputFileError(message)
+    # Where it says nothing, the ground is expected at the mean height: rough is all that is asked.
+    height_m = np.where(known, height_m, float(height_m[known].mean())) - (place.origin_m[2] if place else 0.0)
+    return Heightfield(grid=grid, height_m=height_m.reshape(grid.shape))

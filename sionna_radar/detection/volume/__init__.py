@@ -1,0 +1,1 @@
+"""Detection of ground through a volume of rain, snow or dust."""

@@ -1,0 +1,356 @@
+"""The ground's echoes behind a volume of rain: likelihood of each pulse, neighbours in the scan, range.
+
+Through a volume a pulse brings one echo at most, that of the surface which ends it. Cells about it that the model
+gives to the ground make the run of the echo; the volume's mean that is still there is part of the noise of its
+estimators. Where ground stands far over the volume, the scenario's estimator gives the range; where it does not,
+the posterior mean of the likelihood does, which knows the end of the volume too.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import logsumexp
+
+from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
+from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns, Ranges
+from sionna_radar.detection.volume.clutter import (
+    MOST_OVER_MEAN,
+    NEIGHBOURS,
+    VolumeClutter,
+    first_guess,
+    measured_mean,
+)
+from sionna_radar.detection.volume.end import Views, VolumeEnd
+from sionna_radar.detection.volume.ground_behind import GroundBehind, learned_ground, unknown_ground
+from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
+from sionna_radar.detection.volume.motion import VolumeMotion, estimated_motion, expected_motion
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.radar.chirp import Chirp
+
+# Probability that the echo lies on the surface it is put on, and that there is any ground at all.
+LEAST_PROBABILITY = 0.99
+WIDTHS_OF_RUN = 3.0
+# Half of the window's response that shapes are spread by, in range cells.
+RESPONSE_CELLS = 4
+ESTIMATION_ROUNDS = 2
+# Between the volume alone and the ground's range there lie this many widths of level ground's echo, and cells.
+WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
+# Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
+RARELY_GROUND = 0.02
+# Peak of the ground over the volume (20 dB) from which the scenario's estimator has the greater weight: side lobes of
+# stronger echoes stand over the volume, and the posterior is narrower than the range cells it is computed on.
+EVEN_LEVEL = 100.0
+# What is stronger by this is the strongest of a pulse, whatever chance does.
+STRONGER = 2.0
+# Drops that a storm blows along approach no faster.
+FASTEST_DROPS_MPS = 25.0
+# Nepers by which ground outside the expected ranges is less likely.
+UNEXPECTED = float(-np.log(1 - LEAST_PROBABILITY))
+# Pulses that the volume's motion is estimated from.
+MOTION_PULSES = 128
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThroughVolume:
+    """A detector of ground behind a volume whose mean echo is known."""
+
+    detector: Detector
+    end: VolumeEnd
+    motion: VolumeMotion
+
+    @property
+    def volume(self) -> VolumeClutter:
+        """The volume."""
+        return self.end.volume
+
+    def find(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        pulses: Pulses,
+        sweep: Chirp,
+        window_m: Float[np.ndarray, "pulse 2"] | None = None,
+    ) -> Found:
+        """Return the uncorrected echoes of whole scan lines and the profiles around them.
+
+        Parameters
+        ----------
+        power:
+            Power spectra.
+        pulses:
+            Whole scan lines; the measured pose alone is used.
+        sweep:
+            The sweep of these spectra, which decides what motion does to ranges.
+        window_m:
+            Nearest and farthest range of each pulse that is searched; None for all.
+
+        """
+        if window_m is None:
+            window_m = np.tile([-np.inf, np.inf], (len(pulses), 1))
+        # Line by line, so that rounding does not depend on how many lines a block holds.
+        breaks = np.flatnonzero(np.diff(pulses.line)) + 1
+        lines = [
+            self._find_line(power[r], pulses.rows(r), sweep, window_m[r])
+            for r in np.split(np.arange(len(pulses)), breaks)
+        ]
+        return Found(
+            echoes=Echoes.concatenate([line.echoes for line in lines]),
+            profiles=Profiles.concatenate([line.profiles for line in lines]),
+        )
+
+    def _find_line(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        pulses: Pulses,
+        sweep: Chirp,
+        window_m: Float[np.ndarray, "pulse 2"],
+    ) -> Found:
+        end, stride = self.end, self.detector.analyser.zero_padding
+        cells = power[:, ::stride][:, : end.cells]
+        views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
+        expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
+        ratio = end.over_volume(cells, views.strength)
+        # Of what lies elsewhere only the end of the volume counts: where that fits better than any expected range,
+        # the ground is not where it is expected, and none is reported.
+        ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
+        evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
+        tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
+        width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
+        accepted = _accepted(tracked, self.detector.processing.cfar.false_alarm_probability)
+        kept = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])
+        place = np.arange(power.shape[1]) / stride
+        in_air = end.in_air(tracked.cell, width, views.drift_m, place)
+        volume = views.strength[:, None] * np.interp(place, np.arange(end.cells), self.volume.mean)
+        runs = self._runs(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
+        noise = runs.noise[runs.row, runs.peak]
+        peak = power[runs.row, runs.peak]
+        ranges = self._ranges(runs, tracked, peak_level, kept)
+        echoes = Echoes(
+            pulse=pulses.index[kept],
+            number=np.zeros(len(kept), dtype=np.int64),
+            range_m=ranges.range_m,
+            range_sigma_m=ranges.sigma_m,
+            power=peak,
+            snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
+        )
+        quiet = replace(runs, noise=np.full(power.shape, self.volume.noise))
+        profiles = cut_profiles(quiet, pulses.index, stride)
+        in_front = VolumeInFront(
+            power=profiles.of_cells(volume[:, ::stride], kept),
+            in_air=profiles.of_cells(in_air[:, ::stride], kept),
+            echo_m=ranges.range_m,
+            echo_sigma_m=ranges.sigma_m,
+            drift_m=views.drift_m[kept],
+            spread_m=end.spread_m,
+        )
+        return Found(echoes=echoes, profiles=replace(profiles, volume=in_front))
+
+    def _ranges(
+        self, runs: EchoRuns, tracked: Tracked, peak_level: Float[np.ndarray, " pulse"], kept: Int[np.ndarray, " echo"]
+    ) -> Ranges:
+        """Return the posterior means, and towards ground far over the volume the scenario's own estimates."""
+        own = ESTIMATORS[self.detector.processing.ranging](runs)
+        cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
+        return Ranges(
+            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,
+            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * own.sigma_m),
+        )
+
+    def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
+        """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
+        place = np.arange(spectra.power.shape[1]) / self.detector.analyser.zero_padding
+        clutter = self.volume.clutter_threshold(self.detector.processing.cfar.false_alarm_probability)
+        return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
+
+    def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
+        """Return how the beams of pulses meet volume and ground, by their measured poses."""
+        boresight = pulses.measured.boresight
+        return Views(
+            down=-boresight[:, 2],
+            drift_m=sweep.doppler_range_m(self.motion.range_rate_mps(boresight)),
+            strength=strength,
+        )
+
+    def _runs(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        noise: Float[np.ndarray, "pulse bin"],
+        cell: Float[np.ndarray, " pulse"],
+        width: Float[np.ndarray, " pulse"],
+        kept: Int[np.ndarray, " echo"],
+    ) -> EchoRuns:
+        """Return the echoes' runs, with volume and receiver noise as their noise."""
+        analyser = self.detector.analyser
+        stride, bins = analyser.zero_padding, power.shape[1]
+        reach = WIDTHS_OF_RUN * width + 1
+        start = np.clip(np.floor((cell - reach) * stride), 0, bins - 1).astype(np.int64)
+        stop = np.clip(np.ceil((cell + reach) * stride) + 1, start + 1, bins).astype(np.int64)
+        return EchoRuns(
+            power=power,
+            noise=noise,
+            row=kept,
+            start=start[kept],
+            stop=stop[kept],
+            peak=strongest_bins(power, kept, start[kept], stop[kept]),
+            bin_m=analyser.bin_m,
+            looks_per_bin=analyser.looks_per_cell / stride,
+            beam=self.detector.beam,
+        )
+
+
+def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
+    """Return whether the spectra of pulses spread over a survey show a volume in front of the ground."""
+    return detector.beam is not None and _first_guess(detector, power) is not None
+
+
+def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
+    stride = detector.analyser.zero_padding
+    range_m = detector.analyser.range_m[::stride]
+    first, last = _first_cell(detector), len(range_m) - 2
+    guess = first_guess(power[:, ::stride], range_m, first, last)
+    if guess is None:
+        return None
+    # Where the strongest cell of nearly every pulse stands so far over the nearest of the volume that this cannot pass
+    # for an echo, a thin fog or a drizzle harms nobody.
+    processing = detector.processing
+    margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
+    strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
+    return None if strongest > margin * MOST_OVER_MEAN * guess.mean[first] else guess
+
+
+def _first_cell(detector: Detector) -> int:
+    range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
+    return int(np.searchsorted(range_m, detector.processing.min_range_m))
+
+
+def volume_in_front(
+    detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp
+) -> ThroughVolume | None:
+    """Return a detector through the volume that some spectra show; None in clear air.
+
+    Parameters
+    ----------
+    detector:
+        The processing of the scenario.
+    power:
+        Spectra of pulses spread over the survey.
+    pulses, sweep:
+        Those pulses and their sweep.
+
+    """
+    if detector.beam is None:
+        return None
+    guess = _first_guess(detector, power)
+    if guess is None:
+        return None
+    cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
+    guess = replace(guess, mean=guess.mean[: cells.shape[1]])
+    through = _through(detector, guess, unknown_ground(), expected_motion(sweep.carrier_hz), pulses, sweep)
+    for _ in range(ESTIMATION_ROUNDS):
+        through = _with_mean_and_ground(through, cells, pulses, sweep)
+    moving = _with_motion(through, cells, pulses, sweep)
+    if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
+        return through
+    # What was learned of the ground with the wrong motion is forgotten.
+    anew = _through(detector, moving.volume, unknown_ground(), moving.motion, pulses, sweep)
+    return _with_mean_and_ground(anew, cells, pulses, sweep)
+
+
+def _through(
+    detector: Detector,
+    volume: VolumeClutter,
+    ground: GroundBehind,
+    motion: VolumeMotion,
+    pulses: Pulses,
+    sweep: Chirp,
+) -> ThroughVolume:
+    analyser = detector.analyser
+    assert detector.beam is not None
+    down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
+    end = VolumeEnd(
+        volume=volume,
+        ground=ground,
+        spread_m=abs(float(sweep.doppler_range_m(motion.fall_spread_mps * down).mean())),
+        beam=detector.beam,
+        cell_m=analyser.chirp.range_resolution_m,
+        looks=analyser.looks_per_cell,
+        response=analyser.response(RESPONSE_CELLS, 1),
+        first=_first_cell(detector),
+        cells=_cells(detector, pulses, sweep),
+    )
+    return ThroughVolume(detector=detector, end=end, motion=motion)
+
+
+def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
+    """Return how many range cells can hold ground.
+
+    Drops next to the radar that approach it have a negative beat frequency, which I/Q sampling reads as the farthest.
+    """
+    analyser = detector.analyser
+    count = len(analyser.range_m[:: analyser.zero_padding])
+    if sweep.sampling == "real":
+        return count
+    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + FASTEST_DROPS_MPS
+    folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
+    return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
+
+
+def _with_mean_and_ground(
+    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
+) -> ThroughVolume:
+    """Return the volume's mean from what lies before the ground, and how strong and steep the ground is."""
+    end, volume = through.end, through.volume
+    strength = volume.strength(cells, end.looks, 0)
+    views = through.views(pulses, sweep, strength)
+    likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
+    learned = learned_ground(end.ground.level, likelihood)
+    spread = np.sqrt(end.beam.share @ end.beam.sine**2)
+    width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
+    before = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
+    alone = (np.arange(end.cells) < before[:, None]) & (np.arange(end.cells) >= end.first)
+    range_m = end.cell_m * np.arange(end.cells)
+    mean = measured_mean(volume, cells / strength[:, None], alone, range_m)
+    near = (end.first, max(int(np.quantile(before, RARELY_GROUND)), end.first))
+    even = replace(volume, mean=mean, near=near, uneven=0.0)
+    known = replace(even, uneven=even.unevenness(cells, end.looks))
+    return _through(through.detector, known, learned, through.motion, pulses, sweep)
+
+
+def _with_motion(
+    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
+) -> ThroughVolume:
+    """Return the volume with its own motion."""
+    end = through.end
+    rows = np.unique(np.linspace(0, len(pulses) - 1, min(MOTION_PULSES, len(pulses))).round().astype(np.int64))
+    strength = through.volume.strength(cells, end.looks, 0)[rows]
+    views = through.views(pulses.rows(rows), sweep, strength)
+    ratio = end.over_volume(cells[rows], strength)
+
+    def likelihood(speed_mps: float) -> Float[np.ndarray, " pulse"]:
+        drift_m = sweep.doppler_range_m(np.full(len(rows), speed_mps))
+        return logsumexp(end.evidence(ratio, replace(views, drift_m=drift_m)), axis=1)
+
+    motion = estimated_motion(sweep.carrier_hz, pulses.rows(rows).measured.boresight, likelihood)
+    return _through(through.detector, through.volume, end.ground, motion, pulses, sweep)
+
+
+def _within(
+    range_m: Float[np.ndarray, "#pulse place"] | Float[np.ndarray, " place"], window_m: Float[np.ndarray, "pulse 2"]
+) -> Bool[np.ndarray, "pulse place"]:
+    """Return which ranges lie inside the window of each pulse."""
+    return np.asarray((range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:]))
+
+
+def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:
+    pose = pulses.measured
+    shift_m = sweep.doppler_range_m(pose.boresight_range_rate_mps)
+    return AxisHeights(position_m=pose.position_m, boresight=pose.boresight, shift_m=shift_m)
+
+
+def _accepted(tracked: Tracked, false_alarm_probability: float) -> Bool[np.ndarray, " pulse"]:
+    strong = tracked.evidence > -np.log(false_alarm_probability)
+    accepted: Bool[np.ndarray, " pulse"] = strong & (tracked.probability >= LEAST_PROBABILITY)
+    return accepted

@@ -1,0 +1,310 @@
+"""Ground behind a volume of rain: what one pulse says for every range at which the volume may end on a surface.
+
+Rain fills the beam as far as the ground, and behind the ground there is silence. So ground shows twice in a profile:
+by its own echo, and by the end of the rain's. The second is there however weak the first is. In range cells, with
+powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose axis range is c is
+
+    mu(x) = (1 - F(x - d)) (1 - k) + k + G f(x),       x = r - c,   k = n / (V + n)
+
+f is the two-way beam across the surface, spread by the window (its cells add up to one), F its integral: the share of
+the beam that has met the ground. G is the power of the ground's whole echo over the volume's in one cell. d is the
+Doppler shift of moving drops against still ground, which moves the end of the rain: an up-sweep reads what recedes as
+far, so that rain that falls under a beam that looks down seems to reach into the ground. Powers are exponential about
+mu, so the log-likelihood against a volume without end is the sum of -log mu - P (1 / mu - 1). That sum is largest at
+the true mean whatever the distribution of P, as long as the mean itself is right: where the floor k is held above the
+receiver's noise, because of what side lobes bring, powers are raised by as much. Behind the window of shapes the
+silence goes on counting, each cell down to a bounded loss: a lone echo from behind (a side lobe, a double bounce)
+must not outweigh it.
+
+Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains
+W (g - log(1 + g)) on average; N competing places cost log N. The silence behind adds log(1 / k) - 1 + k per cell,
+for as many cells as are sampled behind the ground, which is why the volume's own end finds the ground when g < 1.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import gaussian_filter1d
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from sionna_radar.detection.ranging.beam_profile import BeamProfile
+from sionna_radar.detection.volume.clutter import VolumeClutter
+from sionna_radar.detection.volume.ground_behind import SLOPES, GroundBehind
+
+# Cells on each side of the axis range in which shapes are compared.
+HALF = 40
+WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
+# Behind the ground nothing is taken to lie farther below the volume than this: side lobes, echoes by two bounces.
+SILENCE = 0.01
+LARGEST_LOSS = 3.0
+# Cells that must be sampled behind the ground: rain that goes on as far as the beat is sampled ends on nothing.
+FEWEST_BEHIND = 8
+# The end of a volume moves no farther than this from its ground, in half cells.
+LARGEST_STEP = 40
+ROWS_AT_ONCE = 32
+FINE = 4
+# Uncertainty of the width of a known slope's echo, in nepers, and the least slope that an echo shows: the beam is as
+# wide across the plane of incidence, and ground is curved.
+WIDTH_SPREAD = 0.25
+LEAST_SLOPE = 0.15
+# Standard normal deviates of equal probability, by which the ground's slopes are drawn.
+DEVIATES = norm.ppf((np.arange(9) + 0.5) / 9)
+# Ranges at which widths are weighed; between them they are interpolated.
+WIDTH_NODES = 24
+# Ranges whose likelihood lies so far below a pulse's greatest say nothing of ground or motion (nepers).
+NEGLIGIBLE = 15.0
+MOST_OVER_VOLUME = 1e8
+# The volume's strength about a pulse, in steps of 2 dB.
+STRENGTH_STEP = 10.0**0.2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Views:
+    """How the beams of some pulses meet volume and ground.
+
+    down: cosine of the boresight's angle from nadir.
+    drift_m: by how much the motion of the volume lengthens its ranges against those of the ground.
+    strength: mean of the volume about each pulse over that of the survey.
+    """
+
+    down: Float[np.ndarray, " pulse"]
+    drift_m: Float[np.ndarray, " pulse"]
+    strength: Float[np.ndarray, " pulse"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VolumeEnd:
+    """The likelihood of ground behind a volume, on range cells.
+
+    volume: mean power of the volume and of the noise. ground: what is known of the ground's echo.
+    spread_m: standard deviation of the drift, of drops that fall at different speeds.
+    beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks that a cell is worth.
+    response: power response of the spectrum to one range, on cells.
+    first: cell where the ground may begin; cells: how many there are.
+    """
+
+    volume: VolumeClutter
+    ground: GroundBehind
+    spread_m: float
+    beam: BeamProfile
+    cell_m: float
+    looks: float
+    response: Float[np.ndarray, " tap"]
+    first: int
+    cells: int
+
+    def over_volume(
+        self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
+    ) -> Float[np.ndarray, "pulse cell"]:
+        """Return powers over the mean of volume and noise; 1 where no ground may be."""
+        background = strength[:, None] * self.volume.mean + self.volume.noise
+        ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
+        ratio[:, : self.first] = 1.0
+        return np.minimum(ratio, MOST_OVER_VOLUME)
+
+    def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
+        """Return the log-likelihood of ground at each cell against a volume without end; -inf where none may be."""
+        out = np.full(ratio.shape, -np.inf)
+        for rows, terms in self._terms(ratio, views):
+            weighed = terms + self._log_width(views.down[rows], self.ground.slope) + self._log_level_share
+            out[np.ix_(rows, self._columns)] = _log_sum(weighed.reshape(*terms.shape[:2], -1))
+        return out
+
+    def by_slope_and_level(
+        self, ratio: Float[np.ndarray, "pulse cell"], views: Views
+    ) -> tuple[Float32[np.ndarray, "slope pulse level"], Int[np.ndarray, " pulse"]]:
+        """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
+        out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
+        cell = np.empty(len(ratio), dtype=np.int64)
+        for rows, terms in self._terms(ratio, views):
+            widths = [self._log_width(views.down[rows], slope)[..., 0] for slope in SLOPES]
+            most = terms.max(axis=(2, 3))
+            cell[rows] = self._columns[most.argmax(axis=1)]
+            for i, row in enumerate(rows):
+                kept = np.flatnonzero(most[i] > most[i].max() - NEGLIGIBLE)
+                for number, width in enumerate(widths):
+                    weighed = terms[i, kept] + width[i, kept][..., None]
+                    out[number, row] = _log_sum(weighed.reshape(-1, weighed.shape[-1]).T)
+        return out, cell
+
+    def shape_at(
+        self, ratio: Float[np.ndarray, "pulse cell"], cell: Int[np.ndarray, " pulse"], views: Views
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+        """Return the mean width in cells of the ground's echo about given cells, and its peak over the volume."""
+        width, level = np.empty(len(ratio)), np.empty(len(ratio))
+        own = np.clip(cell, self._columns[0], self._columns[-1])
+        window, expected = self._windows(ratio), self._log_width(views.down, self.ground.slope)
+        for row, at in enumerate(own):
+            here = np.array([at])
+            strength = _strength_step(views.strength[row])
+            silence = float(self._silence(strength)[at])
+            terms = self._compare(window[None, row, here], self._step(views.drift_m[row]), strength, silence, here)
+            terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_share
+            share = np.exp(terms - logsumexp(terms))
+            width[row] = np.exp(share.sum(axis=1) @ np.log(WIDTHS_CELLS))
+            level[row] = share.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
+        return width, level / (np.sqrt(2 * np.pi) * width)
+
+    def in_air(
+        self,
+        centre: Float[np.ndarray, " pulse"],
+        width: Float[np.ndarray, " pulse"],
+        drift_m: Float[np.ndarray, " pulse"],
+        place: Float[np.ndarray, " place"],
+    ) -> Float[np.ndarray, "pulse place"]:
+        """Return the share of the volume's mean that is there at places in cells, before and over the ground."""
+        out = np.empty((len(centre), len(place)))
+        at = np.arange(-HALF, HALF + 1)
+        nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(WIDTHS_CELLS)), axis=1)
+        for row, (one, number) in enumerate(zip(centre, nearest, strict=True)):
+            air, _ = self._shapes(self._step(drift_m[row]))
+            out[row] = np.interp(place - one, at, air[number], left=1.0, right=0.0)
+        return out
+
+    def _terms(
+        self, ratio: Float[np.ndarray, "pulse cell"], views: Views
+    ) -> Iterator[tuple[Int[np.ndarray, " row"], Float32[np.ndarray, "row column width level"]]]:
+        """Yield rows and their log-likelihoods for the cells of `_columns`, widths and levels, of equal weight."""
+        window = self._windows(ratio)
+        steps = [(self._step(one), _strength_step(two)) for one, two in zip(views.drift_m, views.strength, strict=True)]
+        for step, strength in sorted(set(steps)):
+            group = np.flatnonzero([one == (step, strength) for one in steps])
+            silence = self._silence(strength)
+            behind = self._behind(ratio[group], silence)
+            for start in range(0, len(group), ROWS_AT_ONCE):
+                rows = group[start : start + ROWS_AT_ONCE]
+                shape = (len(rows), len(self._columns), len(WIDTHS_CELLS), len(self.ground.level))
+                terms = np.empty(shape, dtype=np.float32)
+                for part, silent in _runs(silence, self._columns):
+                    compared = self._compare(window[np.ix_(rows, part)], step, strength, silent, part)
+                    here = behind[start : start + ROWS_AT_ONCE][:, part]
+                    terms[:, part - self._columns[0]] = compared + here[..., None, None]
+                yield rows, terms
+
+    @cached_property
+    def _columns(self) -> Int[np.ndarray, " column"]:
+        """Cells that the ground may lie in."""
+        return np.arange(self.first, self.cells - FEWEST_BEHIND)
+
+    @property
+    def _log_level_share(self) -> Float32[np.ndarray, " level"]:
+        return np.log(self.ground.level_share).astype(np.float32)
+
+    def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
+        """Return the cells about each cell: volume alone before the first; beyond the last nothing is known."""
+        pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
+        pad[:, -HALF:] = 0.0
+        return sliding_window_view(pad, 2 * HALF + 1, axis=1)
+
+    def _compare(
+        self,
+        window: Float32[np.ndarray, "pulse cell tap"],
+        step: int,
+        strength: int,
+        silence: float,
+        cell: Int[np.ndarray, " cell"],
+    ) -> Float32[np.ndarray, "pulse cell width level"]:
+        air, ground = self._shapes(step)
+        level = self.ground.level / STRENGTH_STEP**strength
+        mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
+        mean = mean.reshape(-1, mean.shape[-1])
+        slope = -(1 / mean - 1).T.astype(np.float32)
+        # Taps beyond the last cell do not count.
+        inside = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
+        constant = -np.cumsum(np.log(mean), axis=1)[:, inside - 1].T.astype(np.float32)
+        flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
+        terms = ((flat @ slope).reshape(*window.shape[:2], -1) + constant) * np.float32(self.looks)
+        return terms.reshape(*window.shape[:2], len(WIDTHS_CELLS), len(self.ground.level))
+
+    def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
+        """Return the mean behind the ground over the volume's, in steps of 3 dB."""
+        share = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
+        steps = np.round(np.log2(np.clip(share, SILENCE, 1.0) / SILENCE))
+        return np.minimum(SILENCE * 2.0**steps, 1.0)
+
+    def _behind(
+        self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
+    ) -> Float32[np.ndarray, "pulse cell"]:
+        """Return what all cells behind the window of each cell say."""
+        one = np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS) * self.looks
+        behind = np.zeros((len(ratio), self.cells + HALF + 1))
+        behind[:, : self.cells] = np.cumsum(one[:, ::-1], axis=1)[:, ::-1]
+        return behind[:, HALF + 1 :].astype(np.float32)
+
+    def _log_width(
+        self, down: Float[np.ndarray, " pulse"], slope: float
+    ) -> Float32[np.ndarray, "pulse column width 1"]:
+        """Return the log-probability of the widths, from what the beam spans on ground of these slopes."""
+        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - np.arctan(slope * DEVIATES)
+        tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), LEAST_SLOPE)
+        node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
+        spread = np.sqrt(self.beam.share @ self.beam.sine**2)
+        width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
+        nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
+        log = logsumexp(-0.5 * (nepers / WIDTH_SPREAD) ** 2, axis=-1)
+        log -= logsumexp(log, axis=-1, keepdims=True)
+        place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
+        below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
+        share = (place - below)[:, None]
+        between = (log[:, below] * (1 - share) + log[:, below + 1] * share).astype(np.float32)
+        return np.asarray(between[..., None])
+
+    def _step(self, drift_m: float) -> int:
+        """Return a drift in half cells, to which the shapes are made."""
+        return int(np.clip(round(2 * drift_m / self.cell_m), -LARGEST_STEP, LARGEST_STEP))
+
+    def _shapes(self, step: int) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
+        spread = round(4 * self.spread_m / self.cell_m) / 4
+        return _shapes(step, spread, self.beam.sine.tobytes(), self.beam.share.tobytes(), self.response.tobytes())
+
+
+def _strength_step(strength: float) -> int:
+    return round(float(np.log(strength) / np.log(STRENGTH_STEP)))
+
+
+def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "..."]:
+    """Return log sum exp over the last axis, in the terms' own precision; -inf of nothing but -inf."""
+    most = terms.max(axis=-1)
+    with np.errstate(divide="ignore"):
+        total = np.exp(terms - np.where(np.isfinite(most), most, 0.0)[..., None]).sum(axis=-1)
+        return np.asarray(np.log(total) + np.where(np.isfinite(most), most, 0.0))
+
+
+def _runs(
+    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
+) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
+    """Yield the runs of columns with equal silence."""
+    for part in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
+        if len(part):
+            yield part, float(silence[part[0]])
+
+
+@lru_cache(maxsize=256)
+def _shapes(
+    step: int, spread: float, sine: bytes, share: bytes, response: bytes
+) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
+    """Return 1 - F of the drifting volume and the ground's f, for all widths, spread by the window.
+
+    step: drift in half cells; spread: its standard deviation in cells.
+    """
+    angle, power, window = (np.frombuffer(part) for part in (sine, share, response))
+    angle = angle / np.sqrt(power @ angle**2)
+    density = power / power.max()
+    place = np.arange(-HALF * FINE, HALF * FINE + 1) / FINE
+    half = len(window) // 2
+    airs, grounds = [], []
+    for width in WIDTHS_CELLS:
+        beam = np.interp(place / width, angle, density, left=0.0, right=0.0)
+        met = (np.cumsum(beam) - beam / 2) / beam.sum()
+        air = np.interp(place - step / 2, place, 1 - met, left=1.0, right=0.0)
+        air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")[::FINE]
+        airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid"))
+        # Each cell takes the power of its whole length.
+        ground = np.convolve(np.convolve(beam, np.ones(FINE) / FINE, "same")[::FINE], window, "same")
+        grounds.append(ground / ground.sum())
+    return np.array(airs), np.array(grounds)

@@ -1,0 +1,1 @@
+"""Elevation files: reading, reprojecting, cutting out, and looking heights up."""

@@ -1,0 +1,117 @@
+"""The part of an elevation file that a survey sees, and the cells of the local frame that cover it."""
+
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sionna_radar.elevation.local_frame import StatedFrame
+from sionna_radar.elevation.placed_raster import PlacedRaster
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import Grid
+
+logger = logging.getLogger("sionna_radar")
+
+MAX_CELLS = 4_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cutout:
+    """What is wanted of a file: the window in local metres (west, south, east, north) and the frame."""
+
+    window_m: tuple[float, float, float, float]
+    frame: StatedFrame
+    spacing_m: float | None = None
+
+
+def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
+    """Return the cells that cover the part of the window within the file, at most MAX_CELLS.
+
+    In the file's own projection the cells are aligned with the file's.
+
+    Raises ScenarioError where the file does not reach into the window, or is smaller there than one cell.
+    """
+    west, south, east, north = _overlap_m(source, cutout)
+    spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
+    if spacing > min(east - west, north - south):
+        message = f"{spacing:g} exceeds the terrain in sight, {east - west:g} x {north - south:g} m; lower it"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    anchor = (0.0, 0.0)
+    if not source.is_reprojected:
+        x, y = source.local_of(np.zeros(1), np.zeros(1))
+        anchor = float(x[0]), float(y[0])
+    # The small number keeps a boundary that is a cell centre from being rounded past it.
+    while True:
+        first = [math.floor((low - a) / spacing + 1e-6) for low, a in zip((west, south), anchor, strict=True)]
+        last = [math.ceil((high - a) / spacing - 1e-6) for high, a in zip((east, north), anchor, strict=True)]
+        columns, rows = (b - a + 1 for a, b in zip(first, last, strict=True))
+        if columns * rows <= MAX_CELLS:
+            break
+        spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
+    if spacing != wanted:
+        logger.warning(
+            "terrain: the part in sight has more than %s cells of %g m; coarsened to %g m. "
+            "Shorten the flight or raise terrain.spacing_m",
+            f"{MAX_CELLS:,}",
+            wanted,
+            spacing,
+        )
+    origin = [a + k * spacing for a, k in zip(anchor, first, strict=True)]
+    return Grid(west_m=origin[0], south_m=origin[1], spacing_m=spacing, columns=columns, rows=rows)
+
+
+def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, float, float]:
+    """Return the rectangle in local metres that the window and the file's cell centres share."""
+    low, high = np.zeros(2), np.array(source.dataset.shape[::-1]) - 1.0
+    seen = np.array(source.pixel_of(*_outline(cutout.window_m)))
+    # A window that reaches beyond the projection is not bounded by its outline.
+    if np.isfinite(seen).all():
+        # Two cells of margin: an outline sampled at points may cut a curved edge short.
+        low = np.maximum(low, np.floor(seen.min(axis=1)) - 2)
+        high = np.minimum(high, np.ceil(seen.max(axis=1)) + 2)
+    if (low < high).all():
+        west, south, east, north = _extent_m(source, (*low.tolist(), *high.tolist()))
+        # One cell beyond the window, so that it lies between cell centres.
+        step = max(source.steps_m)
+        west, south = max(west, cutout.window_m[0] - step), max(south, cutout.window_m[1] - step)
+        east, north = min(east, cutout.window_m[2] + step), min(north, cutout.window_m[3] + step)
+        if west < east and south < north:
+            return west, south, east, north
+    raise outside(source, cutout, "the terrain file does not reach there")
+
+
+def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
+    """Return the error of a window without terrain, on the field that put it there."""
+    in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
+    rows, columns = source.dataset.shape
+    extent = in_metres.format(*_extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0)))
+    message = f"the flight sees {in_metres.format(*cutout.window_m)}, but {what}: the file covers {extent}"
+    if cutout.frame.centre_lonlat_deg is None:
+        problem = Problem("terrain", f"{message}; move the flight or set terrain.centre_lonlat_deg")
+    else:
+        lon, lat = cutout.frame.centre_lonlat_deg
+        problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
+    return ScenarioError([problem])
+
+
+def _extent_m(source: PlacedRaster, pixels: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return the rectangle around a box of pixels (columns and rows), as far as it has a place."""
+    x, y = source.local_of(*_outline(pixels))
+    placed = np.isfinite(x) & np.isfinite(y)
+    if not placed.any():
+        return math.inf, math.inf, -math.inf, -math.inf
+    x, y = x[placed], y[placed]
+    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+
+def _outline(box: tuple[float, float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return points along the edges of a rectangle (low x, low y, high x, high y)."""
+    low_x, low_y, high_x, high_y = box
+    along = np.linspace(0, 1, 33)
+    x, y = low_x + (high_x - low_x) * along, low_y + (high_y - low_y) * along
+    still = np.ones_like(along)
+    return (
+        np.concatenate([x, x, low_x * still, high_x * still]),
+        np.concatenate([low_y * still, high_y * still, y, y]),
+    )

@@ -1,0 +1,111 @@
+"""A surface by its heights on a grid: bilinear between the cells, held at the border beyond them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_matrix
+
+from sionna_radar.foundation.raster import Grid
+
+MARCH_STEPS = 1000
+# To the last bit or so: a hit found coarsely jumps when the surface moves by less than can be seen.
+BISECTIONS = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heightfield:
+    """Heights of all cells of a grid; none is empty."""
+
+    grid: Grid
+    height_m: Float[np.ndarray, "row column"]
+
+    def at(self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return heights over points of the plan."""
+        corner, a, b = self._cell(x_m, y_m)
+        z, columns = self.height_m.ravel(), self.grid.columns
+        south = z[corner] * (1 - a) + z[corner + 1] * a
+        north = z[corner + columns] * (1 - a) + z[corner + columns + 1] * a
+        return south * (1 - b) + north * b
+
+    def slope(
+        self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the slopes toward east and north."""
+        corner, a, b = self._cell(x_m, y_m)
+        z, columns = self.height_m.ravel(), self.grid.columns
+        sw, se, nw, ne = (z[corner + k] for k in (0, 1, columns, columns + 1))
+        east = (se - sw) * (1 - b) + (ne - nw) * b
+        north = (nw - sw) * (1 - a) + (ne - se) * a
+        return east / self.grid.spacing_m, north / self.grid.spacing_m
+
+    def weights(self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]) -> csr_matrix:
+        """Return the matrix that takes the heights of the cells to those over points of the plan."""
+        corner, a, b = self._cell(x_m, y_m)
+        columns = self.grid.columns
+        cells = np.stack([corner, corner + 1, corner + columns, corner + columns + 1], axis=1)
+        shares = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+        indptr = np.arange(len(x_m) + 1) * 4
+        return csr_matrix((shares.ravel(), cells.ravel(), indptr), shape=(len(x_m), self.height_m.size))
+
+    def first_hit(
+        self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"], reach_m: float
+    ) -> Float[np.ndarray, " ray"]:
+        """Return the ranges at which rays along unit vectors first meet the surface; NaN within no reach.
+
+        Each ray goes on by its height above the surface over the fastest that the two can close, at least by
+        a quarter of a cell, so that it steps over nothing wider than that.
+        """
+        east, north = np.gradient(self.height_m, self.grid.spacing_m, axis=(1, 0))
+        steepest = float(np.hypot(east, north).max()) + 0.05
+        closing = np.abs(direction[:, 2]) + steepest * np.hypot(direction[:, 0], direction[:, 1])
+        above = origin_m[:, 2] - float(self.height_m.max())
+        reached = np.clip(above / np.maximum(-direction[:, 2], 1e-6), 0.0, reach_m)
+        before, after = reached.copy(), np.full(len(reached), np.nan)
+        active = np.arange(len(reached))
+        for _ in range(MARCH_STEPS):
+            gap = self._gap(origin_m, direction, reached, active)
+            after[active[gap <= 0]] = reached[active[gap <= 0]]
+            going = (gap > 0) & (reached[active] < reach_m)
+            active, gap = active[going], gap[going]
+            if len(active) == 0:
+                break
+            before[active] = reached[active]
+            reached[active] += np.maximum(gap / closing[active], self.grid.spacing_m / 4)
+        hit = np.flatnonzero(np.isfinite(after))
+        return self._bisect(origin_m, direction, hit, np.minimum(before, after), after)
+
+    def _bisect(
+        self,
+        origin_m: Float[np.ndarray, "ray 3"],
+        direction: Float[np.ndarray, "ray 3"],
+        hit: Int[np.ndarray, " hit"],
+        before: Float[np.ndarray, " ray"],
+        after: Float[np.ndarray, " ray"],
+    ) -> Float[np.ndarray, " ray"]:
+        low, high = before.copy(), after.copy()
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            below: Bool[np.ndarray, " hit"] = self._gap(origin_m, direction, middle, hit) <= 0
+            high[hit] = np.where(below, middle[hit], high[hit])
+            low[hit] = np.where(below, low[hit], middle[hit])
+        return (low + high) / 2
+
+    def _gap(
+        self,
+        origin_m: Float[np.ndarray, "ray 3"],
+        direction: Float[np.ndarray, "ray 3"],
+        range_m: Float[np.ndarray, " ray"],
+        ray: Int[np.ndarray, " active"],
+    ) -> Float[np.ndarray, " active"]:
+        x, y, z = (origin_m[ray] + range_m[ray, None] * direction[ray]).T
+        return z - self.at(x, y)
+
+    def _cell(
+        self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]
+    ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        grid = self.grid
+        column = np.clip((x_m - grid.west_m) / grid.spacing_m, 0, grid.columns - 1.001)
+        row = np.clip((y_m - grid.south_m) / grid.spacing_m, 0, grid.rows - 1.001)
+        west, south = column.astype(np.int64), row.astype(np.int64)
+        return south * grid.columns + west, column - west, row - south

@@ -1,0 +1,119 @@
+"""Which local frame an elevation file is brought into.
+
+A file is kept in its own projection where that is true to the ground (metres, unit scale, north up), and brought
+into the UTM zone of its middle otherwise.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pyproj import CRS, Geod
+from pyproj.aoi import AreaOfInterest
+from pyproj.database import query_utm_crs_info
+from pyproj.exceptions import ProjError
+
+from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, middle_of, reproject
+from sionna_radar.elevation.vertical import height_system
+from sionna_radar.foundation.errors import Problem, ScenarioError
+
+# A projection is kept as the local frame while a metre is a metre, and north is up, to this much.
+MAX_SCALE_ERROR = 0.01
+MAX_CONVERGENCE_DEG = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedFrame:
+    """What a scenario says of an elevation file; None leaves it to the file.
+
+    crs, vertical_crs: its horizontal (or compound) and its vertical coordinate reference system.
+    height_unit: unit of its heights.
+    centre_lonlat_deg: where the local origin lies (WGS 84); None takes the middle of the file.
+    """
+
+    crs: str | None = None
+    vertical_crs: str | None = None
+    height_unit: str | None = None
+    centre_lonlat_deg: tuple[float, float] | None = None
+
+
+def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
+    """Return an open file (rasterio) with its local frame: own projection or UTM zone, about the centre.
+
+    Raises
+    ------
+    ScenarioError
+        There is no such system, it places nothing on a map, or the centre or the file's middle has no place.
+
+    """
+    whole = _crs_of(dataset, stated.crs)
+    crs = horizontal_part(whole)
+    if not (crs.is_projected or crs.is_geographic):
+        message = f"{crs.name!r} is neither projected nor geographic; give one that is, as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    lon, lat = _centre_lonlat(dataset, crs, stated.centre_lonlat_deg)
+    local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else _metric_crs(lon, lat)
+    if stated.centre_lonlat_deg is None and local is crs:
+        x, y = middle_of(dataset)
+    else:
+        x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
+    heights = height_system(dataset, whole, stated.vertical_crs, stated.height_unit)
+    return PlacedRaster(dataset=dataset, crs=crs, local=local, origin=(x, y), heights=heights)
+
+
+def _crs_of(dataset: Any, name: str | None) -> CRS:
+    """Return the scenario's CRS, or else the file's own."""
+    if name is not None:
+        try:
+            return CRS.from_user_input(name)
+        except ProjError as error:
+            message = f"{name!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
+            raise ScenarioError([Problem("terrain.crs", message)]) from error
+    if dataset.crs is None or not dataset.crs.to_wkt():
+        message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    return CRS.from_wkt(dataset.crs.to_wkt())
+
+
+def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -> tuple[float, float]:
+    if wanted is not None:
+        lon, lat = wanted
+        if not (-180 <= lon <= 360 and -90 <= lat <= 90):
+            message = f"({lon:g}, {lat:g}) is not a longitude and latitude in degrees; give them in this order"
+            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+        return lon, lat
+    x, y = middle_of(dataset)
+    lons, lats = reproject(crs, CRS(4326), np.array([x]), np.array([y]))
+    lon, lat = float(lons[0]), float(lats[0])
+    latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
+    if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
+        message = f"{crs.name!r} has no place for the raster's middle ({x:g}, {y:g}); give the file's system"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    return lon, lat
+
+
+def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bool:
+    """Whether the file's map metres are metres with north up, as those of Web Mercator are not."""
+    transform = dataset.transform
+    is_metric = crs.is_projected and all(axis.unit_conversion_factor == 1 for axis in crs.axis_info)
+    if not is_metric or transform.b != 0 or transform.d != 0:
+        return False
+    step = 100.0
+    x, y = reproject(CRS(4326), crs, np.array([lon]), np.array([lat]))
+    lons, lats = reproject(crs, CRS(4326), x + step * np.array([0, 1, 0]), y + step * np.array([0, 0, 1]))
+    if not np.isfinite([lons, lats]).all():
+        return False
+    azimuth, _, distance = Geod(ellps="WGS84").inv(lons[[0, 0]], lats[[0, 0]], lons[1:], lats[1:])
+    scale_error = np.abs(np.asarray(distance) / step - 1).max()
+    return bool(scale_error <= MAX_SCALE_ERROR and abs(azimuth[1]) <= MAX_CONVERGENCE_DEG)
+
+
+def _metric_crs(lon: float, lat: float) -> CRS:
+    """Return the UTM zone of a place; near a pole, where there is none, a transverse Mercator of its own."""
+    lon = (lon + 180) % 360 - 180
+    place = AreaOfInterest(lon, lat, lon, lat)
+    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=place) if -80 <= lat <= 84 else []
+    if zones:
+        return CRS.from_authority(zones[0].auth_name, zones[0].code)
+    return CRS.from_dict({"proj": "tmerc", "lat_0": lat, "lon_0": lon, "datum": "WGS84", "units": "m"})

@@ -1,0 +1,126 @@
+"""Files that a user hands in: regular, of a bounded size, and read as text or as TOML.
+
+A pipe never ends, a device never fills up, and a path may hold characters that no file system takes: all of these end
+in one `InputFileError` that names what was asked for.
+"""
+
+import errno
+import os
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from sionna_radar.foundation.errors import InputFileError
+
+MOST_TEXT_BYTES = 10_000_000
+LONGEST_SHOWN = 120
+# Deeper than any table of a scenario; TOML's parser and pydantic recurse once or more for each level.
+DEEPEST_NESTING = 32
+# What TOML promises of a whole number.
+LEAST_WHOLE, MOST_WHOLE = -(2**63), 2**63 - 1
+
+
+def shown(value: object) -> str:
+    """Return a value as an error message shows it: on one line, printable anywhere, and not too long."""
+    text = str(value) if isinstance(value, os.PathLike) else repr(value)
+    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    if len(text) > LONGEST_SHOWN:
+        text = f"{text[: LONGEST_SHOWN // 2]}...{text[-LONGEST_SHOWN // 4 :]} ({len(text)} characters)"
+    return text
+
+
+def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT_BYTES) -> int:
+    """Check that a path leads to a regular file of a bounded size, and return its size in bytes.
+
+    Parameters
+    ----------
+    path:
+        The file.
+    name:
+        What asked for it, as the message begins.
+    remedy:
+        What to give instead, as the message ends.
+    most_bytes:
+        Largest size that is read.
+
+    Raises
+    ------
+    InputFileError
+        It does not exist, is not a regular file or is too large, or no file can have such a path.
+
+    """
+    try:
+        found = path.stat()
+    except (ValueError, OSError) as error:  # ValueError: a NUL, or characters that the file system cannot encode
+        message = f"{name} {shown(path)} {why_not(error)}; {remedy}"
+        raise InputFileError(message) from error
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a directory" if stat.S_ISDIR(found.st_mode) else "a device, pipe or socket"
+        message = f"{name} {shown(path)} is {kind}, not a regular file; {remedy}"
+        raise InputFileError(message)
+    if found.st_size > most_bytes:
+        message = f"{name} {shown(path)} has {found.st_size:,} bytes, more than {most_bytes:,}; {remedy}"
+        raise InputFileError(message)
+    return found.st_size
+
+
+def read_text(path: Path, name: str, remedy: str) -> str:
+    """Return the text of a file in UTF-8.
+
+    Raises InputFileError as `regular_file` does, and where the file cannot be read or is not text.
+    """
+    regular_file(path, name, remedy)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
+        raise InputFileError(message) from error
+    except UnicodeDecodeError as error:
+        message = f"{name} {shown(path)} is not text; save it in UTF-8"
+        raise InputFileError(message) from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Raises ValueError, with the reason, for a text that is not TOML, is nested too deeply to be a scenario, or holds a
+    whole number beyond 64 bits.
+    """
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        message = "tables or lists are nested too deeply"
+        raise ValueError(message) from None
+    except ValueError as error:
+        if isinstance(error, tomllib.TOMLDecodeError):
+            raise
+        message = "a whole number has thousands of digits"
+        raise ValueError(message) from error
+    level: list[Any] = [data]
+    for _ in range(DEEPEST_NESTING):
+        inner = [v for node in level for v in (node.values() if isinstance(node, dict) else node)]
+        for value in inner:
+            if isinstance(value, int) and not LEAST_WHOLE <= value <= MOST_WHOLE:
+                message = f"the whole number {shown(value)} does not fit 64 bits"
+                raise ValueError(message)
+        level = [value for value in inner if isinstance(value, dict | list)]
+        if not level:
+            return data
+    message = f"tables or lists are nested more than {DEEPEST_NESTING} deep"
+    raise ValueError(message)
+
+
+def why_not(error: ValueError | OSError) -> str:
+    """Return why a path leads to no file."""
+    if isinstance(error, ValueError):
+        return "holds characters that no path can"
+    match error.errno:
+        case errno.ENOENT | errno.ENOTDIR:
+            return "does not exist"
+        case errno.ELOOP:
+            return "is a loop of symbolic links"
+        case errno.ENAMETOOLONG:
+            return "is too long for a path"
+    return f"cannot be reached ({error.strerror})"

@@ -1,0 +1,208 @@
+"""Mitsuba and Dr.Jit: finding the libLLVM that their CPU variant needs, and choosing the variant.
+
+Dr.Jit compiles kernels with a shared libLLVM. Versions before 17 cannot compile Mitsuba's and end the process
+with a signal instead of an exception, so the library is chosen, and an old one refused, before Dr.Jit loads.
+"""
+
+import ctypes
+import ctypes.util
+import functools
+import os
+import platform
+import re
+import site
+import sys
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from sionna_radar.foundation.errors import BackendError
+
+OLDEST_LLVM = 17
+FEWEST_THREADS = 2
+VARIANTS = ("cuda_ad_mono_polarized", "llvm_ad_mono_polarized")
+WHEEL = "karellen-llvm-core"
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+VARIANT_VARIABLE = "SIONNA_RADAR_VARIANT"
+
+REMEDIES = {
+    "Linux": "install the wheel karellen-llvm-core, or your distribution's libllvm17 or newer",
+    "Darwin": "install LLVM with `brew install llvm`",
+    "Windows": "install LLVM 17 or newer from its official installer",
+}
+
+
+@dataclass(frozen=True)
+class LlvmLibrary:
+    """A libLLVM and how it was found."""
+
+    path: str
+    version: str
+    origin: str
+
+
+@functools.cache
+def find_llvm() -> LlvmLibrary:
+    """Return the first usable libLLVM: the user's own, the wheel's, then the system's.
+
+    Raises
+    ------
+    BackendError
+        None is found, or the user's own is too old.
+
+    """
+    own = os.environ.get(LLVM_VARIABLE)
+    if own:
+        version = _llvm_version(own)
+        if version is None:
+            message = (
+                f"{LLVM_VARIABLE} = {own} is not a libLLVM of version {OLDEST_LLVM} or newer; "
+                f"unset it or {REMEDIES.get(platform.system(), 'install LLVM')}"
+            )
+            raise BackendError(message)
+        return LlvmLibrary(own, version, f"environment variable {LLVM_VARIABLE}")
+    for path in _wheel_libraries():
+        version = _llvm_version(str(path))
+        if version is not None:
+            return LlvmLibrary(str(path), version, f"wheel {WHEEL}")
+    for name in _system_libraries():
+        version = _llvm_version(name)
+        if version is not None:
+            return LlvmLibrary(name, version, "system")
+    remedy = REMEDIES.get(platform.system(), "install LLVM")
+    message = f"no libLLVM of version {OLDEST_LLVM} or newer is found; {remedy}, or point {LLVM_VARIABLE} at one"
+    raise BackendError(message)
+
+
+@functools.cache
+def load_mitsuba() -> Any:
+    """Import Mitsuba with a variant that Sionna RT runs on, and return the module.
+
+    The variant is CUDA where a GPU is usable, else LLVM; SIONNA_RADAR_VARIANT overrides the choice.
+
+    Raises
+    ------
+    BackendError
+        SIONNA_RADAR_VARIANT names no variant, no libLLVM serves, or Dr.Jit was imported before one was chosen.
+
+    """
+    wanted = os.environ.get(VARIANT_VARIABLE)
+    if wanted and wanted not in VARIANTS:
+        message = f"{VARIANT_VARIABLE} = {wanted} is unknown; use one of {', '.join(VARIANTS)}"
+        raise BackendError(message)
+    use_cuda = wanted == VARIANTS[0] or (not wanted and _cuda_usable())
+    if not use_cuda:
+        library = find_llvm()
+        if "drjit" in sys.modules and os.environ.get(LLVM_VARIABLE) is None and library.origin != "system":
+            message = (
+                f"Dr.Jit was imported before its libLLVM was chosen; set {LLVM_VARIABLE}={library.path}, "
+                "or import drjit, mitsuba and sionna only after sionna_radar has built a scene"
+            )
+            raise BackendError(message)
+        os.environ[LLVM_VARIABLE] = library.path
+    import mitsuba
+
+    if mitsuba.variant() not in VARIANTS:
+        mitsuba.set_variant(VARIANTS[0] if use_cuda else VARIANTS[1])
+    if not use_cuda:
+        _use_two_threads()
+    return mitsuba
+
+
+def _use_two_threads() -> None:
+    """Have Dr.Jit use two threads at least, on a single core too.
+
+    With one, rays along the edge of two triangles are decided otherwise; from two on, their number does not matter.
+    """
+    import drjit
+
+    if drjit.thread_count() < FEWEST_THREADS:
+        drjit.set_thread_count(FEWEST_THREADS)
+
+
+def _wheel_libraries() -> list[Path]:
+    """Return the libraries of the wheel, newest first, wherever it is installed: in a prefix, for a user, on a path."""
+    try:
+        files = metadata.files(WHEEL) or []
+    except metadata.PackageNotFoundError:
+        files = []
+    recorded = [Path(str(file.locate())) for file in files if file.name.startswith("libLLVM.so")]
+    roots = {Path(sys.prefix), Path(site.getuserbase()), *(Path(entry) for entry in sys.path)}
+    beside = [path for root in roots for path in (root / "lib").glob("libLLVM.so.*")]
+    found = {path.resolve() for path in [*recorded, *beside] if path.is_file()}
+    return sorted(found, key=_number_in_name, reverse=True)
+
+
+def _system_libraries() -> list[str]:
+    names = [name for name in [ctypes.util.find_library("LLVM")] if name]
+    if platform.system() == "Darwin":
+        roots = (Path("/opt/homebrew/opt/llvm/lib"), Path("/usr/local/opt/llvm/lib"))
+        return names + [str(root / "libLLVM.dylib") for root in roots]
+    if platform.system() == "Windows":
+        return [*names, str(Path(os.environ.get("PROGRAMFILES", "C:\\")) / "LLVM" / "bin" / "LLVM-C.dll")]
+    found = [p for root in (Path("/usr/lib"), Path("/usr/lib64")) for p in root.glob("**/libLLVM*.so*")]
+    return names + [str(p) for p in sorted(found, key=_number_in_name, reverse=True)]
+
+
+def _number_in_name(path: Path) -> int:
+    numbers = re.findall(r"\d+", path.name)
+    return int(numbers[0]) if numbers else 0
+
+
+def _llvm_version(path: str) -> str | None:
+    """Return the version of a libLLVM, or None when it does not load or is too old.
+
+    Versions before 16 lack LLVMGetVersion, so its absence alone reveals an unusable library.
+    """
+    try:
+        get_version = ctypes.CDLL(path).LLVMGetVersion
+    except (OSError, AttributeError):
+        return None
+    parts = [ctypes.c_uint() for _ in range(3)]
+    get_version(*map(ctypes.byref, parts))
+    numbers = [part.value for part in parts]
+    return ".".join(map(str, numbers)) if numbers[0] >= OLDEST_LLVM else None
+
+
+def _cuda_usable() -> bool:
+    """Tell whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
+    library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
+    try:
+        cuda = ctypes.CDLL(library)
+        count = ctypes.c_int(0)
+        return cuda.cuInit(0) == 0 and cuda.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+    except (OSError, AttributeError):
+        return False
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """What the ray tracer runs on here."""
+
+    variant: str
+    threads: int
+    llvm: LlvmLibrary | None
+    gpu: str
+
+
+def describe_backend() -> BackendReport:
+    """Load the backend, trace one ray on it, and report what it is.
+
+    Raises BackendError where it does not load or traces wrongly.
+    """
+    mi = load_mitsuba()
+    import drjit as dr
+
+    sphere = mi.load_dict({"type": "scene", "sphere": {"type": "sphere"}})
+    hit = sphere.ray_intersect(mi.Ray3f(mi.Point3f(0, 0, 3), mi.Vector3f(0, 0, -1)))
+    if abs(float(hit.t[0]) - 2.0) > 1e-5:
+        message = f"the ray tracer hit a unit sphere at {float(hit.t[0])} instead of 2; reinstall mitsuba"
+        raise BackendError(message)
+    on_cpu = mi.variant().startswith("llvm")
+    return BackendReport(
+        variant=mi.variant(),
+        threads=dr.thread_count(),
+        llvm=find_llvm() if on_cpu else None,
+        gpu="usable" if _cuda_usable() else "none usable",
+    )

@@ -1,0 +1,84 @@
+"""The figure of a navigation budget: how large each error may be, and what grades of GPS/IMU make of the DEM."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from sionna_radar.report.colours import BLUE, ORANGE, RED
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.studies.budget import Budget, Limit
+
+STYLES = {
+    "constant": (BLUE, "o", "Constant"),
+    "white": (ORANGE, "s", "White, standard deviation"),
+    "markov": (RED, "D", "Gauss-Markov, standard deviation"),
+}
+# Errors of one name lie a little above each other, so that equal limits do not hide each other.
+DODGE = {"constant": -0.2, "white": 0.0, "markov": 0.2}
+QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
+
+
+def draw_all(budget: Budget, directory: Path) -> list[Path]:
+    """Draw the figure into a directory as PNG, and return the files."""
+    return save_figures(budget, {"budget": draw}, directory)
+
+
+def draw(budget: Budget) -> Figure:
+    """Draw the limits, one panel for each unit, above the RMS with each grade."""
+    units = [unit for unit in QUANTITIES if any(limit.error.unit == unit for limit in budget.limits)]
+    panels = [[limit for limit in budget.limits if limit.error.unit == unit] for unit in units]
+    heights = [0.9 + 0.3 * len({limit.error.name for limit in panel}) for panel in panels]
+    heights += [0.9 + 0.35 * (len(budget.grades) + 1)]
+    figure = ReportFigure(figsize=(8.5, sum(heights) + 0.8), layout="constrained")
+    axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for panel, unit, place in zip(panels, units, axes[:-1], strict=True):
+        _draw_limits(place, panel, unit)
+    _draw_grades(axes[-1], budget)
+    figure.suptitle(f"Error of navigation that alone makes the DEM's RMS error grow by {budget.growth:.0%}")
+    named: dict[str, Any] = {}
+    for place in axes[:-1]:
+        handles, labels = place.get_legend_handles_labels()
+        named |= dict(zip(labels, handles, strict=True))
+    figure.legend(named.values(), named, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _draw_limits(axes: Axes, limits: list[Limit], unit: str) -> None:
+    names = list(dict.fromkeys(limit.error.name for limit in limits))
+    for limit in limits:
+        colour, marker, label = STYLES[limit.error.kind]
+        row = names.index(limit.error.name) + DODGE[limit.error.kind]
+        reached = math.isfinite(limit.size)
+        size = limit.size if reached else limit.error.largest
+        style = {"marker": marker, "mfc": colour, "label": label}
+        if not reached:
+            style = {"marker": ">", "mfc": "white", "label": "Limit beyond the largest tried"}
+        axes.plot(size, row, ls="", ms=8, mec=colour, **style)
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(10 ** math.floor(math.log10(low)), 10 ** math.ceil(math.log10(high)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
+    axes.set_xlabel(f"{QUANTITIES[unit]} ({unit})" if unit != "deg" else "Degrees")
+    axes.grid(alpha=0.3, which="both")
+
+
+def _draw_grades(axes: Axes, budget: Budget) -> None:
+    names = ["exact pose", *(grade.name for grade in budget.grades)]
+    sizes = [budget.rms_m, *(grade.rms_m for grade in budget.grades)]
+    axes.barh(range(len(names)), sizes, color=["0.6", *[BLUE] * len(budget.grades)], height=0.6)
+    for row, size in enumerate(sizes):
+        if math.isfinite(size):
+            text = axes.annotate(f"{size:.3f} m", (size, row), xytext=(8, 0), textcoords="offset points", va="center")
+            text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.0})
+    axes.axvline(budget.rms_m * (1 + budget.growth), color="black", lw=1, ls="--", zorder=0.5)
+    axes.set(yticks=range(len(names)), yticklabels=names)
+    axes.set_xlabel("RMS error of lit cells (m); dashed: the limit")
+    axes.invert_yaxis()
+    axes.margins(x=0.15)
+    axes.spines[["top", "right"]].set_visible(False)

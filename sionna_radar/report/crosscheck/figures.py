@@ -1,0 +1,130 @@
+"""Figures of a cross-check of the two engines, for print, in the style of the survey's figures."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from sionna_radar.foundation.decibel import decibels
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.report.maps import show_raster
+from sionna_radar.report.terminal import number
+from sionna_radar.studies.crosscheck import INCIDENCE_STEP_DEG, CrossCheck
+
+GREY = "0.45"
+MAP_BOX_IN = (4.0, 4.0)
+
+
+def draw_all(check: CrossCheck, directory: Path) -> list[Path]:
+    """Draw every figure into a directory as PNG, and return the files."""
+    return save_figures(check, {"power": power, "ranges": ranges, "dems": dems}, directory)
+
+
+def power(check: CrossCheck) -> Figure:
+    """Draw the power of every pulse against its incidence, of both engines, and the difference."""
+    figure = ReportFigure(figsize=(8.0, 7.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
+    incidence_deg = np.rad2deg(check.sionna.incidence_rad)
+    rings = {"mfc": "none", "mec": BLUE, "ms": 7.0, "label": "Sionna engine"}
+    dots = {"mfc": ORANGE, "mew": 0, "ms": 3.5, "label": "Gamma engine"}
+    for run, style in ((check.sionna, rings), (check.gamma, dots)):
+        upper.plot(incidence_deg, decibels(run.power), ls="", marker="o", **style)
+    upper.set_ylabel("Power of an echo (dB rel. to sent)")
+    upper.set_title("Power of each pulse, summed over its paths before they interfere", fontsize="medium")
+    upper.legend(frameon=False)
+    difference = check.power_difference_db
+    lower.plot(incidence_deg, difference, ls="", marker="o", ms=2, mew=0, color=GREY, alpha=0.5, label="Pulse")
+    bins = check.by_incidence()
+    lower.plot(
+        [b.incidence_deg for b in bins],
+        [b.mean_power_difference_db for b in bins],
+        ls="",
+        marker="D",
+        ms=6,
+        mfc=ORANGE,
+        mec="black",
+        label=f"Mean power in {INCIDENCE_STEP_DEG:g} deg",
+    )
+    tolerance = check.tolerances.mean_power_db
+    lower.axhspan(-tolerance, tolerance, color=BLUE, alpha=0.12, lw=0, label=f"Tolerance ±{tolerance:g} dB")
+    reach = _limit(np.append(difference, tolerance))
+    lower.set_ylim(-1.3 * reach, 1.3 * reach)
+    lower.axhline(0.0, color="black", lw=0.8)
+    lower.set(xlabel="Mean local incidence (deg)", ylabel="Gamma minus Sionna (dB)")
+    title = f"Difference of power: {number(check.mean_power_difference_db, '+.3f', ' dB')} in the mean"
+    lower.set_title(title, fontsize="medium")
+    lower.legend(frameon=False, ncols=3, loc="upper left")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def ranges(check: CrossCheck) -> Figure:
+    """Draw how the ranges of the engines differ: before speckle, and as detected beside two seeds of one."""
+    figure = ReportFigure(figsize=(9.0, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    paths = check.gamma.range_m - check.sionna.range_m
+    _histogram(left, [(100 * paths, BLUE, "Gamma minus Sionna")], "Difference of power-weighted range", "cm")
+    left.set_title("Difference of a pulse's mean range,\nbefore speckle", fontsize="medium")
+    echoes = check.gamma.echo_range_m - check.sionna.echo_range_m
+    seeds = check.sionna_again.echo_range_m - check.sionna.echo_range_m
+    shown = [(echoes, BLUE, "Gamma minus Sionna"), (seeds, ORANGE, "Sionna, two seeds")]
+    _histogram(right, shown, "Difference of the strongest echo's range", "m")
+    right.set_title("Difference of the detected range,\nwith speckle", fontsize="medium")
+    return figure
+
+
+def dems(check: CrossCheck) -> Figure:
+    """Draw the DEMs of both engines on one colour scale, and their difference."""
+    rasters = [check.sionna.dem, check.gamma.dem, check.dem_difference]
+    west, east, south, north = check.gamma.dem.grid.extent_m
+    scale = min(MAP_BOX_IN[0] / (east - west), MAP_BOX_IN[1] / (north - south))
+    width, height = max(scale * (east - west), 2.0), max(scale * (north - south), 1.5)
+    figure = ReportFigure(figsize=(3 * (width + 1.6), height + 1.7), layout="constrained")
+    filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
+    heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
+    reach = _limit(rasters[2].height_m.ravel())
+    apart, alone = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
+    speckle = f"RMS {apart},\nspeckle alone {alone}"
+    titles = "DEM of the Sionna engine", "DEM of the gamma engine", f"Difference, gamma minus Sionna\n{speckle}"
+    styles = [(HEIGHTS, heights, "Height (m)")] * 2 + [(ERRORS, Normalize(-reach, reach), "Difference (m)")]
+    for axes, raster, title, style in zip(figure.subplots(1, 3), rasters, titles, styles, strict=True):
+        _map(axes, raster, *style)
+        axes.set_title(title, fontsize="medium")
+    return figure
+
+
+def _map(axes: Axes, raster: Raster, colours: str, scale: Normalize, label: str) -> None:
+    show_raster(axes, raster, colours, scale)
+    axes.set(xlabel="East (m)", ylabel="North (m)")
+    axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, extend="both", label=label, shrink=0.8)
+
+
+def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]], label: str, unit: str) -> None:
+    """Draw distributions on common bins that reach as far as 99 in 100 of the first."""
+    reach = _limit(shown[0][0])
+    edges = np.linspace(-reach, reach, 61)
+    for values, colour, name in shown:
+        known = values[np.isfinite(values)]
+        share = 100 * np.histogram(known, bins=edges)[0] / max(len(known), 1)
+        spread = f"{name}\nmean {known.mean():+.3f} {unit}, std {known.std():.3f} {unit}" if len(known) else name
+        axes.stairs(share, edges, fill=True, color=colour, alpha=0.5, label=spread)
+    axes.axvline(0.0, color="black", lw=0.8)
+    axes.set(xlabel=f"{label} ({unit})", ylabel="Share of pulses (%)", xlim=(-reach, reach))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=5))
+    axes.set_ylim(top=1.6 * axes.get_ylim()[1])
+    axes.legend(frameon=False, loc="upper right", fontsize="small")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _limit(values: Float[np.ndarray, " n"]) -> float:
+    """Return the size that 99 values in 100 stay within: a few outliers must not bleach a figure."""
+    known = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0

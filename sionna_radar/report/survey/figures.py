@@ -1,0 +1,277 @@
+"""Figures of a survey, for print.
+
+Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps have equal scales, and map
+coordinates where the world has a place on the map and no local ones are asked for; sizes follow the shape of the
+ground, so that a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and an empty
+cell is plain grey.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from textwrap import wrap
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import NullLocator
+
+from sionna_radar.foundation.decibel import decibels
+from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, POWERS, RED
+from sionna_radar.report.coordinates import Coordinates, frame_of
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.report.maps import (
+    colour_bar,
+    dot_size,
+    empty_patch,
+    finish_map,
+    height_colours,
+    height_limits,
+    map_bounds,
+    map_size,
+    show_raster,
+)
+from sionna_radar.report.survey.environment_figure import environment
+from sionna_radar.report.terminal import number
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.survey.chain import ChirpRecord, Survey
+
+MAX_SCATTER = 20_000
+MAX_OVERLAY = 3_000
+# Of a histogram that reaches this many NMADs to each side the shares are shown on a logarithmic scale.
+HEAVY_TAILS = 10
+LETTERS_PER_INCH = 12  # of a small line of text
+PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
+
+
+def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+    """Draw every figure into a directory as PNG, and return the files."""
+    figures: dict[str, Callable[[Survey], Figure]] = {
+        "environment": partial(environment, coordinates=coordinates),
+        "chirp": chirp,
+        "power_map": partial(power_map, coordinates=coordinates),
+        "dem": partial(dem, coordinates=coordinates),
+        "error_map": partial(error_map, coordinates=coordinates),
+    }
+    if survey.chirp is None:
+        del figures["chirp"]
+    return save_figures(survey, figures, directory)
+
+
+# --------------------------------------------------------------------------------------------- chirp
+
+
+def chirp(survey: Survey) -> Figure:
+    """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
+
+    Raises ValueError for a survey whose sensor has no chirps.
+    """
+    record = survey.chirp
+    if record is None:
+        message = "the survey's sensor has no chirps to draw"
+        raise ValueError(message)
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
+    time_axes, range_axes = figure.subplots(2, 1)
+    exponent = _exponent(np.abs(record.beat))
+    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
+    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
+    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
+        time_axes.plot(1e3 * record.sample_time_s, samples / 10.0**exponent, color=colour, lw=0.8, label=name)
+    if len(drawn) > 1:
+        time_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False)
+    unit = "relative to sent" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
+    scale = rf"$10^{{{exponent}}}$ " if exponent else ""
+    time_axes.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale}{unit})")
+    time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
+    time_axes.margins(x=0)
+    _draw_spectrum(range_axes, record, survey.scenario.radar)
+    return figure
+
+
+def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
+    power_db, threshold_db, echo_db = map(decibels, (record.power, record.threshold, record.echo_power))
+    axes.plot(record.range_m, power_db, color=BLUE, lw=0.9, label="Spectrum")
+    axes.plot(record.range_m, threshold_db, color=ORANGE, lw=1.5, ls="--", label="CFAR threshold")
+    found = ", ".join(f"{r:.1f} m" for r in record.echo_range_m[:4])
+    found += ", ..." * (len(record.echo_range_m) > 4)
+    label = f"Detections: {found}" if found else "No detection"
+    axes.plot(record.echo_range_m, echo_db, ls="", marker="v", ms=9, mfc=RED, mec="black", label=label)
+    shown = np.concatenate([power_db, threshold_db, echo_db])
+    shown = shown[np.isfinite(shown)]
+    if len(shown):
+        # Without noise the cells between echoes lie hundreds of dB below them.
+        top = shown.max()
+        axes.set_ylim(max(np.percentile(shown, 1) - 5, top - 110), top + 10)
+    axes.set_xlabel("Range, not corrected for Doppler (m)")
+    axes.set_ylabel(_power_label("Power", radar))
+    axes.set_title("Range spectrum", fontsize="medium")
+    axes.margins(x=0)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper right", framealpha=0.9)
+
+
+# --------------------------------------------------------------------------------------------- maps
+
+
+def power_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+    """Draw the power of the echoes where they are placed on the ground plan."""
+    points = survey.points
+    bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
+    width, height = map_size(bounds)
+    figure = ReportFigure(figsize=(width + 2.6, height + 1.3), layout="constrained")
+    axes = figure.subplots()
+    power_db = decibels(points.power)
+    chosen = _thinned(len(points), MAX_SCATTER)
+    # A bright point target is a handful of echoes, which thinning might drop.
+    brightest = np.argsort(points.power)[-50:]
+    chosen = np.union1d(chosen, brightest)
+    finite = power_db[np.isfinite(power_db)]
+    low, high = np.percentile(finite, [1, 99.5]) if len(finite) else (-1.0, 1.0)
+    scale = Normalize(low, max(high, low + 1.0))
+    x, y = points.position_m[chosen, :2].T
+    side = 2 * dot_size((width, height), len(chosen))
+    axes.scatter(x, y, c=power_db[chosen], s=side**2, marker="o", lw=0, cmap=POWERS, norm=scale)
+    axes.set_facecolor("white")
+    finish_map(axes, bounds, f"Echo power ({_counted(chosen, points)})", frame_of(survey.georeference, coordinates))
+    bar = ScalarMappable(scale, POWERS)
+    colour_bar(axes, bar, _power_label("Echo power", survey.scenario.radar), width, extend="both")
+    _warn(figure, survey)
+    return figure
+
+
+def dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+    """Draw the true surface and the DEM on one colour scale, with the points that made the DEM."""
+    bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
+    figure, (left, right), map_in = _map_pair(bounds)
+    limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
+    told = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
+    for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, told)):
+        show_raster(axes, raster, HEIGHTS, Normalize(*limits))
+        finish_map(axes, bounds, title, frame)
+        colour_bar(axes, height_colours(limits, frame), frame.height, map_in[0])
+    chosen = _thinned(len(survey.points), MAX_OVERLAY)
+    size = 0.8 * dot_size(map_in, len(chosen))
+    x, y = survey.points.position_m[chosen, :2].T
+    right.plot(x, y, ls="", marker="o", ms=size, mew=0, color="white", alpha=0.6)
+    drawn = _counted(chosen, survey.points)
+    dots = Line2D([], [], ls="", marker="o", ms=4, mfc="white", mec="0.4", label=drawn)
+    figure.legend(handles=[dots, _empty_patch(survey)], loc="outside lower center", ncols=2, frameon=False)
+    _warn(figure, survey)
+    return figure
+
+
+def error_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+    """Draw the error of the DEM, and its histogram with the statistics."""
+    bounds = map_bounds(survey.error.grid.extent_m, np.zeros((0, 3)))
+    width, height = map_size(bounds)
+    figure = ReportFigure(figsize=(width + 6.0, max(height + 1.4, 4.6)), layout="constrained")
+    plan, histogram = figure.subplots(1, 2, width_ratios=[width + 1.6, 4.0])
+    limit = _error_limit(survey.error.height_m[survey.error.filled])
+    show_raster(plan, survey.error, ERRORS, Normalize(-limit, limit))
+    finish_map(plan, bounds, "DEM minus true surface", frame_of(survey.georeference, coordinates))
+    bar = ScalarMappable(Normalize(-limit, limit), ERRORS)
+    colour_bar(plan, bar, "Height error (m)", width, extend="both")
+    figure.legend(handles=[_empty_patch(survey)], loc="outside lower center", frameon=False)
+    _draw_histogram(histogram, survey.error.height_m[survey.error.filled & survey.lit], limit, survey)
+    _warn(figure, survey)
+    return figure
+
+
+def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float, survey: Survey) -> None:
+    counts, edges = np.histogram(values, bins=60, range=(-limit, limit))
+    share = 100 * counts / max(len(values), 1)
+    middle = (edges[1:] + edges[:-1]) / 2
+    colours = colormaps[ERRORS](Normalize(-limit, limit)(middle))
+    axes.bar(middle, share, width=edges[1] - edges[0], color=colours, edgecolor="0.4", lw=0.3)
+    axes.axvline(0.0, ymax=0.5, color="black", lw=0.8)
+    e, off_wall, everywhere = survey.lit_error, survey.off_wall_error, survey.dem_error
+    rows = {"RMS": e.rms_m, "Mean": e.mean_m, "NMAD": e.nmad_m, "LE90*": e.le90_m}
+    if off_wall is not None:
+        rows["RMS off walls"] = off_wall.rms_m
+    rows["RMS all cells"] = everywhere.rms_m
+    lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
+    lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
+    # The head room above the tallest bar belongs to the box of numbers.
+    top = max(float(share.max()), 0.5)
+    if limit > HEAVY_TAILS * e.nmad_m:
+        # Beside so narrow a middle the few errors at walls would not be seen.
+        low = 50 / max(len(values), 1)
+        axes.set_yscale("log")
+        axes.set_ylim(low, top * top / low)
+        decades = 10.0 ** np.arange(np.floor(np.log10(low)), 3)
+        axes.set_yticks(decades[decades >= low], [f"{share:g}" for share in decades[decades >= low]])
+        axes.yaxis.set_minor_locator(NullLocator())
+    else:
+        axes.set_ylim(0, 2 * top)
+    text = axes.text(0.98, 0.98, "\n".join(lines), transform=axes.transAxes, ha="right", va="top")
+    text.set(family="monospace", multialignment="left")
+    outside = 100 * float(np.mean(np.abs(values) > limit)) if len(values) else 0.0
+    note = f" ({outside:.1f} % beyond)" if outside >= 0.05 else ""
+    axes.set(xlim=(-limit, limit), ylabel="Share of lit cells (%)")
+    axes.set_xlabel(f"Height error (m){note}\n* 90th percentile of |error|")
+    axes.set_title(f"Error of lit cells: RMS {number(e.rms_m, '.3f', ' m')}", fontsize="medium")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+# ----------------------------------------------------------------------------------- parts of figures
+
+
+def _map_pair(
+    bounds: tuple[float, float, float, float],
+) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
+    """Return a figure of two maps, one above the other where they are wide, and their size in inches."""
+    width, height = map_size(bounds, PAIRED_BOX_IN)
+    if width > 1.5 * height:
+        figure = ReportFigure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
+        top, bottom = figure.subplots(2, 1)
+        return figure, (top, bottom), (width, height)
+    figure = ReportFigure(figsize=(2 * (width + 1.9), height + 1.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    return figure, (left, right), (width, height)
+
+
+def _empty_patch(survey: Survey) -> Patch:
+    falling = survey.scenario.weather.falling
+    return empty_patch(f"shadow, no echo, or an echo of {falling}" if falling else "shadow or no echo")
+
+
+def _warn(figure: Figure, survey: Survey) -> None:
+    """Write the warnings of a survey over a figure."""
+    letters = int(LETTERS_PER_INCH * figure.get_figwidth())
+    told = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
+    if told:
+        figure.suptitle("\n".join(told), color=RED, fontsize="small", parse_math=False)
+
+
+def _error_limit(values: Float[np.ndarray, " cell"]) -> float:
+    """Return the size of error that 99 cells in 100 stay within: a few outliers must not bleach the map."""
+    return max(float(np.percentile(np.abs(values), 99)), 1e-3) if len(values) else 1.0
+
+
+def _thinned(count: int, most: int) -> Int[np.ndarray, " chosen"]:
+    """Return the rows to draw: all, or a fixed random choice that does not beat with the scan."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).permutation(count)[:most])
+
+
+def _counted(chosen: Int[np.ndarray, " chosen"], points: object) -> str:
+    total = len(points)  # type: ignore[arg-type]
+    return f"{total:,} echoes" if len(chosen) == total else f"{len(chosen):,} of {total:,} echoes"
+
+
+def _power_label(quantity: str, radar: RadarTable) -> str:
+    # Under snr_db no transmit power is known, and powers are ratios to it.
+    return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to sent)"
+
+
+def _exponent(size: Float[np.ndarray, " n"]) -> int:
+    """Return the power of ten, in threes, that brings a signal near one."""
+    largest = float(size.max(initial=0.0))
+    return 3 * int(np.floor(np.log10(largest) / 3)) if largest > 0 else 0

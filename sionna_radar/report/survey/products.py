@@ -1,0 +1,143 @@
+"""The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
+
+import warnings
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.transform import Affine
+
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.report.coordinates import Coordinates
+from sionna_radar.report.folder import write_folder, write_text
+from sionna_radar.report.survey.figures import draw_all
+from sionna_radar.report.survey.point_cloud import write_laz
+from sionna_radar.report.survey.summary import summary_json, versions
+from sionna_radar.scenario import to_toml
+from sionna_radar.survey.chain import Survey
+
+MARKER = "summary.json"
+
+
+def write_products(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+    """Write the results into a directory, whole or not at all, and return the files.
+
+    Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
+
+    Parameters
+    ----------
+    survey:
+        A finished survey.
+    directory:
+        Where to write.
+    coordinates:
+        Those of the figures; rasters and points always have map coordinates where there are any.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))
+
+
+def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> None:
+    place = survey.georeference
+    write_text(directory / MARKER, summary_json(survey))
+    write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
+    write_laz(directory / "points.laz", survey.points, survey.schedule, place)
+    origin_height_m = place.origin_m[2] if place else 0.0
+    rasters = {
+        "dem": (survey.dem, "DEM height", origin_height_m),
+        "truth": (survey.truth, "true height", origin_height_m),
+        # A difference of heights does not depend on where they are counted from.
+        "error": (survey.error, "DEM minus truth", 0.0),
+    }
+    made_by = provenance(survey)
+    for name, (raster, description, offset_m) in rasters.items():
+        write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
+    draw_all(survey, directory / "figures", coordinates)
+
+
+def _header(survey: Survey) -> str:
+    """Return the comment that says what in the scenario is not what was flown."""
+    if not survey.replaced:
+        return ""
+    replaced = "".join(f"#   {key}: {what}\n" for key, what in survey.replaced.items())
+    return f"# This file alone does not repeat the survey. Replaced from Python:\n{replaced}\n"
+
+
+def provenance(survey: Survey) -> dict[str, str]:
+    """Return what made a raster, as TIFF and GDAL metadata; without a clock, so that equal surveys make equal files."""
+    description = "".join(c if c.isprintable() else " " for c in survey.scenario.description)
+    return {
+        "TIFFTAG_SOFTWARE": f"sionna-radar {versions()['sionna-radar']}",
+        **({"TIFFTAG_IMAGEDESCRIPTION": description} if description else {}),
+        "SEED": str(survey.scenario.seed),
+        "POINTS_SHA256": survey.points.sha256(),
+    }
+
+
+def write_geotiff(
+    path: Path,
+    raster: Raster,
+    georeference: Georeference | None,
+    description: str,
+    height_offset_m: float,
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Write a raster as a float32 GeoTIFF, rows from north to south and empty cells NaN.
+
+    Parameters
+    ----------
+    path:
+        Where to write.
+    raster:
+        Heights in the local frame.
+    georeference:
+        Place of the local frame; without one the file has local coordinates and no CRS.
+    description:
+        What the band holds.
+    height_offset_m:
+        Added to the heights.
+    metadata:
+        What to say of the file beside what the band holds.
+
+    """
+    grid = raster.grid
+    profile = {
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": 1,
+        "height": grid.rows,
+        "width": grid.columns,
+        "nodata": np.nan,
+        "crs": georeference.crs_wkt if georeference else None,
+        "transform": _transform(grid, georeference),
+        "compress": "deflate",
+        "predictor": 3,
+    }
+    with warnings.catch_warnings():
+        # A local raster of unit cells in the corner of the frame is what rasterio takes for no place at all.
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        file = rasterio.open(path, "w", **profile)
+    with file:
+        file.write((raster.height_m[::-1] + height_offset_m).astype(np.float32), 1)
+        file.set_band_description(1, description)
+        file.units = ("m",)
+        file.update_tags(**(metadata or {}), QUANTITY=description, UNITS="m")
+
+
+def _transform(grid: Grid, georeference: Georeference | None) -> Affine:
+    """Return the map from columns and rows, counted from the north-west corner, to coordinates."""
+    east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
+    west_edge, _, _, north_edge = grid.extent_m
+    size = grid.spacing_m
+    # To a micrometre: sums of local and map coordinates leave round-off that other rasters of the same cells have not.
+    # Not rasterio's from_origin: it multiplies in a way that affine 3 warns of.
+    return Affine(size, 0.0, round(west_edge + east_m, 6), 0.0, -size, round(north_edge + north_m, 6))

@@ -1,0 +1,99 @@
+"""The numbers of a survey, as one JSON document."""
+
+import platform
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from pyproj import CRS
+
+from sionna_radar.accuracy.compare import LE90_MEANING
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.report.folder import strict_json, without_nan
+from sionna_radar.survey.chain import Survey
+
+MEANING = {
+    "replaced": "what was flown in place of these parts of the scenario, which do not describe the survey",
+    "georeference": "map coordinates are local ones plus the origin; null where the world has no place on the map",
+    "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to count it from true north",
+    "dem_error": "all cells that the DEM fills",
+    "lit_error": "those of them that the main beam reached",
+    "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
+    "coverage": "share of the lit cells that the DEM fills",
+    "le90_m": LE90_MEANING,
+}
+PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
+
+
+def summary(survey: Survey) -> dict[str, Any]:
+    """Return what was simulated, how well the DEM fits, and what it took.
+
+    Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
+    """
+    document = {
+        "scenario": survey.scenario.model_dump(mode="json"),
+        "replaced": survey.replaced,
+        "warnings": survey.warnings,
+        "seed": survey.scenario.seed,
+        "georeference": georeference(survey.georeference),
+        "engine": survey.scenario.tracing.engine,
+        "pulses": survey.pulses,
+        "paths": survey.paths,
+        "echoes": len(survey.points),
+        "dem_error": asdict(survey.dem_error),
+        "lit_error": asdict(survey.lit_error),
+        "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
+        "meaning": MEANING,
+        "timing_s": survey.timing_s,
+        "peak_memory_mb": survey.peak_memory_mb,
+        "points_sha256": survey.points.sha256(),
+        "versions": versions(),
+    }
+    return without_nan(document)
+
+
+def georeference(place: Georeference | None) -> dict[str, Any] | None:
+    """Return the place of the local frame on the Earth: map coordinates are local ones plus the origin."""
+    if place is None:
+        return None
+    crs = CRS.from_wkt(place.crs_wkt)
+    horizontal, vertical = crs.sub_crs_list if crs.is_compound else (crs.to_2d(), None)
+    east_m, north_m, height_m = place.origin_m
+    return {
+        "horizontal_crs": _named(horizontal),
+        "vertical_crs": _named(vertical) if vertical else None,
+        "crs_wkt": place.crs_wkt,
+        "origin": {"easting_m": east_m, "northing_m": north_m, "height_m": height_m},
+        "horizontal_datum": _datum(horizontal),
+        "vertical_datum": _datum(vertical) if vertical else "ellipsoid" if len(crs.axis_info) == 3 else None,
+        "units": "m",
+        "headings": "clockwise from grid north",
+        "convergence_deg": place.convergence_deg,
+    }
+
+
+def _named(crs: CRS) -> str:
+    return ":".join(crs.to_authority() or (crs.name,))
+
+
+def _datum(crs: CRS) -> str:
+    described = crs.geodetic_crs or crs
+    return str(described.datum.name) if described.datum else str(described.name)
+
+
+def summary_json(survey: Survey) -> str:
+    """Return the summary as strict JSON text."""
+    return strict_json(summary(survey))
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions of Python and of what the numbers depend on; None for what is not installed."""
+    # Package metadata answers without loading Mitsuba and its LLVM.
+    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

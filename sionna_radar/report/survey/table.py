@@ -1,0 +1,55 @@
+"""The result of a survey on the terminal."""
+
+from rich.table import Table
+
+from sionna_radar.report.terminal import console
+from sionna_radar.scenario.terrain import CityTerrain
+from sionna_radar.survey.chain import Survey
+
+# Of a chirp with no more echoes than these the ranges are printed.
+FEW_ECHOES = 4
+
+
+def print_survey(survey: Survey) -> None:
+    """Print what was flown, how well the DEM fits, and how long it took; the errors are those of lit cells."""
+    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
+    for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
+        table.add_row(name, value)
+    console().print(table)
+
+
+def _flown(survey: Survey) -> dict[str, str]:
+    rows = {"pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}"}
+    if survey.chirp is not None and survey.scenario.processing.echoes == "all":
+        found = survey.points.range_m[survey.points.pulse == survey.chirp.pulse]
+        if len(found) <= FEW_ECHOES:
+            ranges = ", ".join(f"{range_m:.2f} m" for range_m in found) or "none"
+            rows[f"ranges in pulse {survey.chirp.pulse}"] = ranges
+    return rows
+
+
+def _errors(survey: Survey) -> dict[str, str]:
+    lit, everywhere, off_wall = survey.lit_error, survey.dem_error, survey.off_wall_error
+    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
+    if lit.count:
+        rows |= {
+            "RMS error of lit cells": f"{lit.rms_m:.3f} m",
+            "mean, standard deviation": f"{lit.mean_m:+.3f} m, {lit.std_m:.3f} m",
+            "NMAD": f"{lit.nmad_m:.3f} m",
+            "LE90, 90th percentile of |error|": f"{lit.le90_m:.3f} m",
+            "least, greatest": f"{lit.min_m:+.2f} m, {lit.max_m:+.2f} m",
+        }
+    if off_wall is not None and off_wall.count:
+        rows["RMS error of lit cells off walls"] = f"{off_wall.rms_m:.3f} m"
+    if everywhere.count > lit.count:
+        rows["RMS error of all cells"] = f"{everywhere.rms_m:.3f} m ({everywhere.count:,} cells)"
+    return rows
+
+
+def _notes(survey: Survey) -> dict[str, str]:
+    rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    if isinstance(survey.scenario.terrain, CityTerrain):
+        rows["coordinates"] = "local: Sionna's cities do not say where on Earth they lie"
+    start, end = survey.schedule.trajectory.cruise_s()
+    rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"
+    return rows

@@ -1,0 +1,165 @@
+"""The figure of a sweep: the error of the DEM against what was varied, with the spread over the runs."""
+
+from itertools import cycle
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, PercentFormatter
+from matplotlib.transforms import ScaledTranslation
+
+from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.report.quantities import readable, shown
+from sionna_radar.studies.sweep import Axis, Case, Sweep
+
+COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+PANELS = {
+    "rms_m": "RMS error of lit cells (m)",
+    "off_wall_rms_m": "RMS error of lit cells\noff walls (m)",
+    "nmad_m": "NMAD of lit cells (m)",
+    "mean_m": "Mean error of lit cells (m)",
+    "coverage": "Coverage: share of lit\ncells with a height (%)",
+}
+# Panels that may have a logarithmic scale, and the ratio of largest to least from which they do.
+SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
+LOGARITHMIC_FROM = 8.0
+# The dots of the runs stand so far beside their mean, in points, where its bar does not hide them.
+BESIDE_PT = 7.0
+MAX_LEGEND = 14
+# Letters of all labels that fit side by side under one panel.
+MOST_LETTERS = 45
+
+
+def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
+    """Draw the figure into a directory as PNG, and return the file."""
+    return save_figures(sweep, {"sweep": errors}, directory)
+
+
+def errors(sweep: Sweep) -> Figure:
+    """Draw the errors of lit cells and the coverage against one varied key, a line for each setting of the others."""
+    across = abscissa(sweep.axes)
+    lines = _lines(sweep, across)
+    statistics = _panels(sweep)
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True).ravel()
+    for axes, statistic in zip(panels, statistics, strict=True):
+        for index, ((title, cases), (colour, marker)) in enumerate(
+            zip(lines.items(), zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
+        ):
+            shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
+            _draw_line(axes, across, cases, statistic, (title, colour, marker, shift))
+        axes.set_ylabel(PANELS[statistic])
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+        _finish_ordinate(axes, sweep, statistic)
+    for axes in panels[2:]:
+        _finish_abscissa(axes, across)
+    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: runs"
+    runs = several if sweep.repeat > 1 else "one run each"
+    figure.suptitle(f"{sweep.source}: elevation error\n{runs}", fontsize="medium", parse_math=False)
+    if 1 < len(lines) <= MAX_LEGEND:
+        handles = panels[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _panels(sweep: Sweep) -> list[str]:
+    """Return the statistics of the four panels: the errors off walls, where there are any, in place of the NMAD."""
+    walls = any(np.isfinite(case.mean("off_wall_rms_m")) for case in sweep.cases)
+    return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
+
+
+def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
+    if statistic == "mean_m":
+        axes.axhline(0.0, color="black", lw=0.8)
+    if statistic == "coverage":
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=""))
+    if statistic in SIZES:
+        sizes = np.array([case.mean(statistic) for case in sweep.cases])
+        sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
+        if len(sizes) and sizes.max() >= LOGARITHMIC_FROM * sizes.min():
+            axes.set_yscale("log", nonpositive="mask")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        else:
+            axes.set_ylim(bottom=0.0)
+
+
+def abscissa(axes: tuple[Axis, ...]) -> Axis:
+    """Return the axis to draw against: the numeric one with most values, or else the one with most values."""
+    return max(axes, key=lambda axis: (_numeric(axis), len(axis.values)))
+
+
+def _numeric(axis: Axis) -> bool:
+    return len(axis.values) > 1 and all(isinstance(v, Real) and not isinstance(v, bool) for v in axis.values)
+
+
+def _lines(sweep: Sweep, across: Axis) -> dict[str, list[Case]]:
+    """Return the cases of each setting of the other keys, in the order of the abscissa."""
+    lines: dict[str, list[Case]] = {}
+    for case in sweep.cases:
+        others = {key: value for key, value in case.setting.items() if key != across.key}
+        name = ", ".join(f"{readable(key)}: {shown(value)}" for key, value in others.items())
+        lines.setdefault(name, []).append(case)
+    if _numeric(across):
+        return {name: sorted(cases, key=lambda c: c.setting[across.key]) for name, cases in lines.items()}
+    return lines
+
+
+def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, style: tuple[str, str, str, float]) -> None:
+    name, colour, marker, shift = style
+    numeric = _numeric(across)
+    x = np.array([_place(across, case.setting[across.key]) for case in cases], dtype=float)
+    if not numeric:
+        x = x + shift  # bars over one word would hide each other
+    for place, case in zip(x, cases, strict=True):
+        if len(case.runs) > 1:
+            runs = case.of_runs(statistic)
+            beside = axes.transData + ScaledTranslation(BESIDE_PT / 72, 0.0, axes.figure.dpi_scale_trans)
+            at = np.full(len(runs), place)
+            axes.plot(at, runs, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
+    mean = [case.mean(statistic) for case in cases]
+    spread = [np.nan_to_num(case.spread(statistic)) for case in cases]
+    line = "-" if numeric else ""
+    axes.errorbar(x, mean, spread, ls=line, lw=1.2, marker=marker, ms=6, capsize=4, color=colour, label=name)
+
+
+def _place(across: Axis, value: Any) -> float:
+    return float(value) if _numeric(across) else float(across.values.index(value))
+
+
+def _finish_abscissa(axes: Axes, across: Axis) -> None:
+    axes.set_xlabel(readable(across.key))
+    values = list(across.values)
+    if not _numeric(across):
+        axes.set_xticks(range(len(values)), [shown(value) for value in values], **_slanted(values))
+        axes.set_xlim(-0.5, len(values) - 0.5)
+        return
+    logarithmic = min(values) > 0 and max(values) >= LOGARITHMIC_FROM * min(values)
+    if logarithmic:
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    if len(values) <= 8 and _apart(sorted(map(float, values)), logarithmic):
+        axes.xaxis.set_major_locator(FixedLocator(sorted(values)))
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    elif logarithmic:
+        axes.xaxis.set_major_formatter("{x:g}")
+
+
+def _apart(values: list[float], logarithmic: bool) -> bool:
+    """Tell whether ticks at all values leave room for their labels."""
+    place = np.log(values) if logarithmic else np.array(values, dtype=float)
+    return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
+
+
+def _slanted(values: list[Any]) -> dict[str, Any]:
+    """Return how the labels of words are turned so that they keep apart."""
+    if sum(len(shown(value)) + 2 for value in values) <= MOST_LETTERS:
+        return {}
+    return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

@@ -1,0 +1,54 @@
+"""The table of a sweep, for a terminal."""
+
+from rich.table import Table
+
+from sionna_radar.report.terminal import NONE, console, number
+from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, label
+
+HEADINGS = {
+    "rms_m": "RMS",
+    "mean_m": "mean",
+    "std_m": "std",
+    "nmad_m": "NMAD",
+    "min_m": "min",
+    "max_m": "max",
+    "coverage": "coverage",
+    "off_wall_rms_m": "RMS off walls",
+    "all_cells_rms_m": "RMS all cells",
+}
+SIGNED = ("min_m", "max_m", "mean_m")
+
+
+def print_sweep(result: Sweep) -> None:
+    """Print a sweep as a table: a row a case, mean and spread of each statistic; then what went wrong."""
+    out = console()
+    sign = "+-" if out.options.ascii_only else "±"
+    runs = f"mean of {result.repeat} runs {sign} their standard deviation" if result.repeat > 1 else "one run each"
+    title = f"{result.source}: elevation error of lit cells in metres, {runs}"
+    table = Table(title=title, title_justify="left")
+    for axis in result.axes:
+        table.add_column(axis.key, justify="right", overflow="fold")
+    shown = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    for statistic in shown:
+        table.add_column(HEADINGS[statistic], justify="right")
+    for case in result.cases:
+        table.add_row(*map(str, case.setting.values()), *(_with_spread(case, s, sign) for s in shown))
+    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
+    needed = console(width=1000).measure(table).maximum
+    console(width=max(out.width, needed)).print(table)
+    for case in result.cases:
+        for note in ([case.reason] if case.reason else []) + _warnings(case):
+            out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
+
+
+def _warnings(case: Case) -> list[str]:
+    """Return the warnings of a case, that of its first seed where the seeds differ in its numbers."""
+    return list(next((r.warnings for r in case.runs if r.warnings), ()))
+
+
+def _with_spread(case: Case, statistic: str, sign: str) -> str:
+    mean, spread = case.mean(statistic), case.spread(statistic)
+    form = ".1%" if statistic == "coverage" else "+.3f" if statistic in SIGNED else ".3f"
+    if mean != mean:
+        return NONE
+    return number(mean, form) + ("" if spread != spread else f" {sign}{number(spread, form.strip('+'))}")

@@ -1,0 +1,1 @@
+"""Studies made of surveys; each returns a result, and writes nothing."""

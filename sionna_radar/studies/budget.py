@@ -1,0 +1,266 @@
+"""The least GPS/IMU that keeps a DEM usable: how large each error of navigation may be, alone.
+
+An error is as large as it may be when it makes the RMS of the DEM grow by a tenth. Random errors count by the mean
+square of several draws, constant ones by the worse of both signs.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from sionna_radar.flight.grades import GRADES, Grade
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.report.folder import without_nan, write_study
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.survey.remapping import RecordedSurvey, record_survey
+from sionna_radar.survey.warnings import Brief
+
+MARKER = "budget.json"
+GROWTH = 0.1
+# The search ends this close to the growth asked for.
+TOLERANCE = 0.003
+MOST_STEPS = 20
+LEAST_RMS_M = 1e-6
+
+Kind = Literal["constant", "white", "markov"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavigationError:
+    """One error of navigation, by the key of `NavigationTable` and its share on each axis.
+
+    first, largest: sizes at which the search for its limit begins and gives up.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    key: str
+    axes: tuple[float, float, float] | None
+    first: float
+    largest: float
+
+    def table(self, size: float) -> NavigationTable:
+        """Return errors of navigation of this one alone."""
+        value: Any = size if self.axes is None else tuple(size * share for share in self.axes)
+        return NavigationTable.model_validate({self.key: value})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """How large an error may be; infinite where the largest tried does not matter."""
+
+    error: NavigationError
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradeResult:
+    """The DEM with a grade of GPS/IMU: RMS of its error and share of the lit ground that it covers."""
+
+    name: str
+    source: str
+    rms_m: float
+    growth: float
+    coverage: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget(Brief):
+    """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
+
+    rms_m: over lit cells, which the main beam reached.
+    """
+
+    scenario: Scenario
+    growth: float
+    repeat: int
+    rms_m: float
+    limits: tuple[Limit, ...]
+    grades: tuple[GradeResult, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Budget: {self.scenario.description or 'no description'}\n  RMS error {self.rms_m:.3f} m with the exact "
+            f"pose; {len(self.limits)} limits, {len(self.grades)} grades of GPS/IMU"
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return the numbers in a form that JSON can hold; a limit that was not reached is None."""
+        return {
+            "scenario": self.scenario.model_dump(mode="json"),
+            "growth": self.growth,
+            "repeat": self.repeat,
+            "rms_m": without_nan(self.rms_m),
+            "limits": [
+                {
+                    "error": limit.error.name,
+                    "kind": limit.error.kind,
+                    "unit": limit.error.unit,
+                    "key": f"platform.navigation.{limit.error.key}",
+                    "axes": limit.error.axes,
+                    "limit": without_nan(limit.size),
+                    "largest_tried": limit.error.largest,
+                }
+                for limit in self.limits
+            ],
+            "grades": [without_nan(asdict(grade)) for grade in self.grades],
+        }
+
+
+def navigation_errors() -> tuple[NavigationError, ...]:
+    """Return the errors that a budget looks at."""
+    kinds: tuple[Kind, ...] = ("constant", "white", "markov")
+    vectors = [
+        ("position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
+        ("position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
+        ("velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
+        ("roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
+        ("pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
+        ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+    ]
+    found = [
+        NavigationError(name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest)
+        for name, unit, key, axes, first, largest in vectors
+        for kind in kinds
+    ]
+    mounting = [
+        ("time offset", "s", "time_offset_s", None, 0.005, 2.0),
+        ("lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
+        ("boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
+    ]
+    found += [
+        NavigationError(name=name, kind="constant", unit=unit, key=key, axes=axes, first=first, largest=largest)
+        for name, unit, key, axes, first, largest in mounting
+    ]
+    return tuple(found)
+
+
+def navigation_budget(
+    scenario: Scenario,
+    *,
+    growth: float = GROWTH,
+    repeat: int = 5,
+    errors: tuple[NavigationError, ...] | None = None,
+    grades: Mapping[str, Grade] = GRADES,
+    progress: Progress = silent,
+) -> Budget:
+    """Fly a survey once and find how large each error of its navigation may be.
+
+    Its DEM is made anew some hundred times, by the scenario's own `dem.method`: "linear" takes a fraction of a second
+    each time, "smooth" about twenty times as long, and "refined" a hundred and more.
+
+    Parameters
+    ----------
+    scenario:
+        The survey; its own errors of navigation play no part.
+    growth:
+        Share by which the RMS of the DEM may grow.
+    repeat:
+        Draws of the random errors.
+    errors, grades:
+        The errors to look at (all), and the grades of GPS/IMU to map with.
+    progress:
+        Called at the start of each stage and after each of its steps: the survey's, and then the rows of the table.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The scenario cannot be flown, see `prepare`, or its sensor brings no whole echoes for `dem.method` to model.
+
+    """
+    errors = navigation_errors() if errors is None else errors
+    rows = len(errors) + len(grades)
+    survey = record_survey(scenario, progress=progress)
+    progress("mapping", 0, rows)
+    exact = survey.lit_error(None).rms_m
+    if not exact > LEAST_RMS_M:
+        message = (
+            "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
+            if math.isnan(exact)
+            else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
+        )
+        raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
+    limits, results = [], []
+    for error in errors:
+        limits.append(Limit(error=error, size=find_limit(survey, error, exact, growth, repeat)))
+        progress("mapping", len(limits), rows)
+    for name, grade in grades.items():
+        results.append(fly_grade(survey, name, grade, exact, repeat))
+        progress("mapping", len(limits) + len(results), rows)
+    return Budget(
+        scenario=scenario, growth=growth, repeat=repeat, rms_m=exact, limits=tuple(limits), grades=tuple(results)
+    )
+
+
+def rms_with(survey: RecordedSurvey, error: NavigationError, size: float, repeat: int) -> float:
+    """Return the RMS of the DEM with one error of navigation."""
+    if error.kind == "constant":
+        return max(survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
+    return _mean_rms(survey, error.table(size), repeat)
+
+
+def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
+    """Return the size of an error at which the RMS has grown by a share of the exact one; infinite if none."""
+
+    def grown(size: float) -> float:
+        rms = rms_with(survey, error, size, repeat)
+        # An error so large that no DEM is left has grown beyond all bounds.
+        return math.inf if math.isnan(rms) else rms / exact - 1
+
+    size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
+    for _ in range(MOST_STEPS):
+        found = grown(size)
+        if abs(found - growth) < TOLERANCE * (1 + growth):
+            return size
+        if found < growth:
+            if size >= error.largest:
+                return math.inf
+            low = (size, found)
+        else:
+            high = (size, found)
+        size = min(2.5 * size, error.largest) if math.isinf(high[0]) else _between(low, high, growth)
+    return size
+
+
+def fly_grade(survey: RecordedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
+    """Return the DEM with a grade of GPS/IMU."""
+    rms = _mean_rms(survey, grade.errors, repeat)
+    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
+    return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
+
+
+def write(budget: Budget, directory: Path) -> list[Path]:
+    """Write `budget.json` and the figure into a directory, all or nothing, and return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    from sionna_radar.report.budget.figures import draw_all
+
+    return write_study(directory, MARKER, budget.summary(), partial(draw_all, budget))
+
+
+def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:
+    first = survey.ready.scenario.seed
+    squares = [
+        survey.lit_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
+    ]
+    return math.sqrt(sum(squares) / repeat)
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], growth: float) -> float:
+    """Return the next size to try: the mean square grows about as the square of the error does."""
+    square = [(1 + found) ** 2 for found in (low[1], high[1], growth)]
+    share = (square[2] - square[0]) / (square[1] - square[0]) if square[1] > square[0] else 0.5
+    # Kept off the ends: where the mean square grows otherwise, this still closes in.
+    share = min(max(share, 0.1), 0.9)
+    return math.sqrt(low[0] ** 2 + share * (high[0] ** 2 - low[0] ** 2))

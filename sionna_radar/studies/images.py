@@ -1,0 +1,266 @@
+"""A side-looking survey and its images: the slant-range image, and the focused one where the survey is coherent.
+
+Only the measured pose and the altitude that was asked for make the images. The scene's point targets serve to measure
+how fine they are, as corner reflectors do.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Inexact
+
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.imaging.aperture import Aperture, check_sampling, whole_beam
+from sionna_radar.imaging.point_response import (
+    Point,
+    Widths,
+    alone,
+    measured_in_patch,
+    measured_in_slant,
+    patch_around,
+    point_beside,
+)
+from sionna_radar.imaging.resolution import (
+    azimuth_resolution_m,
+    ground_range_resolution_m,
+    real_aperture_resolution_m,
+    slant_range_resolution_m,
+)
+from sionna_radar.imaging.sar import BackProjection, SarImage
+from sionna_radar.imaging.slar import SideLooking, SlantImage
+from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
+from sionna_radar.report.folder import write_folder
+from sionna_radar.scenario import Scenario
+from sionna_radar.survey.chain import BLOCK_SIZE
+from sionna_radar.survey.preparation import SAMPLED_PULSES, Preparation, prepare
+from sionna_radar.survey.sensors import build_tracer, received
+from sionna_radar.survey.warnings import Brief
+
+MARKER = "image.json"
+# Bins of the slant-range image in a range cell, and stretches of track in the width that it resolves at the near edge.
+BINS_PER_CELL = 4
+STRETCHES_PER_WIDTH = 8
+# Pulses in a stretch, at least, so that none is without.
+LEAST_PULSES = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """How wide a point target is in one image, and should be; None where it could not be measured."""
+
+    theory: Widths
+    measured: Widths | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reflector:
+    """A point target of the scene in the images; `sar` is None where no focused image shows it."""
+
+    position_m: tuple[float, float, float]
+    place: Point
+    slar: Response
+    sar: Response | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imagery(Brief):
+    """The images of a survey, with the scenario that made them.
+
+    slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from
+        pulse to pulse.
+    """
+
+    scenario: Scenario
+    strip: Strip
+    slant: SlantImage
+    focused: SarImage | None
+    slar: Widths
+    sar: Widths | None
+    reflectors: tuple[Reflector, ...]
+    pulses: int
+    georeference: Georeference | None
+
+    def __repr__(self) -> str:
+        told = f"{self.slar.along_m:.3g} m x {self.slar.across_m:.3g} m in slant range"
+        lines = [f"Imagery: {self.scenario.description or 'no description'}", f"  {self.pulses:,} pulses; SLAR {told}"]
+        if self.sar:
+            lines.append(f"  SAR {self.sar.along_m:.3g} m x {self.sar.across_m:.3g} m on the ground")
+        return "\n".join(lines)
+
+
+def fly_images(
+    scenario: Scenario,
+    *,
+    block_size: int = BLOCK_SIZE,
+    progress: Progress = silent,
+) -> Imagery:
+    """Fly a side-looking survey and return its images.
+
+    Parameters
+    ----------
+    scenario:
+        The survey; `tracing.speckle = "persistent"` lets it be focused.
+    block_size, progress:
+        As for `sionna_radar.run`.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The radar does not look to the side of one straight track; the track is shorter than the aperture; the chirp
+        rate does not sample the phase along it; or the scenario cannot be flown, see `prepare`.
+
+    """
+    _check(scenario)
+    progress("preparing", 0, 0)
+    ready = prepare(scenario)
+    progress("preparing", 1, 1)
+    growing = _Growing(ready)
+    tracer = build_tracer(ready)
+    for pulses in ready.schedule.blocks(block_size):
+        growing.add(received(tracer.trace(pulses), pulses, ready), pulses.measured)
+        progress("imaging", int(pulses.index[-1]) + 1, len(ready.schedule))
+    return growing.imagery()
+
+
+def write(imagery: Imagery, directory: Path) -> list[Path]:
+    """Write `image.json`, the images as netCDF and the figures into a directory, all or nothing; return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    from sionna_radar.report.imagery.products import fill
+
+    return write_folder(directory, MARKER, lambda folder: fill(imagery, folder, MARKER))
+
+
+def _check(scenario: Scenario) -> None:
+    radar, platform = scenario.radar, scenario.platform
+    problems = []
+    if radar.scan.mode != "side_looking":
+        message = f"{radar.scan.mode!r} does not look to the side of the track; set radar.scan.mode = 'side_looking'"
+        problems.append(Problem("radar.scan.mode", message))
+    if scenario.sensor != "radar":
+        problems.append(Problem("sensor", f"{scenario.sensor!r} makes no radar image; set sensor = 'radar'"))
+    if radar.sweep == "triangular":
+        problems.append(Problem("radar.sweep", "'triangular' is not imaged; set radar.sweep = 'up' or 'down'"))
+    if len(platform.waypoints_m) > 2:
+        message = f"{len(platform.waypoints_m)} points make no straight track; give two, or start_m and length_m"
+        problems.append(Problem("platform.waypoints_m", message))
+    if problems:
+        raise ScenarioError(problems)
+
+
+class _Growing:
+    """The images of a prepared survey, growing block of pulses by block of pulses."""
+
+    def __init__(self, ready: Preparation) -> None:
+        self._ready, self._window = ready, ready.scenario.processing.window
+        self._strip = _strip(ready)
+        self._points = tuple(point_beside(target, self._strip) for target in ready.built.scene.targets)
+        analyser = SpectrumAnalyser(ready.chirp, self._window, BINS_PER_CELL, ready.high_pass)
+        self._slar = SideLooking(analyser, _stretch_m(ready, self._strip))
+        self._aperture: Aperture | None = None
+        self._sar: BackProjection | None = None
+        self._patches: dict[int, BackProjection] = {}
+        if ready.scenario.tracing.speckle == "persistent":
+            self._aperture = whole_beam(ready.antenna)
+            self._sar = self._focusing(self._aperture)
+
+    def _focusing(self, aperture: Aperture) -> BackProjection:
+        ready = self._ready
+        check_sampling(ready.schedule.sample(SAMPLED_PULSES).measured, ready.chirp, aperture)
+        pixels = focused_pixels(self._strip, ready.chirp, aperture, self._window)
+        for number, point in enumerate(self._points):
+            inside = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
+            if inside and pixels.across_m[0] <= point.ground_m <= pixels.across_m[-1]:
+                patch = patch_around(point, self._strip, self._focused_theory(point, aperture))
+                self._patches[number] = BackProjection(ready.chirp, patch, aperture, self._window, ready.high_pass)
+        return BackProjection(ready.chirp, pixels, aperture, self._window, ready.high_pass)
+
+    def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
+        self._slar.add(beats, measured)
+        for image in (self._sar, *self._patches.values()):
+            if image is not None:
+                image.add(beats, measured)
+
+    def imagery(self) -> Imagery:
+        """Return the images of all pulses so far, and what they resolve."""
+        ready, strip = self._ready, self._strip
+        middle = Point(
+            along_m=strip.length_m / 2,
+            ground_m=strip.clearance_m * float(np.tan(strip.incidence_rad)),
+            height_m=strip.height_m,
+            slant_range_m=strip.middle_range_m,
+            incidence_rad=strip.incidence_rad,
+            steady=True,
+        )
+        slant = self._slar.image()
+        return Imagery(
+            scenario=ready.scenario,
+            strip=strip,
+            slant=slant,
+            focused=self._sar.image() if self._sar else None,
+            slar=self._slant_theory(middle),
+            sar=self._focused_theory(middle, self._aperture) if self._aperture else None,
+            reflectors=tuple(self._reflector(number, slant) for number in range(len(self._points))),
+            pulses=len(ready.schedule),
+            georeference=ready.built.scene.georeference,
+        )
+
+    def _reflector(self, number: int, slant: SlantImage) -> Reflector:
+        point, theory = self._points[number], self._slant_theory(self._points[number])
+        real = measured_in_slant(slant, point, theory) if self._measurable(point, theory) else None
+        focused = None
+        if self._aperture is not None and number in self._patches:
+            sharp, image = self._focused_theory(point, self._aperture), self._patches[number].image()
+            told = measured_in_patch(image.power, image.grid) if self._measurable(point, sharp) else None
+            focused = Response(theory=sharp, measured=told)
+        return Reflector(
+            position_m=self._ready.built.scene.targets[number].position_m,
+            place=point,
+            slar=Response(theory=theory, measured=real),
+            sar=focused,
+        )
+
+    def _measurable(self, point: Point, theory: Widths) -> bool:
+        return point.steady and alone(point, self._points, theory)
+
+    def _slant_theory(self, point: Point) -> Widths:
+        return Widths(
+            along_m=real_aperture_resolution_m(self._ready.antenna.azimuth, point.slant_range_m),
+            across_m=slant_range_resolution_m(self._ready.chirp, self._window),
+        )
+
+    def _focused_theory(self, point: Point, aperture: Aperture) -> Widths:
+        return Widths(
+            along_m=azimuth_resolution_m(aperture, self._ready.chirp.wavelength_m),
+            across_m=ground_range_resolution_m(self._ready.chirp, self._window, point.incidence_rad),
+        )
+
+
+def _strip(ready: Preparation) -> Strip:
+    scan = ready.scenario.radar.scan
+    ends = np.array([0, len(ready.schedule) - 1])
+    return lit_strip(
+        ready.schedule.pulses(ends).measured,
+        scan.side,
+        ready.scenario.platform.altitude_m,
+        float(np.deg2rad(scan.incidence_deg)),
+        ready.antenna.beamwidths_rad[1],
+        ready.chirp.max_range_m,
+    )
+
+
+def _stretch_m(ready: Preparation, strip: Strip) -> float:
+    """Return the length of track that the slant-range image averages over."""
+    width = real_aperture_resolution_m(ready.antenna.azimuth, strip.slant_range_m(strip.near_m))
+    spacing = ready.scenario.platform.speed_mps / ready.scenario.radar.chirp_rate_hz
+    return max(width / STRETCHES_PER_WIDTH, LEAST_PULSES * spacing)

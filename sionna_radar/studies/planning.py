@@ -1,0 +1,302 @@
+"""Planning a flight: the scan, the speed and the lines that cover an area with echoes close enough together.
+
+A whisk-broom scan at the tilt a meets level ground, h below, at (h tan a / cos b ahead, h tan b to the side) for
+the scan angle b. From there to the next chirp's place is
+
+    h / cos^2 b * sqrt(1 + tan^2 a sin^2 b) * (step of b),
+
+widest at the edge of the swath. Scan lines lie one turn of the antenna apart, flight lines a little less than a
+swath. On slopes turned away from the radar a ray more than 90 deg minus the slope from nadir would be a shadow's.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario.terrain import FlatTerrain
+from sionna_radar.scene.map_positions import in_local_frame
+from sionna_radar.survey.limits import MOST_CHIRPS
+
+# The beam must not be wider on the ground than this many ground samples.
+BEAM_SAMPLES = 2.0
+# Places of echoes shift with the slopes under them: the plan keeps this share of the sampling in hand.
+RESERVE = 0.9
+SHADOW_MARGIN_RAD = math.radians(5.0)
+# Ground may lie this share of the altitude lower than the plan's level ground.
+RELIEF = 0.15
+LEAST_INCIDENCE_RAD = math.radians(5.0)
+# Cruise beyond each end of a line, in ground samples.
+RUN_OUT_SAMPLES = 2.0
+MOST_LINES = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is to be mapped, and what the platform and the radar can do.
+
+    size_m: the area's extent to the right of its heading and along it: east and north while it heads north.
+    position_m: the area's centre, east and north.
+    heading_deg: direction of the area's second side, clockwise from north.
+    sampling_m: greatest spacing between neighbouring echoes.
+    overlap: share of a swath that the next line flies again; half of it lies beyond the area's border.
+    greatest_slope_deg: steepest slope that must not fall into a shadow.
+    """
+
+    size_m: tuple[float, float]
+    sampling_m: float
+    position_m: tuple[float, float] = (0.0, 0.0)
+    heading_deg: float = 0.0
+    altitude_m: float | None = None
+    speed_mps: float = 10.0
+    incidence_deg: float = 45.0
+    half_swath_deg: float = 50.0
+    overlap: float = 0.2
+    greatest_slope_deg: float = 20.0
+    most_rotation_rpm: float = 600.0
+    most_chirp_rate_hz: float = 5000.0
+
+    def to_world(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Return places counted from the area's centre, to the right of its heading and along it, as east, north."""
+        heading = math.radians(self.heading_deg)
+        right = np.array([math.cos(heading), -math.sin(heading)])
+        along = np.array([math.sin(heading), math.cos(heading)])
+        return np.array(self.position_m) + place_m[:, :1] * right + place_m[:, 1:] * along
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """A flight over level ground that covers an area; angles in radians."""
+
+    wanted: Wanted
+    altitude_m: float
+    speed_mps: float
+    incidence_rad: float
+    half_swath_rad: float
+    rotation_rpm: float
+    chirp_rate_hz: float
+    samples_per_chirp: int
+    line_spacing_m: float
+    waypoints_m: tuple[tuple[float, float], ...]
+
+    @property
+    def lines(self) -> int:
+        """How many lines are flown."""
+        return len(self.waypoints_m) // 2
+
+    @property
+    def swath_m(self) -> float:
+        """Width of ground that a line covers."""
+        return 2 * self.altitude_m * math.tan(self.half_swath_rad)
+
+    @property
+    def flight_s(self) -> float:
+        """Duration of the cruise."""
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum()) / self.speed_mps
+
+    @property
+    def reach_m(self) -> float:
+        """How far from the platform the beam meets level ground, on the plan."""
+        ahead = math.tan(self.incidence_rad) / math.cos(self.half_swath_rad)
+        return self.altitude_m * math.hypot(ahead, math.tan(self.half_swath_rad))
+
+
+def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
+    """Return a flight that covers an area.
+
+    Parameters
+    ----------
+    wanted:
+        The area and its sampling.
+    base:
+        Scenario whose antenna, sweep and sampling the radar has; without one, the defaults.
+
+    Raises
+    ------
+    ScenarioError
+        The area, the sampling or the limits leave no flight.
+
+    """
+    base = base or _default_base()
+    _check(wanted)
+    incidence, half_swath = _angles(wanted)
+    altitude = wanted.altitude_m or _altitude(wanted, base, incidence, half_swath)
+    stretch = math.sqrt(1 + (math.tan(incidence) * math.sin(half_swath)) ** 2) / math.cos(half_swath) ** 2
+    step_rad = RESERVE * wanted.sampling_m / (altitude * stretch)
+    turns_per_m = 1 / (RESERVE * wanted.sampling_m)
+    most_turns_hz = min(wanted.most_rotation_rpm / 60, wanted.most_chirp_rate_hz * step_rad / (2 * math.pi))
+    speed = min(wanted.speed_mps, most_turns_hz / turns_per_m)
+    turns_hz = speed * turns_per_m
+    _check_lines(wanted, altitude, half_swath)
+    spacing, waypoints = _lines(wanted, altitude, incidence, half_swath)
+    plan = Plan(
+        wanted=wanted,
+        altitude_m=altitude,
+        speed_mps=speed,
+        incidence_rad=incidence,
+        half_swath_rad=half_swath,
+        rotation_rpm=60 * turns_hz,
+        chirp_rate_hz=2 * math.pi * turns_hz / step_rad,
+        samples_per_chirp=_samples(base, altitude, incidence, half_swath),
+        line_spacing_m=spacing,
+        waypoints_m=waypoints,
+    )
+    _check_chirps(plan)
+    return plan
+
+
+def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
+    """Return a scenario that flies a plan.
+
+    Parameters
+    ----------
+    plan:
+        The flight.
+    base:
+        Scenario to take everything but the flight and the scan from; without one the ground is flat.
+
+    Raises
+    ------
+    ScenarioError
+        The flight contradicts the rest of the scenario.
+    InputFileError
+        The base's positions are given on the map, and its terrain cannot be read.
+
+    """
+    # The planned waypoints are local, so what stays of the base has to be.
+    base = in_local_frame(base or _default_base())
+    data = base.model_dump(mode="json", exclude_none=True)
+    size = plan.wanted.size_m
+    data["description"] = f"{size[0]:g} m x {size[1]:g} m planned at {plan.wanted.sampling_m:g} m"
+    platform: dict[str, Any] = data["platform"]
+    for key in ("start_m", "heading_deg", "length_m"):
+        platform.pop(key, None)
+    platform |= {
+        "altitude_m": plan.altitude_m,
+        "speed_mps": plan.speed_mps,
+        "waypoints_m": [list(point) for point in plan.waypoints_m],
+    }
+    data["radar"] |= {"chirp_rate_hz": plan.chirp_rate_hz, "samples_per_chirp": plan.samples_per_chirp}
+    data["radar"]["scan"] |= {
+        "mode": "whisk_broom",
+        "incidence_deg": math.degrees(plan.incidence_rad),
+        "half_swath_deg": math.degrees(plan.half_swath_rad),
+        "rotation_rpm": plan.rotation_rpm,
+    }
+    if isinstance(base.terrain, FlatTerrain):
+        # A plane is a plane whatever its size; hills of another size would be other hills.
+        reach = 2 * (np.abs(np.array(plan.waypoints_m)).max(axis=0) + 1.2 * plan.reach_m + 10.0)
+        data["terrain"]["size_m"] = np.maximum(np.ceil(reach), base.terrain.size_m).tolist()
+    data.setdefault("dem", {})["spacing_m"] = min(base.dem.spacing_m, plan.wanted.sampling_m)
+    return parse_scenario(data, source="plan")
+
+
+def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
+    lines = min(wanted.size_m) / (2 * altitude * math.tan(half_swath) * (1 - wanted.overlap))
+    if lines > MOST_LINES:
+        message = f"{wanted.sampling_m:g} m takes {lines:.3g} lines, more than {MOST_LINES:,}; raise it"
+        raise ScenarioError([Problem("sampling", message)], "plan")
+
+
+def _check_chirps(plan: Plan) -> None:
+    """Refuse a flight of more chirps than can be flown over the terrain to check it."""
+    chirps = plan.flight_s * plan.chirp_rate_hz
+    if chirps > MOST_CHIRPS:
+        wanted = plan.wanted
+        enough_m = 1.1 * wanted.sampling_m * math.sqrt(chirps / MOST_CHIRPS)
+        message = (
+            f"{wanted.sampling_m:g} m over {wanted.size_m[0]:g} x {wanted.size_m[1]:g} m takes {chirps:.3g} chirps, "
+            f"more than {MOST_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
+            "a part of the area at a time"
+        )
+        raise ScenarioError([Problem("sampling", message)], "plan")
+
+
+def _check(wanted: Wanted) -> None:
+    problems = [
+        Problem(name, f"{value:g} must be greater than {least:g} and less than {most:g}; change it")
+        for name, value, least, most in (
+            ("area, east", wanted.size_m[0], 0.0, 1e5),
+            ("area, north", wanted.size_m[1], 0.0, 1e5),
+            ("sampling", wanted.sampling_m, 0.0, 1e3),
+            ("altitude", 1.0 if wanted.altitude_m is None else wanted.altitude_m, 0.0, 1e5),
+            ("speed", wanted.speed_mps, 0.0, 1e3),
+            ("incidence", wanted.incidence_deg, -1e-9, 85.0),
+            ("half-swath", wanted.half_swath_deg, 0.0, 85.0),
+            ("overlap", wanted.overlap, -1e-9, 0.9),
+            ("slope", wanted.greatest_slope_deg, -1e-9, 80.0),
+            ("position, east", wanted.position_m[0], -1e5, 1e5),
+            ("position, north", wanted.position_m[1], -1e5, 1e5),
+            ("heading", wanted.heading_deg, -360.0, 360.0),
+        )
+        if not least < value < most
+    ]
+    if problems:
+        raise ScenarioError(problems, "plan")
+
+
+def _angles(wanted: Wanted) -> tuple[float, float]:
+    """Return tilt and half swath: as wanted, or so much less that the slopes lie in no shadow."""
+    incidence, half_swath = math.radians(wanted.incidence_deg), math.radians(wanted.half_swath_deg)
+    steepest = math.pi / 2 - math.radians(wanted.greatest_slope_deg) - SHADOW_MARGIN_RAD
+    # The ray at the edge lies arccos(cos a cos b) from nadir.
+    if math.cos(incidence) * math.cos(half_swath) >= math.cos(steepest):
+        return incidence, half_swath
+    half_swath = min(half_swath, math.acos(math.cos(steepest) / math.cos(min(LEAST_INCIDENCE_RAD, steepest / 2))))
+    return min(incidence, math.acos(min(math.cos(steepest) / math.cos(half_swath), 1.0))), half_swath
+
+
+def _altitude(wanted: Wanted, base: Scenario, incidence: float, half_swath: float) -> float:
+    """Return the height at which the beam is as wide on the ground as it may be, or the sampled beat ends."""
+    azimuth, elevation = base.radar.antenna.beamwidths_rad
+    slant = 1 / math.cos(incidence)  # over the height, in the middle of the swath
+    along = elevation * slant / math.cos(incidence)
+    wide = BEAM_SAMPLES * wanted.sampling_m / max(azimuth * slant, along)
+    edge = 1 / (math.cos(incidence) * math.cos(half_swath))
+    far = base.radar.max_range_m / (edge * (1 + RELIEF))
+    return min(wide, far)
+
+
+def _samples(base: Scenario, altitude: float, incidence: float, half_swath: float) -> int:
+    """Return as many samples as the farthest ground needs, no fewer than the base has."""
+    farthest = altitude * (1 + RELIEF) / (math.cos(incidence) * math.cos(half_swath))
+    cells = farthest * 2 * base.radar.bandwidth_hz / speed_of_light
+    needed = cells * (2 if base.radar.sampling == "real" else 1)
+    return max(base.radar.samples_per_chirp, 2 ** math.ceil(math.log2(needed)))
+
+
+def _lines(
+    wanted: Wanted, altitude: float, incidence: float, half_swath: float
+) -> tuple[float, tuple[tuple[float, float], ...]]:
+    """Return the distance of the lines and their ends in the order flown, along the longer side of the area."""
+    right, forward = wanted.size_m
+    along, across = max(right, forward), min(right, forward)
+    swath = 2 * altitude * math.tan(half_swath)
+    count = math.ceil(across / (swath * (1 - wanted.overlap)) - 1e-9)
+    spacing = across / count
+    offset = spacing * (np.arange(count) - (count - 1) / 2)
+    # The beam meets the ground ahead: farthest at the edges of the swath, nearest in its middle.
+    near, far = altitude * math.tan(incidence), altitude * math.tan(incidence) / math.cos(half_swath)
+    margin = RUN_OUT_SAMPLES * wanted.sampling_m
+    ends = (-along / 2 - far - margin, along / 2 - near + margin)
+    waypoints = []
+    for number, side in enumerate(offset):
+        way = 1 if number % 2 == 0 else -1
+        for end in ends:
+            waypoints.append((way * end, side) if right >= forward else (side, way * end))
+    return float(spacing), tuple((float(x), float(y)) for x, y in wanted.to_world(np.array(waypoints)))
+
+
+def _default_base() -> Scenario:
+    return parse_scenario(
+        {
+            "terrain": {"kind": "flat"},
+            "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
+            "radar": {"snr_db": 30.0},
+        }
+    )

@@ -1,0 +1,180 @@
+"""What a surface does to the radar's wave: V, H and cross-polar backscatter, and a mirror reflection.
+
+Scattering matrix of a small piece of the surface, in its own axes (h across the plane of incidence, v in it)
+and the same for both ways:
+
+    | a_h  0  |       | j s1   s2   |
+    |  0  a_v |  + x  | s2   -j s1  |      s1, s2 = +-1, drawn for each place
+
+The second part carries the cross-polar power x^2. It is symmetric, so VH equals HV (reciprocity), and turning
+the axes only turns its phase, on average over the signs: at nadir, where the axes are arbitrary, nothing depends
+on them. It adds x^2 to the co-polar channels too, which a_h and a_v leave room for. So the two co-polar channels
+correlate by (a_h a_v - x^2) / sqrt(s_h s_v), that is by 1 - 2 x^2 / s where V and H are alike, as in every scatterer
+that looks the same from all sides about the line of sight (Nghiem and others 1992, "Symmetry properties in
+polarimetric remote sensing", Radio Science 27, 693-711: s_hv = (s - Re<hh vv*>) / 2).
+
+Where a correlation rho is given instead, the diagonal has d in place of x, from rho sqrt(s_h s_v) = a_h a_v - d^2 with
+a^2 = s - d^2; toward nadir, where V and H are one, d goes over to x again.
+
+Of a circular wave (v + j h) / sqrt 2 comes back in the same sense (v - h + 2 j x') / 2 and in the opposite one
+(v + h) / 2, with v and h the co-polar and x' the cross-polar amplitude:
+
+    same sense       (a_v - a_h)^2 / 4 + d^2 + x^2  =  (s_h + s_v - 2 rho sqrt(s_h s_v)) / 4 + s_hv
+    opposite sense   (a_v + a_h)^2 / 4              =  (s_h + s_v + 2 rho sqrt(s_h s_v)) / 4
+
+The phase between V and H of a lossy rough surface is left out: over soil at 77 GHz it is 1 to 10 deg.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.surfaces.backscatter import Backscatter, ScatteredShare
+from sionna_radar.surfaces.rough_surface import coherent_power_factor, fresnel_reflection
+
+Channel = Literal["VV", "HH", "VH", "HV", "same", "opposite"]
+# From here on outward from nadir a given co-polar correlation holds.
+CORRELATED_FROM_RAD = float(np.deg2rad(20.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mirror:
+    """The coherent reflection of a plane, rough or smooth, at right angles."""
+
+    permittivity: complex
+    rms_height_m: float
+    frequency_hz: float
+
+    @property
+    def amplitude(self) -> complex:
+        """Reflected over incident field, both along the same axis: Fresnel's times what roughness leaves."""
+        factor = 1.0
+        if self.rms_height_m > 0:
+            factor = float(coherent_power_factor(self.rms_height_m, self.frequency_hz, np.zeros(1))[0])
+        smooth = complex(fresnel_reflection(self.permittivity, np.ones(1), "H")[0])
+        return smooth * factor**0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScatteringParts:
+    """The amplitudes of the matrix in the module's text: a_v, a_h, d (on the diagonal) and x (beside it)."""
+
+    vertical: Float[np.ndarray, " n"]
+    horizontal: Float[np.ndarray, " n"]
+    opposed: Float[np.ndarray, " n"]
+    exchanged: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadarMaterial:
+    """A surface's backscatter in every channel; it is a `Backscatter` itself, of the channel in use.
+
+    vertical, horizontal: co-polar sigma0 for a field in the plane of incidence and across it.
+    cross_polar: cross-polar sigma0 over the weaker of the two.
+    copolar_correlation: of VV and HH off nadir, 0 to 1; None for that of a scatterer alike from all sides.
+    channel: what the radar sends and receives (VH: receives V of a sent H; equal to HV), or in which sense it
+        receives a circular wave.
+    mirror: None for a surface without a specular return.
+    """
+
+    vertical: Backscatter
+    horizontal: Backscatter
+    cross_polar: float = 0.0
+    copolar_correlation: float | None = None
+    channel: Channel = "VV"
+    mirror: Mirror | None = None
+
+    def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the cross-section per unit of surface area in the channel."""
+        if self.channel in ("VH", "HV"):
+            return self.cross_sigma0(incidence_rad)
+        if self.channel in ("same", "opposite"):
+            return self._circular_sigma0(incidence_rad)
+        return self.co_polar.sigma0(incidence_rad)
+
+    def _circular_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        parts = self.parts(incidence_rad)
+        if self.channel == "opposite":
+            return (parts.vertical + parts.horizontal) ** 2 / 4
+        return (parts.vertical - parts.horizontal) ** 2 / 4 + parts.opposed**2 + parts.exchanged**2
+
+    def parts(
+        self, incidence_rad: Float[np.ndarray, " n"], spread: float | Float[np.ndarray, " n"] = 1.0
+    ) -> ScatteringParts:
+        """Return the amplitudes of the scattering matrix, whose squares are sigma0 over `spread`."""
+        cross = self.cross_sigma0(incidence_rad) / spread
+        vertical, horizontal = (m.sigma0(incidence_rad) / spread for m in (self.vertical, self.horizontal))
+        opposed = self._opposed(vertical, horizontal, cross, incidence_rad)
+        return ScatteringParts(
+            vertical=np.sqrt(np.maximum(vertical - opposed, 0.0)),
+            horizontal=np.sqrt(np.maximum(horizontal - opposed, 0.0)),
+            opposed=np.sqrt(opposed),
+            exchanged=np.sqrt(cross),
+        )
+
+    def _opposed(
+        self,
+        vertical: Float[np.ndarray, " n"],
+        horizontal: Float[np.ndarray, " n"],
+        cross: Float[np.ndarray, " n"],
+        incidence_rad: Float[np.ndarray, " n"],
+    ) -> Float[np.ndarray, " n"]:
+        """Return d^2: v h (1 - rho^2) / (v + h + 2 rho sqrt(v h)) solves the two equations of the module's text."""
+        rho = self.copolar_correlation
+        if rho is None:
+            return cross
+        below = np.maximum(vertical + horizontal + 2 * rho * np.sqrt(vertical * horizontal), np.finfo(float).tiny)
+        wanted = vertical * horizontal * (1 - rho**2) / below
+        share = np.minimum((np.sin(incidence_rad) / np.sin(CORRELATED_FROM_RAD)) ** 2, 1.0)
+        opposed: Float[np.ndarray, " n"] = cross + share * (wanted - cross)
+        return opposed
+
+    def cross_sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the cross-polar cross-section per unit of surface area."""
+        vertical, horizontal = (m.sigma0(incidence_rad) for m in (self.vertical, self.horizontal))
+        return self.cross_polar * np.minimum(vertical, horizontal)
+
+    @property
+    def co_polar(self) -> Backscatter:
+        """The strong echo of what the radar sends: co-polar, or of a circular wave in the opposite sense."""
+        if self.channel in ("same", "opposite"):
+            return replace(self, channel="opposite")
+        return self.vertical if self.channel in ("VV", "HV") else self.horizontal
+
+    def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return scattered over incident power, mirror included, the larger of a sent V and H.
+
+        A model that knows where its power goes says so by its own method `scattered_share`. Of any other only
+        the backscatter is known: it is taken to re-radiate its field into every direction of the hemisphere alike,
+        projected across the direction, which is what the ray tracer's material does: sigma0 / (4 pi cos) times the
+        solid angle 4 pi / 3 that the projection leaves. The cross-polar field is one more.
+        """
+        cosine = np.maximum(np.cos(incidence_rad), 1e-9)
+        shares = []
+        for model in (self.vertical, self.horizontal):
+            if isinstance(model, ScatteredShare):
+                shares.append(model.scattered_share(incidence_rad) * (1 + self.cross_polar))
+            else:
+                shares.append((model.sigma0(incidence_rad) + self.cross_sigma0(incidence_rad)) / (3 * cosine))
+        share: Float[np.ndarray, " n"] = np.maximum(*shares)
+        if self.mirror is not None:
+            share = share + self._reflected_share(self.mirror, incidence_rad)
+        return share
+
+    @staticmethod
+    def _reflected_share(mirror: Mirror, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        cosine = np.cos(incidence_rad)
+        strongest = np.maximum(*(np.abs(fresnel_reflection(mirror.permittivity, cosine, p)) ** 2 for p in ("V", "H")))
+        phase = 4 * np.pi * mirror.frequency_hz / speed_of_light * mirror.rms_height_m * cosine
+        reflected: Float[np.ndarray, " n"] = strongest * np.exp(-(phase**2))
+        return reflected
+
+
+def as_radar_material(backscatter: Backscatter) -> RadarMaterial:
+    """Return a backscatter model as a material that treats V and H alike, unless it is a material already."""
+    if isinstance(backscatter, RadarMaterial):
+        return backscatter
+    return RadarMaterial(vertical=backscatter, horizontal=backscatter)

@@ -1,0 +1,154 @@
+"""What stands between the radar and the scene: the loss on every path, and the echo of what fills the air."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho
+from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
+from sionna_radar.tracing.paths import Paths
+from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.gases import Air
+from sionna_radar.weather.kinds import Precipitation
+from sionna_radar.weather.path import two_way_attenuation
+from sionna_radar.weather.rain import rain_power_laws
+from sionna_radar.weather.rain_map import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.volume import volume_of
+
+
+class Atmosphere:
+    """The weather as one radar sees it."""
+
+    def __init__(self, weather: Weather, antenna: Antenna, chirp: Chirp, seed: int) -> None:
+        self._weather, self._antenna = weather, antenna
+        self._step_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
+        self._steps = int(np.ceil(chirp.max_range_m / self._step_m))
+        volume = volume_of(weather)
+        self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)
+        self._polarisation = None if volume is None else volume_polarisation(weather, antenna)
+
+    def with_volume(self, paths: Paths, pulses: Pulses) -> Paths:
+        """Return a block's diffuse paths and the echo of what fills the air in front of them."""
+        if self._echo is None:
+            return paths
+        echo = self._echo.trace(pulses, paths)
+        if self._polarisation is not None:
+            echo = self._polarisation.received(echo, pulses)
+        return Paths.concatenate([paths, echo])
+
+    def through(self, paths: Paths, pulses: Pulses) -> Paths:
+        """Return a block's paths with the loss on their way; clear air changes nothing."""
+        if self._weather.clear:
+            return paths
+        row, range_m = np.searchsorted(pulses.index, paths.pulse), paths.delay_s * (speed_of_light / 2)
+        if self._weather.rain_map is None:
+            left = two_way_attenuation(range_m, self.attenuation_db_per_km(pulses.true)[row])
+        else:
+            left = 10 ** (-2 * self._uneven_loss_db(self._weather.rain_map, pulses, row, range_m) / 10)
+        if self._weather.wet_radome_m is not None:
+            left = left * self._through_radome(pulses)[row]
+        return dataclasses.replace(paths, gain=paths.gain * np.sqrt(left))
+
+    def _uneven_loss_db(
+        self, rain: RainMap, pulses: Pulses, row: Int[np.ndarray, " path"], range_m: Float[np.ndarray, " path"]
+    ) -> Float[np.ndarray, " path"]:
+        """Return the one-way loss in rain that differs along the boresight: the sum over cells of range to each path.
+
+        Behind the farthest range that is sampled it goes on as in the last cell.
+        """
+        pose = pulses.true
+        middle_m = (np.arange(self._steps) + 0.5) * self._step_m
+        place_m = pose.position_m[:, None, :2] + middle_m[:, None] * pose.boresight[:, None, :2]
+        drift_m = pulses.time_s[:, None] * np.array(self._weather.wind_mps[:2])
+        rate_mm_per_h = rain.rate_mm_per_h(place_m - drift_m[:, None, :])
+        k, alpha = rain_power_laws(self._weather.carrier_hz, self._mix(pose))
+        db_per_km = self._weather.still_attenuation_db_per_km + k[:, None] * rate_mm_per_h ** alpha[:, None]
+        loss_db = np.zeros((len(pulses), self._steps + 1))
+        np.cumsum(db_per_km * (self._step_m / 1000), axis=1, out=loss_db[:, 1:])
+        cell = np.minimum((range_m / self._step_m).astype(np.int64), self._steps - 1)
+        beyond_km = (range_m - cell * self._step_m) / 1000
+        lost_db: Float[np.ndarray, " path"] = loss_db[row, cell] + db_per_km[row, cell] * beyond_km
+        return lost_db
+
+    def _through_radome(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
+        """Return the share of an echo's power that the film on the radome leaves, both ways."""
+        if self._weather.rain_map is None:
+            rates = np.full(len(pulses), self._weather.rain_rate_mm_per_h)
+        else:
+            drift_m = pulses.time_s[:, None] * np.array(self._weather.wind_mps[:2])
+            rates = self._weather.rain_map.rate_mm_per_h(pulses.true.position_m[:, :2] - drift_m)
+        some, of = np.unique(rates, return_inverse=True)
+        return 10 ** (-np.array([self._weather.wet_radome_loss_db(float(rate)) for rate in some]) / 10)[of]
+
+    def attenuation_db_per_km(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
+        """Return the one-way specific attenuation along the boresight, where the rain is the same everywhere."""
+        return self._weather.attenuation_db_per_km(self._mix(pose))
+
+    def _mix(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
+        """Return what P.838 takes of the boresight and of the field's tilt.
+
+        Rain weakens a horizontal field more. With the field e, the boresight d and z up, the tilt of e from the
+        horizontal axis h = z x d / |z x d| and the elevation of d make cos^2(el) cos(2 tilt) =
+        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down. V and H have it opposite, so that a circular
+        wave has the difference of their shares of it: none.
+        """
+        field = pose.R_world_antenna[:, :, 1 if self._antenna.polarization == "H" else 2]
+        d = pose.boresight
+        across = field[:, 1] * d[:, 0] - field[:, 0] * d[:, 1]
+        mix: Float[np.ndarray, " pulse"] = 2 * across**2 - (1 - d[:, 2] ** 2)
+        return mix * np.diff(np.abs(self._antenna.jones[0][::-1]) ** 2) if self._antenna.circular else mix
+
+
+def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:
+    """Return the weather of a scenario as its radar sees it."""
+    return Atmosphere(build_weather(table, chirp.carrier_hz), antenna, chirp, seed)
+
+
+def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
+    """Return the weather of a scenario at a carrier."""
+    air = Air(
+        dry_pressure_pa=100 * table.dry_pressure_hpa,
+        temperature_k=table.temperature_k,
+        vapour_density_g_per_m3=table.vapour_g_per_m3,
+    )
+    return Weather(
+        carrier_hz=carrier_hz,
+        rain_rate_mm_per_h=table.rain_rate_mm_per_h,
+        rain_map=rain_map_of(table),
+        snowfall_mm_per_h={
+            kind: rate for kind, rate in table.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN
+        },
+        liquid_water_g_per_m3=table.water_in_air_g_per_m3,
+        visibility_m=table.visibility_m,
+        air=air if table.gases else None,
+        temperature_k=table.temperature_k,
+        wet_radome_m=None if table.wet_radome is None else table.wet_radome.radius_m,
+        wind_mps=table.wind_mps,
+    )
+
+
+def rain_map_of(table: WeatherTable) -> RainMap | None:
+    """Return the rain of a scenario by place; None where it is the same everywhere."""
+    parts: list[RainMap] = []
+    field, cell = table.rain_field, table.rain_cell
+    uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0
+    if field is not None and uneven:
+        parts.append(
+            RainField(
+                mean_mm_per_h=table.rain_rate_mm_per_h,
+                correlation_m=field.correlation_m,
+                spread_db=field.spread_db,
+                seed=field.seed,
+            )
+        )
+    if cell is not None and cell.peak_mm_per_h > 0:
+        parts.append(RainCell(centre_m=cell.centre_m, radius_m=cell.radius_m, peak_mm_per_h=cell.peak_mm_per_h))
+    if not parts:
+        return None
+    return RainTogether(parts=tuple(parts), everywhere_mm_per_h=0.0 if uneven else table.rain_rate_mm_per_h)

@@ -1,0 +1,340 @@
+"""Mirror reflections: plane patches of a surface that send the wave back coherently, by physical optics.
+
+An endless plane is a mirror: its echo is that of the radar's own image, twice as far away as the plane, so
+|gain| = G |R| lambda / (4 pi 2 h), with R the coherent reflection at right angles and h the distance to the foot of
+the perpendicular from the radar onto the plane. Of a patch, the border adds waves of its own.
+
+                radar            Faces that lie in one plane and touch form a patch. Its echo over that of the endless
+                  |              plane is the Kirchhoff integral over the patch, which a radial integration turns into
+                  | h            one along the border:
+      ------------+---------
+                foot                 F = w - 1/(2 pi) * integral of (h / r)^2 exp(-2 j k (r - h)) dphi,
+
+with w = 1 when the foot lies inside and 0 when outside, r the distance from the radar to the border, and phi the
+angle about the foot (in the way of Maggi 1888 and Rubinowicz 1917; the obliquity and the spread h / r are slow).
+A patch large against the first Fresnel zone (radius sqrt(lambda h / 2), 0.3 m at 50 m) has F = 1 in its midst, 1/2 on
+its edge and ripples between; a small one becomes a plate in the far field, of cross-section 4 pi A^2 / lambda^2.
+Along an edge at the distance d from the foot, r in the phase is taken to second order about its nearest place: what is
+integrated is d / (d^2 + t^2) (h / r)^2, piecewise linear, times a Fresnel phase, which is exact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.constants import speed_of_light
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import fresnel
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.tracing.paths import Paths
+
+# Corners nearer than this are one, and faces whose normals differ by less are in one plane (1e-9: 0.003 deg).
+SAME_CORNER_M = 1e-3
+SAME_PLANE = 1e-9
+# The float32 of the ray caster.
+TOUCHING_M = 0.02
+# Physical optics holds for patches of some wavelengths; smaller ones are left to the diffuse echo.
+LEAST_WAVELENGTHS = 2.0
+# The echo of a patch ends (at -25 to -30 dB) as its foot goes from the first to the second of these distances outside,
+# in Fresnel radii; gradually, since facets that share a curved surface would show a sudden end as an edge.
+OUTSIDE_RADII = 3.0, 6.0
+# An edge so many Fresnel radii away does not change an echo.
+EDGE_RADII = 12.0
+LEAST_DISTANCE_M = 1e-4
+# Nodes of an edge between which dphi is linear.
+EDGE_NODES = 129
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A plane piece of a surface.
+
+    border_m: segments of its outline, in the plane's own two coordinates about `centre_m`; the patch on their left.
+    """
+
+    surface: int
+    amplitude: complex
+    normal: Float[np.ndarray, " 3"]
+    axes: Float[np.ndarray, "2 3"]
+    centre_m: Float[np.ndarray, " 3"]
+    border_m: Float[np.ndarray, "edge 2 2"]
+
+    @property
+    def radius_m(self) -> float:
+        """Distance from the centre to the farthest corner."""
+        return float(np.linalg.norm(self.border_m, axis=2).max())
+
+    def nearest_m(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Return the place of the border nearest to each point of the plane."""
+        start, along = self.border_m[:, 0], self.border_m[:, 1] - self.border_m[:, 0]
+        share = np.clip(((point_m[:, None] - start) * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+        place = start + share[:, :, None] * along
+        nearest = np.argmin(((place - point_m[:, None]) ** 2).sum(axis=2), axis=1)
+        return place[np.arange(len(point_m)), nearest]
+
+    def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+        """Tell which points of the plane lie inside: the border turns about them once."""
+        return _turns(*self._seen_from(point_m)) > 0
+
+    def _seen_from(
+        self, point_m: Float[np.ndarray, "n 2"]
+    ) -> tuple[Float[np.ndarray, "n edge"], Float[np.ndarray, "n edge"], Float[np.ndarray, "n edge"]]:
+        """Return the distance of each edge's line, positive to its left, and where its ends lie along it."""
+        start, end = self.border_m[:, 0], self.border_m[:, 1]
+        along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
+        x, y = np.moveaxis(start - point_m[:, None], 2, 0)
+        distance = x * along[:, 1] - y * along[:, 0]
+        first = x * along[:, 0] + y * along[:, 1]
+        # On an edge's very line the sign says on which side a point lies; a tenth of a millimetre changes no echo.
+        distance = np.where(np.abs(distance) < LEAST_DISTANCE_M, LEAST_DISTANCE_M, distance)
+        return distance, first, first + np.linalg.norm(end - start, axis=1)
+
+    def factor(
+        self, foot_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, " n"], wavelength_m: float
+    ) -> Complex[np.ndarray, " n"]:
+        """Return the echo of the patch over that of the endless plane, F in the module's text.
+
+        Parameters
+        ----------
+        foot_m, height_m:
+            Where the perpendiculars from the radar meet the plane, in its own coordinates, and their lengths.
+        wavelength_m:
+            Of the carrier.
+
+        """
+        distance, first, last = self._seen_from(foot_m)
+        factor = _turns(distance, first, last).astype(np.complex128)
+        nearest = np.hypot(distance, np.maximum(np.maximum(first, -last), 0.0))
+        row, edge = np.nonzero(nearest < EDGE_RADII * _lobe_m(height_m, wavelength_m, self.radius_m)[:, None])
+        waves = _edge_wave(
+            distance[row, edge], first[row, edge], last[row, edge], height_m[row], 2 * np.pi / wavelength_m
+        )
+        np.subtract.at(factor, row, waves / (2 * np.pi))
+        return factor
+
+
+def _turns(
+    distance_m: Float[np.ndarray, "n edge"], first_m: Float[np.ndarray, "n edge"], last_m: Float[np.ndarray, "n edge"]
+) -> Float[np.ndarray, " n"]:
+    """Return how often a border turns about each point: 1 inside, 0 outside."""
+    angle = (np.arctan(last_m / distance_m) - np.arctan(first_m / distance_m)).sum(axis=1)
+    turns: Float[np.ndarray, " n"] = np.round(angle / (2 * np.pi))
+    return turns
+
+
+def _lobe_m(
+    height_m: Float[np.ndarray, " n"], wavelength_m: float, radius_m: Float[np.ndarray, " n"] | float
+) -> Float[np.ndarray, " n"]:
+    """Return the Fresnel radius, from which a path to a plane and back is half a wavelength longer, for a patch.
+
+    The lobes of a patch smaller than that reach out farther, by the ratio.
+    """
+    fresnel_m = np.sqrt(wavelength_m * height_m / 2)
+    lobe: Float[np.ndarray, " n"] = fresnel_m * np.maximum(1.0, fresnel_m / radius_m)
+    return lobe
+
+
+def _edge_wave(
+    distance_m: Float[np.ndarray, " n"],
+    first_m: Float[np.ndarray, " n"],
+    last_m: Float[np.ndarray, " n"],
+    height_m: Float[np.ndarray, " n"],
+    wavenumber: float,
+) -> Complex[np.ndarray, " n"]:
+    """Return the integral of (h / r)^2 exp(-2 j k (r - h)) dphi along edges."""
+    size = np.abs(distance_m)
+    # Nodes dense where dphi/dt is high; there dphi = du / cosh u with t = |d| sinh u.
+    share = np.linspace(0.0, 1.0, EDGE_NODES)
+    low, high = np.arcsinh(first_m / size), np.arcsinh(last_m / size)
+    place = size[:, None] * np.sinh(low[:, None] + (high - low)[:, None] * share)
+    aside = distance_m[:, None] ** 2 + place**2
+    weight = distance_m[:, None] / aside / (1 + aside / height_m[:, None] ** 2)
+    # r about the edge's nearest place, where it is exact: corners of small patches then fit together.
+    nearest = np.clip(0.0, first_m, last_m)
+    line_m = np.hypot(height_m, distance_m)
+    slant = np.hypot(line_m, nearest)
+    bend = (wavenumber * line_m**2 / slant**3)[:, None]
+    # Completing the square: the phase is bend * x^2 with x = t - centre, and a constant.
+    centre = (nearest - nearest * slant**2 / line_m**2)[:, None]
+    x = place - centre
+    sine, cosine = fresnel(x * np.sqrt(2 * bend / np.pi))
+    swept = np.sqrt(np.pi / (2 * bend)) * (cosine - 1j * sine)
+    moment = 0.5j / bend * np.exp(-1j * bend * x**2)
+    slope = np.diff(weight, axis=1) / np.maximum(np.diff(place, axis=1), 1e-300)
+    level = weight[:, :-1] - slope * x[:, :-1]
+    wave = (level * np.diff(swept, axis=1) + slope * np.diff(moment, axis=1)).sum(axis=1)
+    # slant - height without cancellation, less what the square has at the nearest place.
+    longer = (distance_m**2 + nearest**2) / (slant + height_m)
+    return wave * np.exp(1j * (bend[:, 0] * (nearest - centre[:, 0]) ** 2 - 2 * wavenumber * longer))
+
+
+def patches_of(surface: Surface, number: int, amplitude: complex, least_m: float) -> list[Patch]:
+    """Return the plane patches of a surface that are at least `least_m` long."""
+    corners, faces = _welded(surface)
+    corner = corners[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    # A face of no area has no plane.
+    faces, corner, normal = faces[area > 0], corner[area > 0], normal[area > 0] / area[area > 0][:, None]
+    border, owner, first_face = _borders(faces, normal)
+    patches = []
+    by_owner = np.argsort(owner, kind="stable")
+    for edges in np.split(by_owner, np.flatnonzero(np.diff(owner[by_owner])) + 1):
+        outline = corners[border[edges]]
+        if np.ptp(outline.reshape(-1, 3), axis=0).max() < least_m / np.sqrt(3):
+            continue
+        patches.append(_patch(number, amplitude, normal[first_face[owner[edges[0]]]], outline))
+    return patches
+
+
+def _borders(
+    faces: Int[np.ndarray, "face 3"], normal: Float[np.ndarray, "face 3"]
+) -> tuple[Int[np.ndarray, "edge 2"], Int[np.ndarray, " edge"], Int[np.ndarray, " patch"]]:
+    """Return the border edges of all patches as their faces wind, the patch of each, and one face of each patch."""
+    edge = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    edge_number = np.unique(np.sort(edge, axis=1), axis=0, return_inverse=True)[1].ravel()
+    label = _planes(edge_number, normal)
+    # An edge between two faces of one patch is no border.
+    owner = np.repeat(label, 3)
+    order = np.lexsort([owner, edge_number])
+    twice = np.zeros(len(order), dtype=bool)
+    same = (np.diff(edge_number[order]) == 0) & (np.diff(owner[order]) == 0)
+    twice[order[:-1][same]] = twice[order[1:][same]] = True
+    border, owner = edge[~twice], owner[~twice]
+    return border, owner, np.unique(label, return_index=True)[1]
+
+
+def _patch(
+    surface: int, amplitude: complex, normal: Float[np.ndarray, " 3"], outline: Float[np.ndarray, "edge 2 3"]
+) -> Patch:
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    axes = np.stack([first, np.cross(normal, first)])
+    low, high = outline.reshape(-1, 3).min(axis=0), outline.reshape(-1, 3).max(axis=0)
+    # The middle of the box may lie off the plane of a slanted patch.
+    centre = (low + high) / 2
+    centre = centre - (centre - outline[0, 0]) @ normal * normal
+    return Patch(
+        surface=surface,
+        amplitude=amplitude,
+        normal=normal,
+        axes=axes,
+        centre_m=centre,
+        border_m=(outline - centre) @ axes.T,
+    )
+
+
+def _welded(surface: Surface) -> tuple[Float[np.ndarray, "corner 3"], Int[np.ndarray, "face 3"]]:
+    """Return a surface's corners and faces with equal corners made one."""
+    cell = np.round(surface.vertices_m / SAME_CORNER_M).astype(np.int64)
+    _, first, number = np.unique(cell, axis=0, return_index=True, return_inverse=True)
+    return surface.vertices_m[first], number.ravel()[surface.faces]
+
+
+def _planes(edge_number: Int[np.ndarray, " n"], normal: Float[np.ndarray, "face 3"]) -> Int[np.ndarray, " face"]:
+    """Return a number for each face, the same for faces that touch and lie in one plane."""
+    order = np.argsort(edge_number, kind="stable")
+    shared = np.flatnonzero(np.diff(edge_number[order]) == 0)
+    one, other = order[shared] // 3, order[shared + 1] // 3
+    flat = np.einsum("ni,ni->n", normal[one], normal[other]) > 1 - SAME_PLANE
+    one, other = one[flat], other[flat]
+    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(normal), len(normal)))
+    return connected_components(graph, directed=False)[1]
+
+
+class MirrorTracer:
+    """Traces the mirror reflections of a scene."""
+
+    def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
+        self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
+        least_m = LEAST_WAVELENGTHS * chirp.wavelength_m
+        self._patches: list[Patch] = []
+        for number, surface in enumerate(scene.surfaces):
+            mirror = as_radar_material(scene.materials[surface.material]).mirror
+            if mirror is not None and antenna.mirrored != 0:
+                self._patches += patches_of(surface, number, mirror.amplitude * antenna.mirrored, least_m)
+        self._normal = np.array([p.normal for p in self._patches]).reshape(-1, 3)
+        self._centre_m = np.array([p.centre_m for p in self._patches]).reshape(-1, 3)
+        self._radius_m = np.array([p.radius_m for p in self._patches])
+
+    def __len__(self) -> int:
+        return len(self._patches)
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the mirror paths of a block of pulses, sorted by pulse."""
+        rows, place, height, factor, patch = self._echoes(pulses.true.position_m)
+        position, velocity = pulses.true.position_m[rows], pulses.true.velocity_mps[rows]
+        away = place - position
+        range_m = np.linalg.norm(away, axis=1)
+        direction = away / range_m[:, None]
+        gain = self._antenna.gain(np.einsum("nij,ni->nj", pulses.true.R_world_antenna[rows], direction))
+        seen = gain > 0
+        seen[seen] = self._caster.visible(position[seen], place[seen], TOUCHING_M)
+        amplitude = np.array([p.amplitude for p in self._patches], dtype=np.complex128)[patch]
+        # The factor's phase counts from the foot, the path's delay to the nearest place of the patch.
+        turn = np.exp(4j * np.pi / self._wavelength_m * (range_m - height))
+        echo = gain * amplitude * self._wavelength_m / (8 * np.pi * height) * factor * turn
+        order = np.flatnonzero(seen)[np.argsort(rows[seen], kind="stable")]
+        return Paths(
+            pulse=pulses.index[rows][order],
+            delay_s=2 * range_m[order] / speed_of_light,
+            gain=echo[order],
+            range_rate_mps=-np.einsum("ni,ni->n", velocity, direction)[order],
+            incidence_rad=np.arccos(np.minimum(height / range_m, 1.0))[order],
+            hit_m=place[order],
+            surface=np.array([p.surface for p in self._patches], dtype=np.int64)[patch][order],
+        )
+
+    def _echoes(
+        self, position_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[
+        Int[np.ndarray, " echo"],
+        Float[np.ndarray, "echo 3"],
+        Float[np.ndarray, " echo"],
+        Complex[np.ndarray, " echo"],
+        Int[np.ndarray, " echo"],
+    ]:
+        """Return row, nearest place, height above the plane, factor and patch of every mirror echo."""
+        found = []
+        for number in np.flatnonzero(self._possible(position_m)):
+            patch = self._patches[number]
+            away = position_m - patch.centre_m
+            height, foot = away @ patch.normal, away @ patch.axes.T
+            reach = OUTSIDE_RADII[1] * _lobe_m(np.maximum(height, 0.0), self._wavelength_m, patch.radius_m)
+            row = np.flatnonzero((height > 0) & (np.linalg.norm(foot, axis=1) < patch.radius_m + reach))
+            inside = patch.holds(foot[row])
+            place = np.where(inside[:, None], foot[row], patch.nearest_m(foot[row]))
+            share = np.linalg.norm(place - foot[row], axis=1) / reach[row]
+            row, place, share = row[share < 1], place[share < 1], share[share < 1]
+            factor = patch.factor(foot[row], height[row], self._wavelength_m) * _taper(share)
+            world = patch.centre_m + place @ patch.axes
+            found.append((row, world, height[row], factor, np.full(len(row), number)))
+        if not found:
+            none = np.zeros(0, dtype=np.int64)
+            return none, np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.complex128), none
+        rows, places, heights, factors, numbers = (np.concatenate(column) for column in zip(*found, strict=True))
+        return rows, places, heights, factors, numbers
+
+    def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
+        """Tell which patches may be mirrors for some of the positions: a bound from the ball around them."""
+        middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
+        reach = np.linalg.norm(position_m - middle, axis=1).max()
+        away = middle - self._centre_m
+        height = np.einsum("ni,ni->n", away, self._normal)
+        plan = np.sqrt(np.maximum((away**2).sum(axis=1) - height**2, 0.0))
+        outside = OUTSIDE_RADII[1] * _lobe_m(np.maximum(height + reach, 0.0), self._wavelength_m, self._radius_m)
+        return (plan < self._radius_m + reach + outside) & (height > -reach)
+
+
+def _taper(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return 1 up to the inner of `OUTSIDE_RADII`, falling smoothly to 0 at a share of 1 of the outer."""
+    inner = OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
+    taper: Float[np.ndarray, " n"] = np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
+    return taper

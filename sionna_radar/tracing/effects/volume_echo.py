@@ -1,0 +1,125 @@
+"""The echo of what fills the air (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
+
+Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase even), and
+new in each pulse: between two chirps drops move by many wavelengths. A tone lies at an even chance anywhere within
+its cell, so that the mean spectrum is that of a volume without gaps, however wide the cells are; they are half a range
+cell. Where several kinds fill the air, a tone has the power of all and moves as one of them, drawn as the echo weighs
+them. Its range rate is the platform's along the boresight with the fall of a particle drawn as the echo weighs the
+sizes, and with the wind, which carries particles of all sizes alike. The loss on the way is not taken here but with
+that of all paths (`atmosphere`).
+
+The volume fills the beam as far as the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
+incidence, split at the edge of a roof; the part of the beam that is still in the air at a range is the share of
+|gain|^2 r^2 that the surfaces beyond it send back. That is the share of the two-way beam where sigma0 / cos t is
+one constant over the footprint (constant gamma, one material), and near it elsewhere. A pulse that meets no
+surface sees the volume as far as its beat is sampled.
+
+Close to the antenna the far-field law 1/r^2 cannot hold: there the beam is as wide as the aperture. By reciprocity a
+drop's echo is P/P_t = sigma lambda^2 / (4 pi) (S/P_t)^2 with the power density S, in the far field the radar
+equation. Where the beam is collimated, S = P_t / A over the aperture A = G0 lambda^2 / (4 pi), and a metre of rain
+returns eta / G0 whatever the range. The far-field law falls below that at
+
+    r = lambda (G0^3 Omega_2 / (4 pi)^3)^(1/2),
+
+2.3 m for a beam of 2 deg; nearer than that the echo of a cell is held.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.weather.path import rain_clutter_power
+from sionna_radar.weather.volume import Volume
+
+CELLS_PER_RANGE_CELL = 2
+# A range where less of the beam than this is in the air has nothing worth a tone: that of side lobes.
+LEAST_SHARE = 1e-3
+
+
+class VolumeEcho:
+    """What fills the air in the beam of one antenna.
+
+    wind_mps: toward east, north and up. Uneven rain drifts with it, unchanged.
+    cell_m: width of a cell.
+    cell_power: mean received over sent power of each cell, full of a volume of the reflectivity that places are told
+        against, without loss on the way.
+    """
+
+    def __init__(
+        self,
+        volume: Volume,
+        antenna: Antenna,
+        chirp: Chirp,
+        seed: int,
+        wind_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.cell_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
+        cells = int(np.ceil(chirp.max_range_m / self.cell_m))
+        self.cell_power = _cell_power(volume.reflectivity_per_m, antenna, chirp, self.cell_m, cells)
+        self._volume, self._wind_mps, self._seed = volume, np.array(wind_mps), seed
+
+    def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
+        """Return the tones of a block of pulses, sorted by pulse, those of a pulse by range.
+
+        surfaces: the diffuse paths of the block, which end the volume; a mirror's would outweigh its place in the beam.
+        """
+        share = self._in_air(pulses, surfaces)
+        row, cell = np.nonzero(share > LEAST_SHARE)
+        drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
+        place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
+        pose = pulses.true
+        boresight = pose.boresight[row]
+        range_m = (cell + place) * self.cell_m
+        hit_m = pose.position_m[row] + range_m[:, None] * boresight
+        origin_m = hit_m[:, :2] - pulses.time_s[row, None] * self._wind_mps[:2]
+        power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
+        fall_mps = -boresight[:, 2] * self._volume.fall_mps(origin_m, size)
+        return Paths(
+            pulse=pulses.index[row],
+            delay_s=2 * range_m / speed_of_light,
+            gain=np.sqrt(power) * np.exp(2j * np.pi * turn),
+            range_rate_mps=pose.boresight_range_rate_mps[row] + fall_mps + boresight @ self._wind_mps,
+            incidence_rad=np.full(len(row), np.nan),
+            hit_m=hit_m,
+            surface=np.full(len(row), VOLUME),
+        )
+
+    def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
+        """Return the share of each pulse's two-way beam that has not met a surface nearer than each cell's middle."""
+        cells = len(self.cell_power)
+        ground = surfaces.surface >= 0
+        range_m = surfaces.delay_s[ground] * (speed_of_light / 2)
+        weight = np.abs(surfaces.gain[ground].astype(np.complex128)) ** 2 * range_m**2
+        row = np.searchsorted(pulses.index, surfaces.pulse[ground])
+        cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells)  # the last: beyond all
+        inside = np.bincount(row * (cells + 1) + cell, weight, minlength=len(pulses) * (cells + 1))
+        inside = inside.reshape(len(pulses), cells + 1)
+        total = inside.sum(axis=1, keepdims=True)
+        met = np.cumsum(inside, axis=1) - inside / 2
+        return np.where(total > 0, 1 - met[:, :-1] / np.where(total > 0, total, 1.0), 1.0)
+
+
+def _cell_power(
+    reflectivity_per_m: float, antenna: Antenna, chirp: Chirp, cell_m: float, cells: int
+) -> Float[np.ndarray, " {cells}"]:
+    beam_sr = two_way_beam_sr(antenna)
+    edge_m = cell_m * np.arange(cells + 1)
+    collimated_m = chirp.wavelength_m * np.sqrt(antenna.peak_gain**3 * beam_sr / (4 * np.pi) ** 3)
+    first = min(max(1, round(collimated_m / cell_m)), cells - 1)
+    far = rain_clutter_power(
+        edge_m[first:],
+        reflectivity_per_m=reflectivity_per_m,
+        two_way_beam_sr=beam_sr,
+        peak_gain=antenna.peak_gain,
+        wavelength_m=chirp.wavelength_m,
+        specific_attenuation_db_per_km=0.0,
+    )
+    # The power of a cell as thin as can be at the edge: the first far one's times (r + dr) / r.
+    held = far[0] * edge_m[first + 1] / edge_m[first]
+    return np.concatenate([np.full(first, held), far])

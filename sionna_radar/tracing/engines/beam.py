@@ -1,0 +1,157 @@
+"""The beam engine: a block of pulses traced in one wavefront, fields by Sionna's own field calculator.
+
+Rays are shot inside the beam only (see `beam_sampling`). A ray drawn with the density p per steradian, one of K,
+stands for the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the
+probability stored with the path, so samples = 1 and probability = 4 pi K p say just that. A monostatic echo
+comes back the way it went, so no second visibility ray is needed.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.model import Scene
+from sionna_radar.tracing.engines.beam_sampling import beam_sampler
+from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.sionna.contract import check_sionna
+from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
+from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+
+# isort: split
+# It loads libLLVM, which the import above has chosen.
+import drjit as dr
+
+RAYS_AT_ONCE = 4_000_000
+
+
+class BeamEngine:
+    """Traces blocks of pulses; see the module's text."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        antenna: Antenna,
+        chirp: Chirp,
+        seed: int,
+        paths_per_pulse: int,
+        side_lobe_share: float,
+    ) -> None:
+        check_sionna()
+        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
+        self._sampler = beam_sampler(antenna, paths_per_pulse, side_lobe_share)
+        self._seed = seed
+        self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
+        self._quantiles = [
+            mi.Float(q.astype(np.float32)) for q in (self._sampler.azimuth_quantile, self._sampler.elevation_quantile)
+        ]
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses, in wavefronts of no more than `RAYS_AT_ONCE` rays."""
+        step = max(1, RAYS_AT_ONCE // self._sampler.rays)
+        if len(pulses) <= step:
+            return self._wavefront(pulses)
+        starts = range(0, len(pulses), step)
+        return Paths.concatenate([self._wavefront(pulses.rows(slice(start, start + step))) for start in starts])
+
+    def _wavefront(self, pulses: Pulses) -> Paths:
+        pose = pulses.true
+        origin = _point(pose.position_m)
+        angles = _point(sionna_angles(pose.R_world_antenna))
+        row, direction, probability = self._shoot(pulses)
+        ray = mi.Ray3f(dr.gather(mi.Point3f, origin, row), direction)
+        hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
+        incidence = dr.safe_acos(dr.abs(dr.dot(hit.n, direction)))
+        rate = -dr.dot(dr.gather(mi.Vector3f, _vector(pose.velocity_mps), row), direction)
+        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+        valid = hit.is_valid() & (probability > 0)
+        buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
+        dr.schedule(incidence, rate)
+        buffer = calculate_fields(self._sionna, buffer, origin, angles)
+        return self._table(pulses, buffer, incidence, rate)
+
+    def _shoot(self, pulses: Pulses):  # type: ignore[no-untyped-def]
+        """Return each ray's row in the block, its direction, and 4 pi K p."""
+        sampler = self._sampler
+        shift = pulse_uniforms(self._seed, Stream.DIRECTIONS, pulses.index, 2)
+        ray = dr.arange(mi.UInt32, len(pulses) * sampler.rays)
+        row = ray // sampler.rays
+        ray -= row * sampler.rays
+        unit = []
+        for column, lattice in enumerate(self._unit):
+            moved = dr.gather(mi.Float, lattice, ray)
+            moved += dr.gather(mi.Float, mi.Float(shift[:, column].astype(np.float32)), row)
+            unit.append(moved - dr.floor(moved))
+        in_beam = ray < sampler.beam_rays
+        wide = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*unit))
+        cosines = [
+            dr.select(in_beam, _quantile(q, t), w)
+            for q, t, w in zip(self._quantiles, unit, (wide.x, wide.y), strict=True)
+        ]
+        u, v = cosines
+        cos = dr.safe_sqrt(1 - u * u - v * v)
+        beam = cos * _density(self._quantiles[0], u) * _density(self._quantiles[1], v)
+        density = sampler.beam_share * beam + (1 - sampler.beam_share) / (2 * dr.pi)
+        # Quantiles of the two cuts can combine to cosines of no direction; such a ray carries nothing.
+        probability = dr.select(u * u + v * v < 1, 4 * dr.pi * sampler.rays * density, 0.0)
+        axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
+        return row, dr.normalize(axes[0] * cos + axes[1] * u + axes[2] * v), probability
+
+    def _table(self, pulses: Pulses, buffer, incidence, rate) -> Paths:  # type: ignore[no-untyped-def]
+        phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
+        gain = buffer.a[0][0] * dr.exp(mi.Complex2f(0, 2 * dr.pi * mi.Float(phase.astype(np.float32).ravel())))
+        dr.eval(buffer.valid, gain, buffer.tau)
+        keep = dr.compress(buffer.valid)
+        row, gain, tau, incidence, rate, x, y, z, shape = (
+            dr.gather(type(column), column, keep)
+            for column in (
+                buffer.source_indices,
+                gain,
+                buffer.tau,
+                incidence,
+                rate,
+                buffer.vertices_x.array,
+                buffer.vertices_y.array,
+                buffer.vertices_z.array,
+                buffer.shapes.array,
+            )
+        )
+        dr.eval(row, gain, tau, incidence, rate, x, y, z, shape)
+        complex_gain = np.empty(len(keep), dtype=np.complex64)
+        complex_gain.real, complex_gain.imag = gain.real.numpy(), gain.imag.numpy()
+        return Paths(
+            pulse=pulses.index[row.numpy()],
+            delay_s=tau.numpy().astype(np.float64),
+            gain=complex_gain,
+            range_rate_mps=rate.numpy(),
+            incidence_rad=incidence.numpy(),
+            hit_m=np.column_stack([x.numpy(), y.numpy(), z.numpy()]),
+            surface=self._sionna.surface_of_shape[shape.numpy()],
+        )
+
+
+def _point(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
+    return mi.Point3f(array.T.astype(np.float32))
+
+
+def _vector(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
+    return mi.Vector3f(array.T.astype(np.float32))
+
+
+def _quantile(quantiles, probability):  # type: ignore[no-untyped-def]
+    position = probability * (dr.width(quantiles) - 1)
+    below = mi.UInt32(dr.minimum(position, dr.width(quantiles) - 2))
+    share = position - mi.Float(below)
+    low, high = dr.gather(mi.Float, quantiles, below), dr.gather(mi.Float, quantiles, below + 1)
+    return dr.lerp(low, high, share)
+
+
+def _density(quantiles, cosine):  # type: ignore[no-untyped-def]
+    """Return the density of the piecewise linear quantile function at a cosine."""
+    cells = dr.width(quantiles) - 1
+    below = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, quantiles, i) < cosine)
+    below = mi.UInt32(dr.maximum(mi.Int32(below) - 1, 0))
+    width = dr.gather(mi.Float, quantiles, below + 1) - dr.gather(mi.Float, quantiles, below)
+    return dr.rcp(cells * dr.maximum(width, 1e-12))

@@ -1,0 +1,1 @@
+"""Sionna RT's side of a scene, and the contract that a release of it must keep."""

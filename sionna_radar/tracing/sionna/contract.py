@@ -1,0 +1,71 @@
+"""What is relied on of Sionna RT beyond its documented interface, checked on a path whose gain is known.
+
+The engines fill Sionna's path buffer by private names. Another release may rename one, and would then compute from
+zeros, or from memory that is not its own, without a word.
+"""
+
+import functools
+import math
+from importlib import metadata
+
+import numpy as np
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
+from sionna_radar.foundation.errors import BackendError
+from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
+from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+
+TESTED = "2.2.0"
+CARRIER_HZ, HEIGHT_M, GAMMA, SOLID_ANGLE_SR = 77e9, 10.0, 0.1, 1e-4
+TOLERANCE = 1e-3
+
+
+@functools.cache
+def check_sionna() -> None:
+    """Compute the echo of a small patch of ground straight below, and hold it against the radar equation.
+
+    Raises
+    ------
+    BackendError
+        Sionna RT computes another gain or delay, or lacks what the engines rely on.
+
+    """
+    corner = np.array([[-50.0, -50.0, 0.0], [50.0, -50.0, 0.0], [0.0, 50.0, 0.0]])
+    ground = Surface(name="plane", vertices_m=corner, faces=np.array([[0, 1, 2]]), material="ground")
+    scene = Scene(
+        surfaces=(ground,),
+        materials={"ground": ConstantGammaBackscatter(GAMMA)},
+        targets=(),
+        ground_material="ground",
+        georeference=None,
+    )
+    cut = taylor_cut(math.radians(10.0), -20.0)
+    antenna = Antenna(cut, cut, "V")
+    sionna = SionnaScene(scene, antenna, CARRIER_HZ)
+    down = world_from_body(np.zeros((1, 3))) @ whisk_broom_from_antenna(0.0, np.zeros(1))
+    buffer = diffuse_buffer(
+        mi.UInt32([0]),
+        mi.Point3f(0.0, 0.0, [0.0]),
+        mi.UInt32(sionna.shape_of_surface.astype(np.uint32)),
+        mi.UInt32([0]),
+        mi.Float([4 * math.pi / SOLID_ANGLE_SR]),
+        mi.Bool([True]),
+    )
+    found = calculate_fields(
+        sionna, buffer, mi.Point3f(0.0, 0.0, [HEIGHT_M]), mi.Point3f(sionna_angles(down).T.astype(np.float32))
+    )
+    gain = complex(found.a[0][0].real.numpy()[0], found.a[0][0].imag.numpy()[0])
+    wavelength_m = speed_of_light / CARRIER_HZ
+    expected = (wavelength_m * antenna.peak_gain / HEIGHT_M) ** 2 * GAMMA * SOLID_ANGLE_SR / (4 * math.pi) ** 3
+    delay_s = 2 * HEIGHT_M / speed_of_light
+    right = abs(abs(gain) ** 2 / expected - 1) < TOLERANCE and abs(found.tau.numpy()[0] / delay_s - 1) < TOLERANCE
+    if not right:
+        message = (
+            f"sionna-rt {metadata.version('sionna-rt')} gives a known path the power {abs(gain) ** 2:.3g} instead of "
+            f"{expected:.3g}; install sionna-rt=={TESTED}, which was tested"
+        )
+        raise BackendError(message)

@@ -1,0 +1,97 @@
+"""Sionna's field calculator over monostatic single-bounce paths found by an engine of ours."""
+
+from importlib import metadata
+from typing import Any
+
+from sionna_radar.foundation.errors import BackendError
+from sionna_radar.tracing.sionna.parts import SionnaScene, mi
+
+# isort: split
+# These load libLLVM, which the import above has chosen.
+import drjit as dr
+import sionna.rt as rt
+from sionna.rt.path_solvers.field_calculator import FieldCalculator
+from sionna.rt.path_solvers.paths_buffer import PathsBuffer
+
+# What `diffuse_buffer` fills. Setting a name that a release has no use for would leave its own column empty.
+BUFFER_COLUMNS = (
+    "_src_indices",
+    "_tgt_indices",
+    "_vertices_x",
+    "_vertices_y",
+    "_vertices_z",
+    "_shapes",
+    "_primitives",
+    "_interaction_types",
+    "_probs",
+)
+
+
+def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probability: Any, valid: Any) -> Any:
+    """Return Sionna's path buffer for one diffuse bounce back to where each path came from.
+
+    Parameters
+    ----------
+    row:
+        Pulse of each path in its block: source and target at once.
+    position, shape, primitive:
+        Where it bounces, on which shape (its pointer as an integer), on which triangle.
+    probability:
+        4 pi over the solid angle that the path stands for, with one sample a source.
+    valid:
+        Which paths there are.
+
+    Raises
+    ------
+    BackendError
+        This release of Sionna RT keeps its paths otherwise.
+
+    """
+    count = dr.width(row)
+    size = (count, 1)
+    buffer = PathsBuffer(count, 1, False)
+    missing = [name for name in BUFFER_COLUMNS if not hasattr(buffer, name)]
+    if missing:
+        message = (
+            f"sionna-rt {metadata.version('sionna-rt')} keeps its paths otherwise than the releases that were tested: "
+            f"its buffer has no {', '.join(missing)}; install sionna-rt~=2.2.0"
+        )
+        raise BackendError(message)
+    buffer.valid = valid
+    # Sionna fills these columns by scattering path after path; all of them are known here at once.
+    buffer._src_indices = buffer._tgt_indices = row
+    buffer._vertices_x = mi.TensorXf(position.x, size)
+    buffer._vertices_y = mi.TensorXf(position.y, size)
+    buffer._vertices_z = mi.TensorXf(position.z, size)
+    buffer._shapes = mi.TensorXu(shape, size)
+    buffer._primitives = mi.TensorXu(primitive, size)
+    buffer._interaction_types = mi.TensorXu(dr.full(mi.UInt32, rt.InteractionType.DIFFUSE, count), size)
+    buffer._probs = mi.TensorXf(probability, size)
+    return buffer
+
+
+def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any) -> Any:
+    """Return the buffer with channel gains and delays, by Sionna's own field calculator."""
+    # Evaluated at once: the calculator gathers from each array, and would compute all of them again for each.
+    dr.eval(
+        buffer.valid,
+        buffer.source_indices,
+        buffer.probs,
+        buffer.shapes,
+        buffer.primitives,
+        buffer.vertices_x,
+        buffer.vertices_y,
+        buffer.vertices_z,
+    )
+    return FieldCalculator()(
+        wavelength=sionna.rt_scene.wavelength,
+        paths=buffer,
+        samples_per_src=1,
+        diffraction=False,
+        src_positions=origin,
+        tgt_positions=origin,
+        src_orientations=angles,
+        tgt_orientations=angles,
+        src_antenna_patterns=sionna.pattern.patterns,
+        tgt_antenna_patterns=sionna.receive_pattern.patterns,
+    )

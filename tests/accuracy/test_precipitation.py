@@ -1,0 +1,50 @@
+"""Which echoes are rain's: those with more of its power in their range cells than of anything else."""
+
+import numpy as np
+
+from sionna_radar.accuracy.precipitation import from_rain
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
+
+
+def paths_of(rows):
+    """Return paths from (pulse, range, power, surface)."""
+    pulse, range_m, power, surface = (np.array(column) for column in zip(*rows, strict=True))
+    nothing = np.zeros(len(pulse))
+    return Paths(
+        pulse=pulse,
+        delay_s=2 * range_m / 299_792_458.0,
+        gain=np.sqrt(power).astype(complex),
+        range_rate_mps=nothing,
+        incidence_rad=nothing,
+        hit_m=np.zeros((len(pulse), 3)),
+        surface=surface,
+    )
+
+
+def echoes_of(rows):
+    pulse, range_m = (np.array(column) for column in zip(*rows, strict=True))
+    nothing = np.zeros(len(pulse))
+    return Echoes(
+        pulse=pulse,
+        number=np.zeros(len(pulse), dtype=int),
+        range_m=range_m.astype(float),
+        range_sigma_m=nothing,
+        power=nothing,
+        snr_db=nothing,
+    )
+
+
+def test_each_echo_has_the_stronger_of_what_lies_at_its_range(chirp_of):
+    paths = paths_of([
+        (7, 10.0, 3.0, VOLUME), (7, 10.2, 1.0, 0), (7, 60.0, 2.0, VOLUME), (7, 60.1, 5.0, 0),
+        (8, 10.0, 3.0, VOLUME), (8, 150.0, 9.0, TARGET),
+        (9, 10.0, 1.0, 0),
+    ])  # fmt: skip
+    echoes = echoes_of([(7, 10.1), (7, 60.0), (7, 100.0), (8, 10.3), (8, 150.0), (9, 10.0)])
+    assert from_rain(echoes, paths, chirp_of()).tolist() == [True, False, False, True, False, False]
+
+
+def test_in_clear_air_nothing_is_rain(chirp_of):
+    paths = paths_of([(0, 10.0, 1.0, 0), (1, 10.0, 1.0, TARGET)])
+    assert not from_rain(echoes_of([(0, 10.0), (1, 10.0)]), paths, chirp_of()).any()

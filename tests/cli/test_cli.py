@@ -1,0 +1,333 @@
+"""The command line: exit codes, one clear error, nothing written on bad input."""
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio import Affine
+
+
+def bad_dem(tmp_path):
+    path = tmp_path / "broken.tif"
+    path.write_bytes(b"II*\x00 this is no GeoTIFF")
+    return path
+
+
+def without_crs(tmp_path):
+    path = tmp_path / "grid.asc"
+    rows = "\n".join(" ".join("10.0" for _ in range(20)) for _ in range(20))
+    path.write_text(f"ncols 20\nnrows 20\nxllcorner 0\nyllcorner 0\ncellsize 10\nNODATA_value -9999\n{rows}\n")
+    return path
+
+
+def test_run_writes_every_product(cli, small, tmp_path):
+    done = cli("run", small, "-o", tmp_path / "out", "--block-size", 7)
+    assert done.returncode == 0, done.stderr
+    # Where there is no terminal, no bar but a line for what takes long, as it may on a busy machine.
+    assert all(re.fullmatch(r"[a-z]+: [\d,]+ of [\d,]+", line) for line in done.stderr.splitlines())
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
+    assert written == {
+        "manifest.json", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
+    }  # fmt: skip
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert set(summary) == {
+        "scenario", "replaced", "warnings", "seed", "georeference", "engine", "pulses", "paths", "echoes",
+        "dem_error", "lit_error", "off_wall_error", "meaning", "timing_s", "peak_memory_mb",
+        "points_sha256", "versions",
+    }  # fmt: skip
+    assert set(summary["dem_error"]) == {
+        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m", "le90_m"
+    }  # fmt: skip
+    assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
+    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")
+    assert again.returncode == 0
+    assert again.stdout == ""
+    repeated = json.loads((tmp_path / "again" / "summary.json").read_text())
+    assert repeated["points_sha256"] == summary["points_sha256"]
+
+
+def test_seed_and_set_replace_values(cli, small, tmp_path):
+    done = cli("run", small, "-o", tmp_path / "out", "--seed", 9, "--set", "radar.antenna.beamwidth_deg=4", "-q")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["seed"] == 9
+    assert summary["scenario"]["radar"]["antenna"]["beamwidth_deg"] == 4
+
+
+BAD_VALUES = {
+    "unknown key": ("radar.beam=3", "radar.beam"),
+    "wrong type": ("radar.carrier_hz=fast", "radar.carrier_hz"),
+    "out of range": ("platform.altitude_m=-5", "platform.altitude_m"),
+    "not a number": ("platform.speed_mps=nan", "platform.speed_mps"),
+    "contradiction": ("radar.noise_figure_db=10", "radar.snr_db"),
+    "no KEY=VALUE": ("radar", "--set"),
+    "unknown terrain": ("terrain.kind=moon", "terrain"),
+    "no such material": ("terrain.material=cheese", "terrain.material"),
+    "range beyond the beat": ("radar.samples_per_chirp=256", "radar.samples_per_chirp"),
+    "swath leaves the mesh": ("radar.scan.half_swath_deg=75", "radar"),
+    "no pulses": ("platform.length_m=0.001", "radar.scan"),
+    "track off the terrain": ("platform.start_m=[400.0, 0.0]", "platform.start_m"),
+    "guard too small": ("processing.cfar.guard=0", "processing.cfar.guard"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_VALUES)
+def test_bad_value_is_one_error_and_nothing_is_written(cli, kind, small, tmp_path):
+    assignment, field = BAD_VALUES[kind]
+    done = cli("run", small, "-o", tmp_path / "out", "--set", assignment)
+    assert done.returncode == 2
+    assert field in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("error:") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_problems_are_told_at_once(cli, small):
+    done = cli("validate", small, "--set", "radar.beam=3", "--set", "platform.speed_mps=-1", "--set", "seed=-1")
+    assert done.returncode == 2
+    assert all(key in done.stderr for key in ("radar.beam", "platform.speed_mps", "seed", "3 problems"))
+
+
+@pytest.mark.parametrize("text", ["seed = ", "[terrain\n", "seed = 1\nseed = 2\n"])
+def test_toml_syntax(cli, text, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(text)
+    done = cli("run", path, "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "not valid TOML" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_scenario(cli, tmp_path):
+    done = cli("run", tmp_path / "nowhere.toml")
+    assert done.returncode == 2
+    assert "no such scenario" in done.stderr
+
+
+@pytest.mark.parametrize(("make", "word"), [(bad_dem, "broken.tif"), (without_crs, "terrain.crs")])
+def test_bad_elevation_file(cli, make, word, tmp_path):
+    path = make(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    done = cli("run", "own_dem", "--set", f"terrain.path={path}", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert word in done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_missing_elevation_file(cli, tmp_path):
+    done = cli("run", "own_dem", "--set", f"terrain.path={tmp_path / 'none.tif'}", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "none.tif" in done.stderr
+
+
+def test_a_place_that_is_no_result_is_left_alone(cli, small, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("keep me")
+    done = cli("run", small, "-o", tmp_path / "mine")
+    assert done.returncode == 2
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["letter.txt"]
+
+
+def test_own_dem_of_1_m_in_utm(cli, tmp_path):
+    """A slope of known form, flown with no edit but the path; the DEM lies on it and on its coordinates."""
+    size, west, north = 300, 500_000.0, 5_040_000.0
+    column, row = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    height = 850 + 0.05 * column - 0.03 * row + 2 * np.sin(column / 20)
+    path = tmp_path / "utm.tif"
+    profile = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": "float32"}
+    with rasterio.open(path, "w", crs="EPSG:32631", transform=Affine(1, 0, west, 0, -1, north), **profile) as file:
+        file.write(height.astype(np.float32), 1)
+    done = cli("run", "own_dem", "--set", f"terrain.path={path}", "-o", tmp_path / "out", "-q")
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["dem_error"]["rms_m"] < 0.3
+    with rasterio.open(tmp_path / "out" / "dem.tif") as file:
+        assert file.crs.to_epsg() == 32631
+        rows, columns = np.nonzero(np.isfinite(file.read(1)))
+        x, y = rasterio.transform.xy(file.transform, rows, columns)
+        value = file.read(1)[rows, columns]
+    x, y = np.asarray(x) - west, north - np.asarray(y)
+    expected = 850 + 0.05 * x - 0.03 * y + 2 * np.sin(x / 20)
+    assert len(value) > 1000
+    assert np.sqrt(np.mean((value - expected) ** 2)) < 0.3
+
+
+def test_validate_prints_a_scenario_that_loads(cli, small, tmp_path):
+    done = cli("validate", small)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "resolved.toml").write_text(done.stdout)
+    assert cli("validate", tmp_path / "resolved.toml").stdout == done.stdout
+
+
+def test_scenes_lists_the_shipped_scenarios(cli):
+    lines = cli("scenes").stdout.splitlines()
+    names = {line.split()[0] for line in lines}
+    shipped = {"hills", "buildings", "roof_edge", "two_fields", "jacksboro", "san_francisco", "munich", "own_dem"}
+    assert shipped <= names
+    assert all(len(line.split(maxsplit=1)) == 2 for line in lines)
+
+
+def test_doctor_names_variant_and_library():
+    command = [sys.executable, "-m", "sionna_radar", "doctor"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "ad_mono_polarized" in done.stdout
+    assert "all is well" in done.stdout
+
+
+def test_help_loads_no_heavy_library():
+    code = (
+        "import sys\n"
+        "from sionna_radar.cli.app import app\n"
+        "from typer.testing import CliRunner\n"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0\n"
+        "print([m for m in ('mitsuba', 'drjit', 'sionna', 'scipy', 'matplotlib') if m in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_budget_writes_its_table_and_figure(cli, small, tmp_path, monkeypatch):
+    from sionna_radar.studies import budget
+
+    few = tuple(error for error in budget.navigation_errors() if error.name == "position, up")
+    monkeypatch.setattr(budget, "navigation_errors", lambda: few)
+    done = cli("budget", small, "-o", tmp_path / "out", "--repeat", 1)
+    assert done.returncode == 0, done.stderr
+    assert "position, up" in done.stdout
+    assert "Gauss-Markov" in done.stdout
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert written == {"manifest.json", "budget.json", "figures/budget.png"}
+    refused = cli("budget", small, "-o", tmp_path / "other", "--grades", tmp_path / "none.toml")
+    assert refused.returncode == 2
+    assert "none.toml" in refused.stderr
+    assert not (tmp_path / "other").exists()
+
+
+def test_image_writes_both_images_or_nothing(cli, small, tmp_path):
+    sparse = ("--set", "platform.length_m=7", "--set", "platform.start_m=[-3.0, 0.0]")
+    done = cli("image", "slar", "-o", tmp_path / "out", *sparse, "--set", "tracing.scatterers_per_m2=5")
+    assert done.returncode == 0, done.stderr
+    assert "SAR, theory" in done.stdout
+    written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    files = {"manifest.json", "image.json", "scenario.toml", "slar.nc", "sar.nc"}
+    assert written == files | {"figures/slar.png", "figures/sar.png"}
+    refused = cli("image", small, "-o", tmp_path / "other")
+    assert refused.returncode == 2
+    assert "radar.scan.mode: 'whisk_broom' does not look to the side" in refused.stderr
+    assert refused.stderr.count("error:") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_plan_is_a_scenario_that_flies(cli, small, tmp_path):
+    file = tmp_path / "plan.toml"
+    done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
+    assert done.returncode == 0, done.stderr
+    assert "altitude" in done.stdout
+    assert "100.00% of the area" in done.stdout
+    flown = cli("run", file, "-o", tmp_path / "out", "-q", "--set", "sensor=lidar")
+    assert flown.returncode == 0, flown.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["dem_error"]["coverage"] > 0.9
+    based = cli("plan", "--area", "40x30", "--sampling", 4, "--base", small, "-o", file)
+    assert based.returncode == 0, based.stderr
+    assert "paths_per_pulse = 64" in file.read_text()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--area", "40", "--sampling", "4"),
+        ("--area", "40x30", "--sampling", "0"),
+        ("--area", "40xa", "--sampling", "4"),
+        ("--area", "40x30", "--sampling", "4", "--position", "12"),
+        ("--area", "40x30", "--sampling", "4", "--heading", "720"),
+        ("--area", "40x30", "--sampling", "4", "--base", "jacksboro", "--position", "90000,0"),
+    ],
+)
+def test_a_plan_of_nothing_is_refused(cli, tmp_path, options):
+    done = cli("plan", *options, "-o", tmp_path / "plan.toml")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error:")
+    assert not (tmp_path / "plan.toml").exists()
+
+
+def test_a_plan_of_an_area_elsewhere(cli, tmp_path):
+    file = tmp_path / "plan.toml"
+    options = ("--area", "40x30", "--sampling", 4, "--position", "-120,60", "--heading", "-30")
+    done = cli("plan", *options, "-o", file)
+    assert done.returncode == 0, done.stderr
+    assert "100.00% of the area" in done.stdout
+    # One line, along the longer side, which at heading -30 points 60 deg clockwise from north: over the centre.
+    start, end = np.array(tomllib.loads(file.read_text())["platform"]["waypoints_m"])
+    assert np.rad2deg(np.arctan2(*(end - start))) == pytest.approx(60.0)
+    assert np.rad2deg(np.arctan2(*((-120, 60) - start))) == pytest.approx(60.0)
+
+
+def test_a_plan_needs_a_place_to_be_written(cli, tmp_path):
+    done = cli("plan", "--area", "40x30", "--sampling", "4", "-o", tmp_path / "no" / "plan.toml")
+    assert done.returncode == 2
+    assert "cannot be written" in done.stderr
+
+
+def test_a_missed_bound_is_a_failure(cli, monkeypatch):
+    from sionna_radar.studies import bench
+
+    ratios = [bench.Ratio(name=name, value=value, bound=5.0, at_most=True) for name, value in (("a", 4.0), ("b", 6.0))]
+    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios))
+    done = cli("bench")
+    assert done.returncode == 1
+    assert "MISSED" in done.stdout
+    assert "1 of" in done.stderr
+    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios[:1]))
+    assert cli("bench").returncode == 0
+
+
+def test_no_command_prints_help_and_the_version_is_told(cli):
+    assert "sweep" in (cli().stdout or cli().stderr)
+    assert cli("--version").stdout == f"sionna-radar {version('sionna-radar')}\n"
+
+
+def test_a_scenario_written_by_hand_is_not_planned_over(cli, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 1\n")
+    done = cli("plan", "--area", "40x30", "--sampling", 4, "-o", file)
+    assert done.returncode == 2
+    assert "was not written by plan or was edited since" in done.stderr
+    assert file.read_text() == "seed = 1\n"
+
+
+def test_a_side_looking_run_points_to_its_image(cli, tmp_path):
+    sparse = ("--set", "platform.length_m=3", "--set", "tracing.scatterers_per_m2=2")
+    done = cli("run", "slar", "-o", tmp_path / "out", *sparse)
+    assert done.returncode == 0, done.stderr
+    assert "sionna-radar image slar" in done.stdout
+
+
+def test_two_echoes_of_a_chirp_are_printed(cli, tmp_path):
+    done = cli("run", "roof_edge", "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    roof, ground = re.search(r"ranges in pulse 18 *│ ([\d.]+) m, ([\d.]+) m", done.stdout).groups()
+    assert float(roof) == pytest.approx(36.4, abs=0.3)
+    assert float(ground) == pytest.approx(44.0, abs=0.3)
+
+
+def test_another_run_leaves_the_user_s_files_and_refuses_edited_ones(cli, small, tmp_path):
+    out = tmp_path / "keep"
+    assert cli("run", small, "-o", out, "-q").returncode == 0
+    (out / "mysite.qgz").write_text("mine")
+    assert cli("run", small, "-o", out, "-q", "--seed", 8).returncode == 0
+    assert (out / "mysite.qgz").read_text() == "mine"
+    assert json.loads((out / "summary.json").read_text())["seed"] == 8
+    (out / "scenario.toml").write_text("edited")
+    done = cli("run", small, "-o", out, "-q", "--seed", 9)
+    assert done.returncode == 2
+    assert "scenario.toml" in done.stderr
+    assert json.loads((out / "summary.json").read_text())["seed"] == 8

@@ -1,0 +1,70 @@
+"""Range estimators on speckled echoes of planes: nearly unbiased, and honest about their uncertainty."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.detection.detector import Spectra, build_detector
+from sionna_radar.detection.ranging.beam_profile import beam_profile
+from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns
+from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.scenario.processing import ProcessingTable
+
+CELL_M = 0.3
+BORESIGHT_M = 70.7
+ECHOES = 150
+
+
+def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoRuns:
+    """Echoes of a plane by brute force over the beam, the powers of all cells exponential and independent."""
+    cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
+    beam = beam_profile(Antenna(cut, cut), np.array([1.0]))
+    u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.2, 1.2, 301) * np.deg2rad(beamwidth_deg)] * 2))
+    tilt = np.deg2rad(incidence_deg)
+    range_m = BORESIGHT_M * np.cos(tilt) / (np.sqrt(1 - u**2 - v**2) * np.cos(tilt) - v * np.sin(tilt))
+    weight = (cut.at(u) * cut.at(v)) ** 4 / range_m**2
+    edges = (np.arange(401) - 0.5) * CELL_M
+    mean = np.histogram(range_m, edges, weights=weight)[0]
+    power = np.random.default_rng(2).exponential(size=(ECHOES, 400)) * (mean / mean.max() + 1e-6)
+    strong = np.flatnonzero(mean > 1e-2 * mean.max())
+    return EchoRuns(
+        power=power,
+        noise=np.full_like(power, 1e-6),
+        row=np.arange(ECHOES),
+        start=np.full(ECHOES, strong[0]),
+        stop=np.full(ECHOES, strong[-1] + 1),
+        peak=np.argmax(power, axis=1),
+        bin_m=CELL_M,
+        beam=beam,
+    )
+
+
+@pytest.mark.parametrize(("beamwidth_deg", "incidence_deg"), [(2.0, 45.0), (4.0, 60.0)])
+def test_uncertainties_are_those_of_the_errors(beamwidth_deg, incidence_deg):
+    runs = plane_echoes(beamwidth_deg, incidence_deg)
+    spread = {}
+    for name, estimate in ESTIMATORS.items():
+        ranges = estimate(runs)
+        spread[name] = np.std(ranges.range_m)
+        assert 0.5 < spread[name] / np.sqrt(np.mean(ranges.sigma_m**2)) < 1.6, name
+    assert spread["model_fit"] < spread["centroid"] < spread["leading_edge"] < spread["peak"]
+
+
+def test_the_fit_lessens_the_beams_bias():
+    runs = plane_echoes(8.0, 60.0)
+    bias = {name: np.mean(ESTIMATORS[name](runs).range_m) - BORESIGHT_M for name in ("centroid", "model_fit")}
+    assert abs(bias["model_fit"]) < 0.3
+    assert abs(bias["model_fit"]) < abs(bias["centroid"])
+
+
+def test_an_echo_wider_than_the_cfar_window_is_kept_whole(chirp_of, looking):
+    # Two hundred raised cells: the training cells lie inside the echo, and the CFAR alone finds its rims.
+    detector = build_detector(ProcessingTable(zero_padding=1, doppler_correction=False), chirp_of())
+    power = np.ones((1, 512))
+    power[0, 150:350] = 1e4
+    noise, both = detector.cfar.noise_level(power)
+    factor = np.where(both, detector.cfar.both_sides_factor, detector.cfar.one_side_factor)
+    assert np.sum(power > noise * factor) < 150
+    pulses = looking(1)
+    spectra = Spectra(power=power, noise=noise, threshold=noise * factor)
+    echoes = detector.echoes(spectra, pulses.index, pulses.measured)
+    assert echoes.range_m / detector.analyser.bin_m == pytest.approx([249.5], abs=0.1)

@@ -1,0 +1,171 @@
+"""Ground behind rain: the volume's mean from the survey, false alarms, and maps that keep to the ground."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sionna_radar import load_scenario, run
+from sionna_radar.detection.volume.clutter import VolumeClutter, first_guess
+from sionna_radar.detection.volume.detector import shows_volume
+from sionna_radar.detection.volume.end import Views
+from sionna_radar.detection.volume.height_track import AxisHeights, track
+from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.survey.chain import record
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import SawtoothRadar, received
+from sionna_radar.tracing.effects.atmosphere import build_weather
+from sionna_radar.weather.path import rain_clutter_power
+
+SMALL = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 96}
+
+
+@cache
+def rainy(rate, scene="hills", **keys):
+    changes = {"weather.rain_rate_mm_per_h": rate, **SMALL} | {k.replace("__", "."): v for k, v in keys.items()}
+    return load_scenario(scene, changes)
+
+
+@cache
+def flown(rate, **keys):
+    return run(rainy(rate, **keys))
+
+
+def false_heights(survey):
+    error = survey.error.height_m[survey.lit & np.isfinite(survey.error.height_m)]
+    return float(np.mean(np.abs(error) > 1.0))
+
+
+@cache
+def through(rate):
+    ready = prepare(rainy(rate))
+    sensor = SawtoothRadar(ready)
+    return ready, sensor, sensor.through[0]
+
+
+@pytest.mark.parametrize("rate", [1.0, 25.0])
+def test_the_mean_of_rain_is_found_without_being_told(rate):
+    ready, _, found = through(rate)
+    chirp, antenna, window = ready.chirp, ready.antenna, ready.detector.analyser.window
+    weather = build_weather(ready.scenario.weather, chirp.carrier_hz)
+    cells = np.arange(20, 200)
+    # On the axis of the spectrum, where the platform's motion and the fall of the drops move it.
+    pose = ready.schedule.sample(200).true
+    rate_mps = pose.boresight_range_rate_mps - weather.rain_speeds().at(np.array([0.5])) * pose.boresight[:, 2]
+    shift_m = float(chirp.doppler_range_m(rate_mps).mean())
+    known = rain_clutter_power(
+        (np.append(cells, 200) - 0.5) * chirp.range_resolution_m - shift_m,
+        reflectivity_per_m=weather.rain_reflectivity_per_m,
+        two_way_beam_sr=two_way_beam_sr(antenna),
+        peak_gain=antenna.peak_gain,
+        wavelength_m=chirp.wavelength_m,
+        specific_attenuation_db_per_km=0.0,
+    )
+    # What a window makes of noise. The loss on the way is left out: 0.7 dB over 24 m of 25 mm/h, 2 dB over 60 m.
+    known *= ready.transmit_power_w * len(window) * np.sum(window**2)
+    error_db = 10 * np.log10(found.volume.mean[cells] / known)
+    near = cells < 80
+    assert np.abs(error_db[near]).max() < 0.9
+    assert -2.5 < error_db[~near].mean() < 0.3
+
+
+def test_clear_air_is_none_and_loses_no_bit():
+    ready = prepare(rainy(0.0))
+    pulses = ready.schedule.sample(40)
+    sensor = SawtoothRadar(ready)
+    power = ready.detector.analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    assert not shows_volume(ready.detector, power)
+    off = run(rainy(0.0, processing__volume_clutter="off"))
+    assert flown(0.0).points.sha256() == off.points.sha256()
+
+
+def test_ground_at_one_range_is_no_volume():
+    """A beam that stands still meets level ground at one range in every pulse, as rain would; it falls otherwise."""
+    rng = np.random.default_rng(1)
+    range_m = 0.3 * np.arange(400)
+    mean = 1e-9 + 1e-4 * np.exp(-(((range_m - 9.0) / 1.5) ** 2))
+    assert first_guess(rng.exponential(mean, (60, 400)), range_m, 10, 398) is None
+    volume = 1e-9 + 1e-5 / np.maximum(range_m, 0.3) ** 2
+    assert first_guess(rng.exponential(volume, (60, 400)), range_m, 10, 398) is not None
+
+
+def test_rain_without_ground_makes_no_echo():
+    ready, _, found = through(25.0)
+    end, volume = found.end, found.volume
+    rng = np.random.default_rng(2)
+    beat = rng.normal(size=(400, 2, ready.chirp.samples)) / np.sqrt(2)
+    white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
+    power = white / white.mean() * volume.background
+    views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
+    evidence = end.evidence(end.over_volume(power, views.strength), views)
+    heights = AxisHeights(
+        position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
+        boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
+        shift_m=np.zeros(400),
+    )
+    tracked = track(evidence[:, : end.cells], heights, end.cell_m, np.arange(400) // 50, 0.1)
+    accepted = (tracked.evidence > -np.log(1e-6)) & (tracked.probability > 0.99)
+    assert not accepted.any()
+    above = power[:, end.first :] > volume.clutter_threshold(1e-3)[end.first :]
+    assert above.mean() == pytest.approx(1e-3, rel=0.3)
+
+
+@pytest.mark.parametrize("rate", [1.0, 10.0, 25.0])
+def test_hills_are_mapped_in_rain(rate):
+    clear, wet = flown(0.0), flown(rate)
+    assert wet.lit_error.coverage > 0.95 * clear.lit_error.coverage
+    assert wet.lit_error.rms_m < 0.22
+    assert false_heights(wet) <= 0.005
+    assert wet.warnings == ()
+
+
+def test_hills_are_mapped_in_rain_that_a_headwind_carries():
+    """The drops come towards the radar, so that their end is read metres short of the ground that ends them."""
+    survey = run(rainy(4.0, weather__wind_mps=(-10.0, 0.0, 0.0)))
+    assert survey.lit_error.rms_m < 0.28
+    assert survey.lit_error.coverage > 0.9 * flown(0.0).lit_error.coverage
+    assert false_heights(survey) <= 0.005
+
+
+def test_off_takes_rain_for_ground():
+    survey = flown(4.0, processing__volume_clutter="off")
+    assert not survey.lit_error.coverage > 0.5 or survey.lit_error.rms_m > 5
+
+
+def test_whole_scan_lines_make_the_result_whatever_the_block_size():
+    # What is learned of the rain is learned once, before any block.
+    ready, sensor, _ = through(25.0)
+    seen = [record(ready, sensor, block_size=size).echoes for size in (1, 64, 1000)]
+    for echoes in seen[1:]:
+        for name in ("pulse", "range_m", "range_sigma_m", "power", "snr_db"):
+            np.testing.assert_array_equal(getattr(echoes, name), getattr(seen[0], name))
+    assert len(seen[0]) > 0.9 * len(ready.schedule)
+
+
+def test_the_neighbours_decide_between_two_ranges():
+    """One pulse of a line has a stronger false range far from what its neighbours see."""
+    cell = np.arange(300)
+    evidence = np.full((21, 300), -20.0) + 60 * np.exp(-(((cell - 200) / 3.0) ** 2))
+    evidence[10] = -20 + 25 * np.exp(-(((cell - 200) / 3.0) ** 2)) + 28 * np.exp(-(((cell - 80) / 3.0) ** 2))
+    heights = AxisHeights(
+        position_m=np.column_stack([2.0 * np.arange(21), np.zeros(21), np.full(21, 50.0)]),
+        boresight=np.tile([0.0, 0.7, -0.7], (21, 1)) / np.sqrt(0.98),
+        shift_m=np.zeros(21),
+    )
+    together = track(evidence, heights, 0.3, np.zeros(21, dtype=int), 0.12)
+    assert abs(together.cell[10] - 200) < 1
+    assert together.probability[10] > 0.9
+    alone = track(evidence, heights, 0.3, np.arange(21), 0.12)
+    assert abs(alone.cell[10] - 80) < 1
+
+
+def test_the_volume_is_never_below_nothing():
+    volume = VolumeClutter(mean=np.ones(3), noise=0.5)
+    np.testing.assert_allclose(volume.background, 1.5)
+    np.testing.assert_allclose(volume.clutter_threshold(np.exp(-2.0)), 3.0)
+
+
+def test_the_rain_scene_is_a_map():
+    survey = run(load_scenario("rain", SMALL))
+    assert survey.lit_error.rms_m < 0.2
+    assert false_heights(survey) <= 0.005

@@ -1,0 +1,120 @@
+"""The motion of a volume from likelihoods of known shape, and the ground that a survey learns behind it."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.detection.volume.clutter import VolumeClutter
+from sionna_radar.detection.volume.ground_behind import LEVELS, SLOPES, learned_ground
+from sionna_radar.detection.volume.motion import MODEL_ERROR_MPS, estimated_motion, expected_motion
+from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
+
+CARRIER_HZ = 77e9
+# A scan 40 deg to each side, 45 deg forward, of a platform that heads north.
+SCAN_RAD = np.deg2rad(np.tile(np.linspace(-40, 40, 20), 5))
+BORESIGHT = (R_WORLD_NED @ whisk_broom_from_antenna(np.pi / 4, SCAN_RAD))[:, :, 0]
+
+
+def parabolas(velocity_mps, *, scatter_mps=0.0, sharpness=0.5):
+    """Log-likelihood of each pulse about the radial speed of a velocity, moved by chance."""
+    moved = scatter_mps * np.random.default_rng(7).normal(size=len(BORESIGHT))
+    speed = BORESIGHT @ np.asarray(velocity_mps, dtype=float) + moved
+    return lambda tried: -sharpness * (tried - speed) ** 2
+
+
+@pytest.mark.parametrize("off_mps", [0.0, 0.4 * MODEL_ERROR_MPS, -0.4 * MODEL_ERROR_MPS])
+def test_rain_in_still_air_is_kept_within_an_error_of_the_model(off_mps):
+    rain = expected_motion(CARRIER_HZ)
+    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas(rain.velocity_mps + np.array([0.0, 0.0, off_mps])))
+    np.testing.assert_array_equal(found.velocity_mps, rain.velocity_mps)
+    assert found.fall_spread_mps == rain.fall_spread_mps
+
+
+@pytest.mark.parametrize("wind_mps", [(-10.0, 0.0), (0.0, 10.0), (0.0, -10.0), (7.0, 7.0)])
+def test_the_wind_is_found(wind_mps):
+    rain = expected_motion(CARRIER_HZ)
+    velocity = rain.velocity_mps + np.array([*wind_mps, 0.0])
+    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas(velocity, scatter_mps=1.0))
+    assert np.abs(found.range_rate_mps(BORESIGHT) - BORESIGHT @ velocity).max() < 0.5
+
+
+@pytest.mark.parametrize("fall_mps", [0.8, 1.1, 1.5])
+def test_snow_falls_as_snow(fall_mps):
+    found = estimated_motion(CARRIER_HZ, BORESIGHT, parabolas([0.0, 0.0, -fall_mps], scatter_mps=0.5))
+    assert np.abs(found.range_rate_mps(BORESIGHT) + fall_mps * BORESIGHT[:, 2]).max() < 0.5
+
+
+def test_pulses_that_say_little_keep_rain():
+    """A twentieth of a neper a pulse, over all speeds: what weak ground leaves to chance."""
+    likelihood = parabolas([-10.0, 0.0, -1.0], sharpness=0.05 / 15.0**2)
+    found = estimated_motion(CARRIER_HZ, BORESIGHT, likelihood)
+    np.testing.assert_array_equal(found.velocity_mps, expected_motion(CARRIER_HZ).velocity_mps)
+
+
+def levels_of(pulses, shares, best_slope):
+    """Log-likelihoods: each pulse is sure of its own level to half a step, and likes one slope by 0.2 nepers."""
+    own = np.repeat(list(shares), [round(pulses * share) for share in shares.values()])
+    off_db = 10 * np.log10(LEVELS) - own[:, None]
+    slope = -0.2 * np.abs(np.arange(len(SLOPES)) - best_slope)
+    return (-0.5 * off_db**2 + slope[:, None, None]).astype(np.float32)
+
+
+def test_the_levels_and_the_slope_of_the_ground_are_learned():
+    shares = {4.0: 0.7, 20.0: 0.25, 36.0: 0.05}
+    likelihood = levels_of(100, shares, 6)
+    ground = learned_ground(LEVELS, likelihood)
+    assert ground.slope == SLOPES[6]
+    assert ground.level_share.sum() == pytest.approx(1.0)
+    level_db = 10 * np.log10(ground.level)
+    for level, share in shares.items():
+        about = np.abs(level_db - level) < 3
+        assert ground.level_share[about].sum() == pytest.approx(share, abs=0.02)
+    # What is between frequent levels stays out, but for the neighbours of each.
+    assert np.all(np.abs(level_db[:, None] - list(shares)).min(axis=1) < 2.5)
+
+
+def test_pulses_without_preference_leave_all_levels():
+    ground = learned_ground(LEVELS, np.zeros((len(SLOPES), 50, len(LEVELS)), dtype=np.float32))
+    np.testing.assert_allclose(ground.level, LEVELS)
+    np.testing.assert_allclose(ground.level_share, 1 / len(LEVELS), rtol=1e-6)
+
+
+NEAR, CELLS, PULSES = (10, 60), 80, 400
+
+
+def volume_seen(strength):
+    """A volume with powers that are exponential about its mean times a strength for each pulse."""
+    range_cells = np.maximum(np.arange(CELLS), 1.0)
+    volume = VolumeClutter(mean=100.0 / range_cells**2, noise=1e-4, near=NEAR)
+    rng = np.random.default_rng(11)
+    return volume, rng.exponential(strength[:, None] * volume.mean + volume.noise)
+
+
+def uneven(volume, power):
+    return VolumeClutter(
+        mean=volume.mean, noise=volume.noise, near=volume.near, uneven=volume.unevenness(power, looks=1.0)
+    )
+
+
+def test_a_volume_that_is_the_same_everywhere_has_strength_one():
+    volume, power = volume_seen(np.ones(PULSES))
+    assert volume.unevenness(power, looks=1.0) == 0.0
+    np.testing.assert_array_equal(uneven(volume, power).strength(power, 1.0, 12), np.ones(PULSES))
+
+
+def test_a_step_in_strength_is_followed():
+    truth = np.where(np.arange(PULSES) < PULSES // 2, 0.4, 1.6)
+    volume, power = volume_seen(truth)
+    known = uneven(volume, power)
+    assert known.uneven == pytest.approx(0.36, rel=0.15)
+    found = known.strength(power, 1.0, 12)
+    away = np.abs(np.arange(PULSES) - PULSES // 2) > 13
+    assert np.abs(found / truth - 1)[away].max() < 0.15
+    # A single pulse says less: 50 looks, a seventh of its strength.
+    alone = known.strength(power, 1.0, 0)
+    assert 0.08 < np.std(alone[away] / truth[away]) < 0.2
+
+
+def test_too_few_cells_tell_no_strength():
+    volume, power = volume_seen(np.where(np.arange(PULSES) < 200, 0.4, 1.6))
+    few = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 20))
+    assert few.unevenness(power, looks=1.0) == 0.0

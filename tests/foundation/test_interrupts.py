@@ -1,0 +1,120 @@
+"""An interrupt ends the program with one line and 130 or 143, even if something swallows it."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX systems")
+
+# What a program may be doing when the signal comes: `strike` sends it to the process itself.
+PROGRAMS = {
+    "plain work": "strike()",
+    "a destructor, which swallows": """
+class Swallows:
+    def __del__(self):
+        strike()
+
+thing = Swallows()
+del thing
+raise_received()
+""",
+    "a destructor at the very end": """
+class Swallows:
+    def __del__(self):
+        strike()
+
+thing = Swallows()
+del thing
+""",
+    "a binding that makes it a TypeError": """
+try:
+    strike()
+except BaseException:
+    raise TypeError("incompatible function arguments")
+""",
+    "a bare except, then progress": """
+from sionna_radar.report.terminal import quiet_progress
+
+try:
+    strike()
+except:
+    pass
+quiet_progress()("tracing", 1, 2)
+print("went on")
+""",
+    "a command that then ends well": """
+try:
+    strike()
+except BaseException:
+    sys.exit(0)
+""",
+}
+HEAD = """
+import os, signal, sys
+from sionna_radar.foundation.interrupts import interrupts_told, raise_received
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+def strike():
+    os.kill(os.getpid(), {number})
+
+with interrupts_told():
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", PROGRAMS)
+def test_an_interrupt_is_told_in_one_line(kind: str, number: signal.Signals) -> None:
+    body = "".join(f"    {line}\n" for line in PROGRAMS[kind].strip().splitlines())
+    code = HEAD.format(number=int(number)) + body
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 128 + number
+    assert done.stdout == ""
+    # Python itself reports what a destructor raised, above our line.
+    assert done.stderr.splitlines()[-1] == "interrupted"
+    assert ("Exception ignored" in done.stderr) == ("destructor" in kind)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_flight_is_interrupted_without_a_trace(small: Path, tmp_path: Path, number: signal.Signals) -> None:
+    code = f"""
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv = ["sionna-radar", "run", {str(small)!r}, "-o", {str(tmp_path / "out")!r}]
+from sionna_radar.report.survey import products
+products.draw_all = lambda survey, directory, coordinates: os.kill(os.getpid(), {int(number)})
+from sionna_radar.__main__ import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (128 + number, "interrupted\n", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+HELD_BACK = """
+    from sionna_radar.foundation.interrupts import held_back
+
+    with held_back():
+        strike()
+        print("written")
+        {again}
+        print("printed")
+    print("went on")
+"""
+
+
+@pytest.mark.parametrize(("again", "printed"), [("pass", "written\nprinted\n"), ("strike()", "written\n")])
+def test_what_hours_have_made_is_written_before_the_first_interrupt_ends_it(again: str, printed: str) -> None:
+    code = HEAD.format(number=int(signal.SIGINT)) + HELD_BACK.format(again=again)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (130, "interrupted\n", printed)
+
+
+def test_an_ignored_interrupt_stays_ignored() -> None:
+    code = HEAD.format(number=int(signal.SIGINT)).replace("signal.default_int_handler", "signal.SIG_IGN")
+    done = subprocess.run([sys.executable, "-c", f"{code}    strike()\n"], capture_output=True, check=False)
+    assert done.returncode == 0

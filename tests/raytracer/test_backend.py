@@ -1,0 +1,152 @@
+"""Finding libLLVM and the Mitsuba variant; each in a process of its own where the choice is made."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from sionna_radar.foundation.errors import BackendError
+from sionna_radar.raytracer import backend
+
+
+@pytest.fixture(autouse=True)
+def _forget_the_choice():
+    """Let each test choose anew, and leave the session's own choice as it was."""
+    backend.find_llvm.cache_clear()
+    yield
+    backend.find_llvm.cache_clear()
+
+
+def test_what_it_runs_on_here():
+    report = backend.describe_backend()
+    assert report.variant in backend.VARIANTS
+    assert report.threads >= 1
+    if report.variant.startswith("llvm"):
+        assert int(report.llvm.version.split(".")[0]) >= backend.OLDEST_LLVM
+
+
+def test_a_users_own_library_that_is_no_llvm_is_refused(monkeypatch, tmp_path):
+    fake = tmp_path / "libLLVM.so"
+    fake.write_bytes(b"not a library")
+    monkeypatch.setenv(backend.LLVM_VARIABLE, str(fake))
+    with pytest.raises(BackendError, match=rf"{backend.LLVM_VARIABLE} = .*libLLVM.so.*version 17"):
+        backend.find_llvm()
+
+
+def test_without_any_library_the_error_names_the_remedy(monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(backend, "_wheel_libraries", list)
+    monkeypatch.setattr(backend, "_system_libraries", list)
+    for system, remedy in (
+        ("Linux", "karellen-llvm-core"),
+        ("Darwin", "brew"),
+        ("Windows", "installer"),
+        ("Plan9", "install"),
+    ):
+        monkeypatch.setattr(backend.platform, "system", lambda name=system: name)
+        with pytest.raises(BackendError, match=remedy):
+            backend.find_llvm()
+
+
+def test_the_wheel_comes_before_the_system(monkeypatch):
+    monkeypatch.delenv(backend.LLVM_VARIABLE, raising=False)
+    monkeypatch.setattr(backend, "_wheel_libraries", lambda: ["old wheel", "wheel"])
+    monkeypatch.setattr(backend, "_system_libraries", lambda: ["system"])
+    versions = {"wheel": "19.1.7", "system": "18.1.0"}
+    monkeypatch.setattr(backend, "_llvm_version", versions.get)
+    assert backend.find_llvm() == backend.LlvmLibrary("wheel", "19.1.7", "wheel karellen-llvm-core")
+    backend.find_llvm.cache_clear()
+    del versions["wheel"]
+    assert backend.find_llvm().origin == "system"
+
+
+@pytest.mark.parametrize(("major", "usable"), [(16, None), (17, "17.2.3"), (21, "21.2.3")])
+def test_old_versions_are_not_used(monkeypatch, major, usable):
+    class Library:
+        @staticmethod
+        def LLVMGetVersion(*parts):
+            for part, number in zip(parts, (major, 2, 3), strict=True):
+                part._obj.value = number
+
+    monkeypatch.setattr(backend.ctypes, "CDLL", lambda path: Library)
+    assert backend._llvm_version("any") == usable
+
+
+def test_a_library_without_a_version_is_not_used(monkeypatch):
+    # libLLVM 14 and 15 lack LLVMGetVersion.
+    monkeypatch.setattr(backend.ctypes, "CDLL", lambda path: object())
+    assert backend._llvm_version("any") is None
+
+
+def run(code: str, **environment: str) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | environment, check=False
+    )
+
+
+def test_an_unknown_variant_is_refused():
+    done = run(
+        "from sionna_radar.raytracer.backend import load_mitsuba; load_mitsuba()", SIONNA_RADAR_VARIANT="scalar_rgb"
+    )
+    assert done.returncode != 0
+    assert "BackendError: SIONNA_RADAR_VARIANT = scalar_rgb is unknown" in done.stderr
+
+
+def test_drjit_imported_first_is_told_of():
+    code = """
+import os
+os.environ.pop("DRJIT_LIBLLVM_PATH", None)
+from sionna_radar.raytracer import backend
+import sys, types
+sys.modules["drjit"] = types.ModuleType("drjit")
+backend._cuda_usable = lambda: False
+backend.find_llvm = lambda: backend.LlvmLibrary("/some/libLLVM.so", "19.1", "wheel karellen-llvm-core")
+try:
+    backend.load_mitsuba()
+except backend.BackendError as error:
+    print(error)
+"""
+    assert "set DRJIT_LIBLLVM_PATH=/some/libLLVM.so" in run(code).stdout
+
+
+def test_the_wheel_is_found_where_it_was_installed(monkeypatch, tmp_path):
+    """For a user, or on PYTHONPATH, it is not under the interpreter's prefix."""
+    for name in ("user", "path", "prefix"):
+        (tmp_path / name / "lib").mkdir(parents=True)
+    monkeypatch.setattr(backend.sys, "prefix", str(tmp_path / "prefix"))
+    monkeypatch.setattr(backend.site, "getuserbase", lambda: str(tmp_path / "user"))
+    monkeypatch.setattr(backend.sys, "path", [str(tmp_path / "path")])
+    recorded = tmp_path / "elsewhere" / "libLLVM.so.19.1"
+    recorded.parent.mkdir()
+    recorded.touch()
+
+    class Recorded:
+        name = recorded.name
+
+        def locate(self):
+            return recorded
+
+    monkeypatch.setattr(backend.metadata, "files", lambda name: [Recorded()] if name == backend.WHEEL else None)
+    (tmp_path / "user" / "lib" / "libLLVM.so.20.1").touch()
+    (tmp_path / "path" / "lib" / "libLLVM.so.18.1").touch()
+    assert [path.name for path in backend._wheel_libraries()] == [f"libLLVM.so.{v}.1" for v in (20, 19, 18)]
+
+    def absent(name):
+        raise backend.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(backend.metadata, "files", absent)
+    assert [path.name for path in backend._wheel_libraries()] == ["libLLVM.so.20.1", "libLLVM.so.18.1"]
+
+
+def test_one_core_is_given_two_threads():
+    backend.load_mitsuba()
+    import drjit as dr
+
+    before = dr.thread_count()
+    dr.set_thread_count(1)
+    try:
+        backend._use_two_threads()
+        assert dr.thread_count() == 2
+    finally:
+        dr.set_thread_count(max(before, 2))

@@ -1,0 +1,145 @@
+"""The two engines over one small survey, and a cross-check that finds out a wrong one."""
+
+import json
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+import sionna_radar.studies.crosscheck
+from sionna_radar.foundation.errors import OutputError
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, crosscheck, write
+
+
+def small_hills(**tracing):
+    return parse_scenario(
+        {
+            "terrain": {"kind": "hills", "size_m": [200.0, 200.0], "height_m": 6.0},
+            "platform": {"altitude_m": 40.0, "speed_mps": 10.0, "start_m": [-50.0, 0.0], "length_m": 15.0},
+            "radar": {"snr_db": 30.0, "scan": {"half_swath_deg": 40.0}},
+            "tracing": tracing,
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def progress():
+    return []
+
+
+@pytest.fixture(scope="module")
+def check(progress) -> CrossCheck:
+    return crosscheck(small_hills(), block_size=50, progress=lambda *done: progress.append(done))
+
+
+def test_the_engines_agree_on_hills(check):
+    assert abs(check.mean_power_difference_db) < 0.02
+    assert check.p95_abs_power_difference_db < 0.1
+    assert check.agrees
+
+
+def test_sampling_of_the_beam_is_not_called_a_difference(check):
+    """Every tenth pulse off by 3 dB in both seeds of the Sionna engine, each to its own side: too few rays."""
+    some = np.arange(len(check.sionna.power)) % 10 == 0
+    noisy = {
+        name: replace(getattr(check, name), power=getattr(check, name).power * np.where(some, 10**exponent, 1.0))
+        for name, exponent in (("sionna", 0.3), ("sionna_again", -0.3))
+    }
+    assert replace(check, **noisy).verdict()["p95_abs_power_difference_db"]["agrees"]
+    wrong = replace(check, sionna=noisy["sionna"], sionna_again=noisy["sionna"])
+    assert not wrong.verdict()["p95_abs_power_difference_db"]["agrees"]
+
+
+def test_the_dems_differ_by_speckle(check):
+    assert check.dem_speckle_rms_m > 0.02
+    assert check.dem_rms_difference_m < 1.25 * check.dem_speckle_rms_m
+    assert abs(check.summary()["dem_mean_difference_m"]) < 0.5 * check.dem_speckle_rms_m
+
+
+def test_the_mean_ranges_agree_to_a_tenth_of_a_cell(check):
+    spread = check.summary()["range_difference_m"]
+    assert abs(spread["mean"]) < 0.01
+    assert spread["p95_abs"] < 0.03
+
+
+def test_the_summary_holds_the_numbers_of_the_issue(check):
+    summary = check.summary()
+    wanted = {
+        "mean_power_difference_db",
+        "p95_abs_power_difference_db",
+        "dem_rms_difference_m",
+        "agrees",
+        "speckle",
+        "tolerances",
+    }
+    assert wanted <= set(summary)
+    assert sum(entry["pulses"] for entry in summary["power_by_incidence"]) == summary["pulses"]
+
+
+def test_progress_counts_all_four_runs(check, progress):
+    count = len(check.sionna.power)
+    assert progress[-1] == ("tracing", 4 * count, 4 * count)
+    traced = [done for stage, done, _ in progress if stage == "tracing"]
+    assert traced == sorted(set(traced))
+
+
+def test_a_fifth_of_a_decibel_too_much_is_found_out(check):
+    louder = replace(check, gamma=replace(check.gamma, power=check.gamma.power * 10**0.02))
+    assert louder.mean_power_difference_db == pytest.approx(check.mean_power_difference_db + 0.2)
+    assert not louder.agrees
+
+
+def test_a_dem_half_a_metre_too_high_is_found_out(check):
+    higher = {}
+    for name in ("gamma", "gamma_again"):
+        engine_run = getattr(check, name)
+        dem = replace(engine_run.dem, height_m=engine_run.dem.height_m + 0.5)
+        higher[name] = replace(engine_run, dem=dem)
+    assert check.dem_test.probability > 0.001
+    wrong = replace(check, **higher)
+    assert wrong.dem_test.probability <= 0.001
+    assert not wrong.agrees
+
+
+def test_a_trend_with_incidence_is_found(check):
+    tilted = check.gamma.power * 10 ** (np.rad2deg(check.sionna.incidence_rad) / 10 * 0.03)
+    trend = replace(check, gamma=replace(check.gamma, power=tilted)).power_trend_db_per_10deg()
+    assert trend == pytest.approx(check.power_trend_db_per_10deg() + 0.3, abs=1e-6)
+
+
+def test_without_any_dem_nothing_agrees_and_the_summary_says_none(check):
+    dem = replace(check.gamma.dem, height_m=np.full_like(check.gamma.dem.height_m, np.nan))
+    empty = replace(check, gamma=replace(check.gamma, dem=dem))
+    assert not empty.agrees
+    assert empty.summary()["dem_rms_difference_m"] is None
+    json.dumps(empty.summary(), allow_nan=False)
+
+
+def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check, tmp_path):
+    place = tmp_path / "deep" / "check"
+    files = {path.relative_to(place).as_posix() for path in write(check, place)}
+    assert files == {"manifest.json", "crosscheck.json", "figures/power.png", "figures/ranges.png", "figures/dems.png"}
+    assert json.loads((place / "crosscheck.json").read_text())["agrees"] is True
+    (place / "figures" / "mine.png").touch()
+    assert len(write(check, place)) == 5
+    assert (place / "figures" / "mine.png").exists()
+    assert [path.name for path in place.parent.iterdir()] == ["check"]
+
+
+def test_a_folder_of_something_else_is_left_alone(check, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="holds no earlier result"):
+        write(check, tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_the_command_fails_where_the_engines_differ(cli, small, tmp_path, monkeypatch):
+    strict = partial(Tolerances, mean_power_db=0.0)
+    monkeypatch.setattr(sionna_radar.studies.crosscheck, "Tolerances", strict)
+    done = cli("crosscheck", small, "-o", tmp_path / "check", "--set", "platform.length_m=2")
+    assert done.returncode == 1
+    assert "DIFFER" in done.stdout
+    assert (tmp_path / "check" / "crosscheck.json").is_file()

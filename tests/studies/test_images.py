@@ -1,0 +1,212 @@
+"""The images that a side-looking scenario leaves: their geometry, their resolution at a point, and their files."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from pyproj import CRS, Transformer
+from scipy.io import netcdf_file
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.imaging.grid import PixelGrid
+from sionna_radar.imaging.point_response import Point, Widths, alone, measured_in_patch
+from sionna_radar.report.imagery.products import write_slar
+from sionna_radar.report.imagery.table import print_image
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.studies.images import MARKER, fly_images, write
+
+EAST, GROUND = 1.0, 29.0
+SMALL = {
+    "terrain": {"kind": "flat", "size_m": [120.0, 120.0]},
+    "targets": [{"position_m": [EAST, -GROUND], "rcs_dbsm": 0.0}],
+    "platform": {"altitude_m": 28.0, "speed_mps": 5.0, "start_m": [-4.5, 0.0], "length_m": 11.0},
+    "radar": {
+        "chirp_rate_hz": 400.0,
+        "samples_per_chirp": 256,
+        "sampling": "iq",
+        "snr_db": 30.0,
+        "antenna": {"beamwidth_deg": [2.5, 12.0], "side_lobe_db": -25.0},
+        "scan": {"mode": "side_looking", "incidence_deg": 45.0},
+    },
+    "tracing": {"speckle": "persistent", "scatterers_per_m2": 2.0},
+}
+
+
+def scenario_of(**tables: dict):
+    return parse_scenario(SMALL | {name: SMALL.get(name, {}) | table for name, table in tables.items()})
+
+
+@pytest.fixture(scope="module")
+def imagery():
+    return fly_images(scenario_of())
+
+
+@pytest.fixture(scope="module")
+def folder(imagery, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("image") / "out"
+    write(imagery, directory)
+    return directory
+
+
+def test_the_strip_is_what_the_half_power_beam_lights(imagery):
+    strip = imagery.strip
+    assert strip.near_m == pytest.approx(28.0 * np.tan(np.deg2rad(39.0)), rel=1e-3)
+    assert strip.far_m == pytest.approx(28.0 * np.tan(np.deg2rad(51.0)), rel=1e-3)
+    assert strip.height_m == pytest.approx(0.0, abs=1e-9)
+    assert strip.length_m == pytest.approx(11.0, abs=0.02)
+    grid = imagery.focused.grid
+    assert grid.across_m[0] == strip.near_m
+    # At both ends the far edge is left out as far as the beam is long there: its pixels would lack pulses.
+    edge = np.hypot(28.0, strip.far_m) * np.tan(imagery.focused.aperture.width_rad / 2)
+    assert grid.along_m[0] == pytest.approx(edge)
+    assert np.ptp(imagery.focused.pulses[-1]) <= 2
+
+
+def test_a_point_is_as_wide_as_the_theory_says(imagery):
+    (reflector,) = imagery.reflectors
+    assert reflector.position_m[:2] == (EAST, -GROUND)
+    assert reflector.place.ground_m == pytest.approx(GROUND)
+    slar, sar = reflector.slar, reflector.sar
+    assert sar.measured.along_m == pytest.approx(sar.theory.along_m, rel=0.03)
+    assert sar.measured.across_m == pytest.approx(sar.theory.across_m, rel=0.03)
+    assert slar.measured.along_m == pytest.approx(slar.theory.along_m, rel=0.05)
+    assert slar.measured.across_m == pytest.approx(slar.theory.across_m, rel=0.05)
+    # c / (2 B) = 0.3 m, and a Hann window makes it 1.44 times as wide.
+    assert slar.theory.across_m == pytest.approx(1.44 * 0.2998, rel=0.01)
+    sine = GROUND / np.hypot(GROUND, 28.0)
+    assert sar.theory.across_m == pytest.approx(slar.theory.across_m / sine)
+
+
+def test_the_files_hold_the_point_where_it_stands(folder, imagery):
+    with netcdf_file(folder / "sar.nc", mmap=False) as file:
+        names = {name: file.variables[name][:].copy() for name in file.variables}
+        assert file.variables["along"].units == b"m"
+        assert file.variables["pulses"].coordinates == b"east north"
+        assert not hasattr(file.variables["pulses"], "grid_mapping")
+    power = names["amplitude_real"] ** 2 + names["amplitude_imag"] ** 2
+    np.testing.assert_allclose(power, imagery.focused.power)
+    row, column = np.unravel_index(power.argmax(), power.shape)
+    assert names["east"][row, column] == pytest.approx(EAST, abs=0.02)
+    assert names["north"][row, column] == pytest.approx(-GROUND, abs=0.3)
+    assert names["ground_range"][row] == pytest.approx(GROUND, abs=0.3)
+    with netcdf_file(folder / "slar.nc", mmap=False) as file:
+        names = {name: file.variables[name][:].copy() for name in file.variables}
+    row, column = np.unravel_index(names["power"].argmax(), names["power"].shape)
+    assert names["slant_range"][column] == pytest.approx(np.hypot(GROUND, 28.0), abs=0.1)
+    assert names["east"][row] == pytest.approx(EAST, abs=0.4)
+    np.testing.assert_allclose(names["radar_height"], 28.0)
+
+
+def test_the_files_of_a_place_on_the_earth_hold_its_coordinates(imagery, tmp_path):
+    crs = CRS.from_epsg(32632)
+    place = Georeference(crs_wkt=crs.to_wkt(), origin_m=(500_000.0, 5_000_000.0, 300.0))
+    described = imagery.scenario.model_copy(update={"description": "H\u00fcgel"})
+    write_slar(tmp_path / "slar.nc", dataclasses.replace(imagery, georeference=place, scenario=described))
+    with netcdf_file(tmp_path / "slar.nc", mmap=False) as file:
+        power, mapping = file.variables["power"], file.variables["crs"]
+        assert power.coordinates == b"east north longitude latitude"
+        assert power.grid_mapping == b"crs"
+        assert "H\u00fcgel" in file.scenario.decode()
+        assert CRS.from_cf({name: value.decode() for name, value in vars(mapping).items() if name == "crs_wkt"}) == crs
+        assert mapping.grid_mapping_name == b"transverse_mercator"
+        assert mapping.longitude_of_central_meridian == 9.0
+        assert file.variables["east"].standard_name == b"projection_x_coordinate"
+        lonlat = [file.variables[name][:].copy() for name in ("longitude", "latitude")]
+        east, north, height = (file.variables[name][:].copy() for name in ("east", "north", "radar_height"))
+        assert file.ground_height_m == pytest.approx(300.0)
+        assert file.variables["east"].long_name == b"map easting"
+    np.testing.assert_allclose(east, 500_000.0 - 4.5 + imagery.slant.along_m, atol=0.02)
+    np.testing.assert_allclose(north, 5_000_000.0, atol=1e-6)
+    np.testing.assert_allclose(height, 328.0)
+    expected = Transformer.from_crs(crs, 4326, always_xy=True).transform(east, north)
+    np.testing.assert_allclose(lonlat, expected, atol=1e-12)
+
+
+def test_the_numbers_are_written_and_printed(folder, imagery, capsys):
+    told = json.loads((folder / MARKER).read_text())
+    assert told["sar"]["theory"]["along_m"] == imagery.sar.along_m
+    assert told["reflectors"][0]["sar"]["measured"]["along_m"] == imagery.reflectors[0].sar.measured.along_m
+    assert told["sar"]["columns"] * told["sar"]["rows"] == imagery.focused.power.size
+    assert {path.name for path in folder.rglob("*.png")} == {"slar.png", "sar.png"}
+    print_image(imagery)
+    printed = capsys.readouterr().out
+    assert "SAR, targets.0" in printed
+    assert "of theory" in printed
+
+
+def test_blocks_do_not_change_the_images(imagery):
+    again = fly_images(scenario_of(), block_size=97)
+    np.testing.assert_allclose(again.slant.power, imagery.slant.power, rtol=1e-9)
+    peak = np.abs(imagery.focused.amplitude).max()
+    np.testing.assert_allclose(again.focused.amplitude, imagery.focused.amplitude, atol=1e-9 * peak)
+
+
+def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
+    imagery = fly_images(scenario_of(tracing={"speckle": "per_pulse", "paths_per_pulse": 64}))
+    assert imagery.focused is None
+    assert imagery.reflectors[0].sar is None
+    names = {path.name for path in write(imagery, tmp_path / "out")}
+    assert names == {MARKER, "manifest.json", "scenario.toml", "slar.nc", "slar.png"}
+    assert json.loads((tmp_path / "out" / MARKER).read_text())["sar"] is None
+    print_image(imagery)
+    assert "tracing.speckle = 'persistent'" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("tables", "field"),
+    [
+        ({"radar": {"scan": {"mode": "whisk_broom"}}}, r"radar\.scan\.mode: 'whisk_broom' .* 'side_looking'"),
+        ({"radar": {"sweep": "triangular"}}, r"radar\.sweep"),
+        ({"platform": {"length_m": 2.0}}, r"platform\.length_m: .* raise it above"),
+        ({"radar": {"chirp_rate_hz": 50.0}}, r"radar\.chirp_rate_hz: 50 .* raise it to"),
+    ],
+    ids=["looks ahead", "triangle", "short", "too few chirps"],
+)
+def test_what_cannot_be_imaged_is_refused(tables, field):
+    with pytest.raises(ScenarioError, match=field):
+        fly_images(scenario_of(**tables))
+
+
+def test_a_bent_track_and_a_lidar_are_refused_at_once():
+    platform = {"altitude_m": 28.0, "speed_mps": 5.0, "waypoints_m": [[0, 0], [5, 0], [5, 5]]}
+    with pytest.raises(ScenarioError) as error:
+        fly_images(parse_scenario(SMALL | {"platform": platform, "sensor": "lidar"}))
+    assert {problem.field for problem in error.value.problems} == {"platform.waypoints_m", "sensor"}
+
+
+def point_at(along_m: float, slant_range_m: float) -> Point:
+    return Point(
+        along_m=along_m, ground_m=28.0, height_m=0.0, slant_range_m=slant_range_m, incidence_rad=0.8, steady=True
+    )
+
+
+def test_points_side_by_side_are_not_alone():
+    theory = Widths(along_m=1.0, across_m=0.5)
+    here, beside, behind = point_at(0.0, 40.0), point_at(3.0, 40.5), point_at(0.0, 44.0)
+    assert alone(here, [here, behind], theory)
+    assert not alone(here, [here, beside, behind], theory)
+    assert alone(here, [here, beside], dataclasses.replace(theory, along_m=0.4))
+
+
+def patch_power(width_m: float, floor: float, beside: float = 0.0):
+    """A Gaussian in a patch; `beside` is the power of another one at its edge."""
+    axis = np.linspace(-3.0, 3.0, 121)
+    grid = PixelGrid(origin_m=np.zeros(3), along=np.eye(3)[0], across=np.eye(3)[1], along_m=axis, across_m=axis)
+    x, y = np.meshgrid(axis, axis)
+    power = np.exp2(-4 * (x**2 / width_m**2 + y**2)) + beside * np.exp2(-4 * ((x - 2.5) ** 2 + y**2)) + floor
+    return power, grid
+
+
+def test_widths_are_those_at_half_power():
+    widths = measured_in_patch(*patch_power(1.4, 0.0))
+    assert widths.along_m == pytest.approx(1.4, rel=5e-3)
+    assert widths.across_m == pytest.approx(1.0, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    "power", [patch_power(1.0, 0.2), patch_power(1.0, 1e-6, 1.5), patch_power(20.0, 0.0)], ids=["faint", "two", "wide"]
+)
+def test_a_width_that_cannot_be_told_is_none(power):
+    assert measured_in_patch(*power) is None

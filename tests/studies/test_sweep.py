@@ -1,0 +1,243 @@
+"""Studies: every combination flown with every seed, what cannot be flown told in its place, interrupts survived."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.interrupts import Interrupted
+from sionna_radar.report.sweep.figures import abscissa, errors
+from sionna_radar.report.sweep.table import print_sweep
+from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.sweep import Axis, fly_sweep, parse_axes, plan_sweep
+from sionna_radar.survey.chain import run
+
+BEAM = "radar.antenna.beamwidth_deg"
+
+
+@pytest.fixture(scope="module")
+def flown(small):
+    axes = parse_axes([f"{BEAM}=2,6", "processing.ranging=peak,centroid"])
+    calls = []
+    plan = plan_sweep(small, axes, repeat=2)
+    sweep = fly_sweep(plan, progress=lambda *step: calls.append(step))
+    return plan, sweep, calls
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("1,2,4", (1, 2, 4)),
+        ("1.5, 2", (1.5, 2)),
+        ("peak,centroid", ("peak", "centroid")),
+        ("[1.0, 2.0],[3.0, 4.0]", ([1.0, 2.0], [3.0, 4.0])),
+        ("true,false", (True, False)),
+        ("hann,[1, 2],3", ("hann", [1, 2], 3)),
+    ],
+)
+def test_values_are_toml_and_bare_words_strings(text, values):
+    assert parse_axes([f"some.key={text}"]) == (Axis(key="some.key", values=values),)
+
+
+@pytest.mark.parametrize(
+    ("assignments", "says"),
+    [
+        (["no_value"], "not KEY=V1,V2"),
+        (["=1,2"], "not KEY=V1,V2"),
+        (["a.b="], "not KEY=V1,V2"),
+        (["a.b=1,2", "a.b=3"], "varied twice"),
+        (["a.b=x,x"], "twice"),
+        (["a.b=x,,y"], "empty value"),
+        ([], "nothing is varied"),
+    ],
+)
+def test_bad_assignments_are_refused(assignments, says):
+    with pytest.raises(ScenarioError, match=says):
+        parse_axes(assignments)
+
+
+def test_every_combination_is_flown_with_seeds_in_a_row(flown):
+    _, sweep, _ = flown
+    assert [tuple(case.setting.values()) for case in sweep.cases] == [
+        (2, "peak"),
+        (2, "centroid"),
+        (6, "peak"),
+        (6, "centroid"),
+    ]
+    assert all([r.seed for r in case.runs] == [5, 6] for case in sweep.cases)
+    assert len({r.points_sha256 for case in sweep.cases for r in case.runs}) == 8
+
+
+def test_a_run_is_the_survey_that_run_gives(flown, small):
+    _, sweep, _ = flown
+    alone = run(load_scenario(small, {BEAM: 6, "processing.ranging": "centroid", "seed": 6}))
+    assert sweep.cases[3].runs[1].points_sha256 == alone.points.sha256()
+    assert sweep.cases[3].runs[1].dem_error == alone.dem_error
+
+
+def test_progress_counts_the_surveys_and_shows_their_stages(flown):
+    plan, _, calls = flown
+    surveys = [(done, total) for stage, done, total in calls if stage == "surveys"]
+    assert surveys == [(done, plan.runs) for done in range(plan.runs + 1)]
+    assert {stage for stage, _, _ in calls} == {"surveys", "preparing", "tracing", "mapping"}
+
+
+def test_statistics_are_over_the_runs(flown):
+    _, sweep, _ = flown
+    case = sweep.cases[0]
+    first, second = (r.lit_error.rms_m for r in case.runs)
+    assert case.mean("rms_m") == pytest.approx((first + second) / 2)
+    assert case.spread("rms_m") == pytest.approx(abs(first - second) / np.sqrt(2))
+
+
+def test_a_study_without_any_flight_is_refused(small):
+    """Every combination is wrong, in ways of its own; all are told at once."""
+    with pytest.raises(ScenarioError) as told:
+        plan_sweep(small, parse_axes([f"{BEAM}=400,900", "radar.scan.half_swath_deg=50,89.9"]))
+    text = str(told.value)
+    assert "400" in text
+    assert "900" in text
+    with pytest.raises(ScenarioError, match=r"1 problem\n  radar\.no_such_key"):
+        plan_sweep(small, parse_axes(["radar.no_such_key=1,2,3"]))
+
+
+@pytest.mark.parametrize(
+    ("repeat", "overrides", "says"),
+    [(0, {}, "at least 1"), (2, {}, "seed is varied"), (1, {"seed": 3}, "both set and varied")],
+)
+def test_contradictory_requests_are_refused(small, repeat, overrides, says):
+    with pytest.raises(ScenarioError, match=says):
+        plan_sweep(small, parse_axes(["seed=1,2"]), repeat, overrides)
+
+
+def test_the_numeric_key_is_drawn_against():
+    words, numbers = Axis(key="w", values=("a", "b", "c")), Axis(key="n", values=(1, 2.5))
+    assert abscissa((words, numbers)) is numbers
+    assert abscissa((words, Axis(key="flag", values=(True, False)))) is words
+
+
+def test_the_command_writes_table_plot_and_json(cli, small, tmp_path):
+    vary = ["--vary", "processing.ranging=peak,centroid", "--vary", f"{BEAM}=2"]
+    done = cli("sweep", small, *vary, "--repeat", 2, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in (tmp_path / "out").rglob("*") if p.is_file()} == {
+        "manifest.json",
+        "sweep.json",
+        "table.csv",
+        "runs.csv",
+        "sweep.png",
+    }
+    document = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    with (tmp_path / "out" / "table.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [row["processing.ranging"] for row in table] == ["peak", "centroid"]
+    for row, case in zip(table, document["cases"], strict=True):
+        assert float(row["rms_m"]) == pytest.approx(case["statistics"]["rms_m"]["mean"])
+        assert float(row["rms_m_spread"]) == pytest.approx(case["statistics"]["rms_m"]["spread"])
+        assert f"{float(row['rms_m']):.3f}" in done.stdout
+    with (tmp_path / "out" / "runs.csv").open(newline="") as file:
+        assert [row["run_seed"] for row in csv.DictReader(file)] == ["5", "6", "5", "6"]
+
+
+def test_bad_input_is_one_error_and_nothing_written(cli, small, tmp_path):
+    done = cli("sweep", small, "--vary", f"{BEAM}=-2,-4", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("error:") == 1
+    assert "radar.antenna.beamwidth_deg" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+ALTITUDE = "platform.altitude_m"
+
+
+def test_a_cell_that_cannot_be_flown_keeps_its_place_and_its_remedy(cli, small, tmp_path):
+    wide = "terrain.size_m=[500.0, 500.0]"
+    done = cli("sweep", small, "--vary", f"{ALTITUDE}=50,100", "--vary", wide, "-o", tmp_path)
+    assert done.returncode == 1
+    assert "radar.samples_per_chirp = 2048 works" in done.stdout
+    assert "1 of 2 combinations could not be flown" in done.stderr
+    flown, refused = json.loads((tmp_path / "sweep.json").read_text())["cases"]
+    assert flown["reason"] is None
+    assert flown["statistics"]["rms_m"]["mean"] > 0
+    assert "radar.samples_per_chirp = 2048 works" in refused["reason"]
+    assert (refused["runs"], refused["scenario"]) == ([], None)
+    with (tmp_path / "table.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["runs"], bool(row["rms_m"]), bool(row["reason"])) for row in rows] == [
+        ("1", True, False),
+        ("0", False, True),
+    ]
+    assert "nan" not in done.stdout
+
+
+@pytest.mark.parametrize("failure", [MemoryError("no room"), ValueError("a bug"), ScenarioError([])])
+def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
+    plan = plan_sweep(small, parse_axes([f"{BEAM}=2,4,6"]))
+
+    def fly(scenario, **keys):
+        if scenario.radar.antenna.beamwidth_deg == 4:
+            raise failure
+        return run(scenario, **keys)
+
+    monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
+    sweep = fly_sweep(plan)
+    assert [len(case.runs) for case in sweep.cases] == [1, 0, 1]
+    assert type(failure).__name__ in sweep.cases[1].reason
+    assert sweep.failed
+    assert not sweep.interrupted
+
+
+def test_an_interrupt_keeps_the_runs_done(cli, small, tmp_path, monkeypatch):
+    calls = []
+
+    def fly(scenario, **keys):
+        calls.append(scenario)
+        if len(calls) == 3:
+            raise Interrupted
+        return run(scenario, **keys)
+
+    monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
+    with pytest.raises(Interrupted):
+        cli("sweep", small, "--vary", f"{BEAM}=2,4,6", "--repeat", 2, "-o", tmp_path / "out", "-q")
+    document = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    assert document["interrupted"]
+    assert [(len(case["runs"]), case["reason"]) for case in document["cases"]] == [
+        (2, None),
+        (0, "interrupted"),
+        (0, "interrupted"),
+    ]
+
+
+def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
+    _, sweep, _ = flown
+    case = sweep.cases[0]
+    assert case.mean("all_cells_rms_m") == pytest.approx(np.mean([r.dem_error.rms_m for r in case.runs]))
+    assert np.isnan(case.mean("off_wall_rms_m"))  # flat ground has no walls
+    assert len(repr(sweep)) < 1000
+    assert "beamwidth_deg = 2" in sweep._repr_html_()
+
+
+def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
+    axes = parse_axes(["weather.rain_rate_mm_per_h=0,20", "processing.volume_clutter=auto,off"])
+    print_sweep(fly_sweep(plan_sweep(small, axes)))
+    printed = capsys.readouterr().out
+    assert "nan" not in printed
+    assert "come from the rain" in printed
+
+
+def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
+    figure = errors(flown[1])
+    figure.draw_without_rendering()
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert labels[0] == "RMS error of lit cells (m)"
+    assert labels[3].startswith("Coverage: share of lit")
+    assert figure.axes[2].get_xlabel() == "Beamwidth (deg)"
+    assert [text.get_text() for text in figure.legends[0].texts] == ["Ranging: peak", "Ranging: centroid"]
+    # The dots of the runs are drawn beside the bar of their case.
+    dots = [line for line in figure.axes[0].lines if line.get_alpha() == 0.6]
+    assert len(dots) == 4
+    bar = figure.axes[0].transData.transform((2.0, dots[0].get_ydata()[0]))
+    assert dots[0].get_transform().transform((2.0, dots[0].get_ydata()[0]))[0] > bar[0] + 5

@@ -1,0 +1,195 @@
+"""The sensors behind one seam, what each knows of the flight, and a survey mapped again."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sionna_radar
+from sionna_radar import parse_scenario, run
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.report.survey.products import write_products
+from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.survey.chain import place, record
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.remapping import record_survey
+from sionna_radar.survey.sensors import Lidar, Observation, SawtoothRadar, Sensor, TriangularRadar, build_sensor
+from sionna_radar.tracing.boresight import trace_boresights
+
+HILLS = {
+    "seed": 4,
+    "terrain": {"kind": "hills", "size_m": [340.0, 340.0], "spacing_m": 2.0, "seed": 2},
+    "platform": {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 20.0},
+    "radar": {"snr_db": 30.0},
+    "tracing": {"paths_per_pulse": 128},
+}
+
+
+def scenario_of(*, radar: dict | None = None, navigation: dict | None = None, **keys: object):
+    data = HILLS | keys
+    data["radar"] = HILLS["radar"] | (radar or {})
+    data["platform"] = HILLS["platform"] | ({"navigation": navigation} if navigation else {})
+    return parse_scenario(data)
+
+
+NOISY = {"position_markov_m": 0.3, "velocity_white_mps": 0.2, "attitude_markov_deg": 0.2, "time_offset_s": 0.02}
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return run(scenario_of())
+
+
+@pytest.fixture(scope="module")
+def lidar():
+    return run(scenario_of(sensor="lidar"))
+
+
+@pytest.mark.parametrize(
+    ("keys", "kind"),
+    [({}, SawtoothRadar), ({"radar": {"sweep": "triangular"}}, TriangularRadar), ({"sensor": "lidar"}, Lidar)],
+)
+def test_a_sensor_sees_the_truth_and_corrects_by_the_measured_pose(keys, kind):
+    """Tracing reads the true pose alone; after it, nothing may."""
+    ready = prepare(scenario_of(**keys, navigation=NOISY))
+    sensor = build_sensor(ready)
+    assert isinstance(sensor, kind)
+    assert isinstance(sensor, Sensor)
+    pulses = ready.schedule.pulses(np.arange(20))
+    spoilt = Pose(**{f.name: np.full_like(getattr(pulses.true, f.name), np.nan) for f in fields(Pose)})
+    seen = sensor.observe(pulses).echoes
+    blind = sensor.observe(replace(pulses, measured=spoilt)).echoes
+    np.testing.assert_array_equal(seen.range_m, blind.range_m)
+    # The exact and the erring navigation record the same.
+    other = prepare(scenario_of(**keys))
+    elsewhere = build_sensor(other).observe(other.schedule.pulses(np.arange(20))).echoes
+    np.testing.assert_array_equal(elsewhere.range_m, seen.range_m)
+
+
+def test_placing_reads_the_measured_pose_alone(monkeypatch):
+    ready = prepare(scenario_of(navigation=NOISY))
+    sensor = build_sensor(ready)
+    echoes = record(ready, sensor).echoes
+    points = place(echoes, sensor, ready.schedule)
+    made = type(ready.schedule).pulses
+
+    def without_truth(schedule, index):
+        pulses = made(schedule, index)
+        bad = Pose(**{f.name: np.full_like(getattr(pulses.true, f.name), np.nan) for f in fields(Pose)})
+        return replace(pulses, true=bad)
+
+    monkeypatch.setattr(type(ready.schedule), "pulses", without_truth)
+    assert place(echoes, sensor, ready.schedule).sha256() == points.sha256()
+
+
+def test_no_processing_module_names_the_true_pose():
+    package = Path(sionna_radar.__file__).parent
+    for path in [*package.glob("detection/*.py"), *package.glob("mapping/*.py")]:
+        assert ".true" not in path.read_text(encoding="utf-8"), path
+
+
+def test_errors_of_navigation_spoil_the_dem_but_not_the_echoes(exact):
+    erring = run(scenario_of(navigation=NOISY))
+    np.testing.assert_array_equal(erring.points.pulse, exact.points.pulse)
+    np.testing.assert_array_equal(erring.points.power, exact.points.power)
+    assert erring.paths == exact.paths
+    assert erring.dem_error.rms_m > 1.1 * exact.dem_error.rms_m
+    again = run(scenario_of(navigation=NOISY), block_size=13)
+    assert again.points.sha256() == erring.points.sha256()
+
+
+def test_a_survey_mapped_again_is_the_survey_flown_with_those_errors(exact):
+    survey = record_survey(scenario_of())
+    assert survey.points(None).sha256() == exact.points.sha256()
+    assert survey.lit_error(None) == exact.lit_error
+    navigation = survey.navigation(NavigationTable(**NOISY))
+    assert survey.lit_error(navigation) == run(scenario_of(navigation=NOISY)).lit_error
+    assert survey.lit_error(survey.navigation(NavigationTable(**NOISY), seed=9)) != survey.lit_error(navigation)
+
+
+def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
+    """Each navigation moves the whole echoes that the map models, as it would have in flight."""
+    shorter = HILLS["platform"] | {"length_m": 6.0}
+    data = HILLS | {"platform": shorter, "dem": {"method": "smooth"}, "tracing": {"paths_per_pulse": 64}}
+    survey = record_survey(parse_scenario(data))
+    assert survey.lit_error(None) == run(parse_scenario(data)).lit_error
+    erring = data | {"platform": shorter | {"navigation": NOISY}}
+    assert survey.lit_error(survey.navigation(NavigationTable(**NOISY))) == run(parse_scenario(erring)).lit_error
+
+
+def test_a_lidar_has_no_echoes_for_a_map_to_model():
+    with pytest.raises(ScenarioError, match=r"dem\.method: 'smooth' models whole echoes.*set 'linear'"):
+        scenario_of(sensor="lidar", dem={"method": "smooth"})
+
+
+def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
+    down = {"scan": {"mode": "fixed", "incidence_deg": 0.0}}
+    survey = record_survey(scenario_of(radar=down))
+    wrong = survey.navigation(NavigationTable(velocity_constant_mps=(0.0, 0.0, 0.05)))
+    off = survey.points(wrong).range_m - survey.points(None).range_m
+    np.testing.assert_allclose(off, -0.0214, atol=1e-4)  # a climb believed in is a receding ground corrected for
+
+
+def test_the_lidar_is_exact_and_shows_what_the_beam_costs(exact, lidar):
+    ground = prepare(scenario_of()).built.ground_m(lidar.points.position_m[:, :2])
+    np.testing.assert_allclose(lidar.points.position_m[:, 2], ground, atol=0.03)  # facets against bilinear heights
+    assert len(lidar.points) == lidar.pulses == exact.pulses
+    assert lidar.chirp is None
+    assert lidar.dem_error.rms_m < 0.3 * exact.dem_error.rms_m
+
+
+def test_noise_of_the_lidar_is_what_was_asked_for(lidar):
+    noisy = run(scenario_of(sensor="lidar", lidar={"range_noise_m": 0.05}))
+    off = noisy.points.range_m - lidar.points.range_m
+    assert off.std() == pytest.approx(0.05, rel=0.2)
+    assert noisy.points.sha256() == run(noisy.scenario, block_size=11).points.sha256()
+
+
+def test_a_lidar_survey_is_written_without_a_chirp(lidar, tmp_path):
+    names = {path.name for path in write_products(lidar, tmp_path / "out")}
+    assert {"summary.json", "points.laz", "dem.png", "power_map.png"} <= names
+    assert "chirp.png" not in names
+
+
+def test_the_triangle_needs_no_velocity(exact):
+    survey = run(scenario_of(radar={"sweep": "triangular"}))
+    assert survey.chirp is not None
+    assert len(survey.points) > 0.9 * survey.pulses
+    assert survey.dem_error.rms_m < 1.3 * exact.dem_error.rms_m
+    wrong = {"velocity_constant_mps": (3.0, 0.0, 0.0)}
+    untouched = run(scenario_of(radar={"sweep": "triangular"}, navigation=wrong))
+    assert untouched.points.sha256() == survey.points.sha256()
+    assert run(scenario_of(navigation=wrong)).dem_error.rms_m > 1.5 * survey.dem_error.rms_m
+    assert run(survey.scenario, block_size=17).points.sha256() == survey.points.sha256()
+
+
+class EveryOther:
+    """A sensor of one's own: exact, but blind on every other pulse."""
+
+    def __init__(self, ready):
+        self.caster = ready.built.caster
+
+    def observe(self, pulses):
+        paths = trace_boresights(pulses, self.caster)
+        even = np.flatnonzero(paths.pulse % 2 == 0)
+        echoes = Echoes(
+            pulse=paths.pulse[even],
+            number=np.zeros(len(even), dtype=np.int64),
+            range_m=paths.delay_s[even] * 299_792_458.0 / 2,
+            range_sigma_m=np.zeros(len(even)),
+            power=np.ones(len(even)),
+            snr_db=np.zeros(len(even)),
+        )
+        return Observation(paths=paths, echoes=echoes)
+
+    def correct(self, echoes, pulse, measured):
+        return echoes
+
+
+def test_a_sensor_of_ones_own(lidar):
+    survey = run(scenario_of(), sensor=EveryOther)
+    mine = lidar.points.pulse % 2 == 0
+    np.testing.assert_allclose(survey.points.position_m, lidar.points.position_m[mine])

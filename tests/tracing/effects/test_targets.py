@@ -1,0 +1,116 @@
+"""Point targets against the radar equation, seen and hidden."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sionna_radar.scene.model import Surface, Target
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.effects.targets import trace_targets
+from sionna_radar.tracing.engine import Tracer
+from sionna_radar.tracing.engines.beam import BeamEngine
+
+C = 299_792_458.0
+WAVELENGTH_M = C / 77e9
+
+
+@pytest.fixture(scope="module")
+def far_below(surface_of):
+    """Ground too low to hide anything."""
+    return RayCaster([surface_of(lambda x, y: 0 * x - 5000.0, spacing_m=100.0)])
+
+
+def wall(x_from, x_to, y, height) -> Surface:
+    """A vertical wall across the view to the north."""
+    vertices = np.array([[x_from, y, 0], [x_to, y, 0], [x_to, y, height], [x_from, y, height]], dtype=float)
+    return Surface(name="wall", vertices_m=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="ground")
+
+
+def echo_db(target, antenna, chirp, caster, pulses):
+    paths = trace_targets([target], pulses, antenna, chirp, caster)
+    return 20 * np.log10(np.abs(paths.gain[0]))
+
+
+def test_on_boresight_the_echo_is_the_radar_equation(pencil, chirp_of, far_below, looking):
+    range_m, rcs = 100.0, 2.5
+    target = Target(
+        position_m=(0.0, range_m * np.sin(np.deg2rad(40)), 50 - range_m * np.cos(np.deg2rad(40))), rcs_m2=rcs
+    )
+    expected = pencil.peak_gain**2 * WAVELENGTH_M**2 * rcs / ((4 * np.pi) ** 3 * range_m**4)
+    measured = echo_db(target, pencil, chirp_of(), far_below, looking(1, incidence_deg=40.0))
+    assert measured == pytest.approx(10 * np.log10(expected), abs=0.05)
+
+
+@pytest.mark.parametrize(("azimuth_deg", "elevation_deg"), [(1.0, 0.0), (0.0, 2.0), (-1.0, -2.0)])
+def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(
+    antenna_of, chirp_of, far_below, looking, azimuth_deg, elevation_deg
+):
+    antenna, chirp = antenna_of(2.0, 4.0), chirp_of()
+    pulses = looking(1, incidence_deg=50.0, scan_deg=25.0)
+    pose = pulses.true
+    boresight, left, up = pose.R_world_antenna[0].T
+    levels = []
+    for azimuth, elevation in ((0.0, 0.0), (azimuth_deg, elevation_deg)):
+        y, z = np.sin(np.deg2rad([azimuth, elevation]))
+        away = np.sqrt(1 - y * y - z * z) * boresight + y * left + z * up
+        target = Target(position_m=tuple(pose.position_m[0] + 80 * away), rcs_m2=1.0)
+        levels.append(echo_db(target, antenna, chirp, far_below, pulses))
+    planes = (azimuth_deg != 0) + (elevation_deg != 0)  # 3.01 dB each way and plane
+    assert levels[0] - levels[1] == pytest.approx(6.02 * planes, abs=0.05)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(5, 1000), st.floats(0, 80), st.floats(-60, 60))
+def test_doubling_the_range_costs_12_db(antenna_of, chirp_of, far_below, looking, range_m, incidence_deg, scan_deg):
+    antenna, chirp = antenna_of(10.0, 10.0), chirp_of()
+    pulses = looking(1, incidence_deg=incidence_deg, scan_deg=scan_deg)
+    places = [np.array([0, 0, 50]) + r * pulses.true.boresight[0] for r in (range_m, 2 * range_m)]
+    near, far = (
+        echo_db(Target(position_m=tuple(place), rcs_m2=1.0), antenna, chirp, far_below, pulses) for place in places
+    )
+    assert near - far == pytest.approx(40 * np.log10(2), abs=1e-6)
+
+
+def test_delay_range_rate_and_place(antenna_of, chirp_of, far_below, looking):
+    target = Target(position_m=(30.0, 0.0, 10.0), rcs_m2=1.0)
+    pulses = looking(3, velocity_mps=(5.0, 0.0, 0.0), first=4)
+    paths = trace_targets([target], pulses, antenna_of(40.0, 40.0), chirp_of(), far_below)
+    np.testing.assert_array_equal(paths.pulse, [4, 5, 6])
+    np.testing.assert_allclose(paths.delay_s, 2 * 50.0 / C, rtol=1e-12)
+    np.testing.assert_allclose(paths.range_rate_mps, -5.0 * 30 / 50)  # approaching
+    np.testing.assert_allclose(paths.hit_m, np.tile(target.position_m, (3, 1)))
+    np.testing.assert_array_equal(paths.surface, -1)
+    assert np.all(np.isnan(paths.incidence_rad))
+
+
+def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(
+    surface_of, scene_of, antenna_of, chirp_of, looking
+):
+    targets = (
+        Target(position_m=(0.0, 30.0, 0.0), rcs_m2=1.0),  # on the ground before the wall
+        Target(position_m=(0.0, 60.0, 0.0), rcs_m2=2.0),  # on the ground in its shadow
+        Target(position_m=(0.0, 60.0, 35.0), rcs_m2=4.0),  # above the shadow
+        Target(position_m=(40.0, 60.0, 0.0), rcs_m2=8.0),  # beside it
+        Target(position_m=(0.0, 30.0, -1.0), rcs_m2=16.0),  # buried
+    )
+    scene = scene_of(surface_of(lambda x, y: 0 * x), wall(-20, 20, 40, 30), targets=targets)
+    antenna, chirp, pulses = antenna_of(50.0, 50.0), chirp_of(), looking(2, incidence_deg=45.0)
+    caster = RayCaster(scene.surfaces)
+    seen = trace_targets(targets, pulses, antenna, chirp, caster)
+    expected = [targets[k].position_m for k in (0, 2, 3)] * 2
+    np.testing.assert_allclose(seen.hit_m, expected)
+
+    surfaces = BeamEngine(scene, antenna, chirp, 1, 64, 0.05)
+    everything = Tracer(surfaces, scene, antenna, chirp, caster).trace(pulses)
+    assert np.all(np.diff(everything.pulse) >= 0)
+    assert np.sum(everything.surface == -1) == 6
+    assert len(everything) == 6 + len(surfaces.trace(pulses))
+
+
+def test_targets_on_rough_ground_are_seen(surface_of, antenna_of, chirp_of, looking):
+    """A target on a slope of triangles touches the mesh, which must not hide it."""
+    caster = RayCaster([surface_of(lambda x, y: 0.2 * x + 0.1 * y)])
+    place = np.random.default_rng(2).uniform(-20, 20, (200, 2))
+    targets = [Target(position_m=(x, y, 0.2 * x + 0.1 * y), rcs_m2=1.0) for x, y in place]
+    assert len(trace_targets(targets, looking(1), antenna_of(50.0, 50.0), chirp_of(), caster)) == 200

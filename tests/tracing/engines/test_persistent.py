@@ -1,0 +1,206 @@
+"""Scatterers fixed to the surface: coherence from chirp to chirp, power, and speckle."""
+
+import numpy as np
+import pytest
+from scipy.constants import speed_of_light
+from scipy.stats import kstest
+
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.signal.beat import synthesise
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.persistent import PersistentEngine
+from sionna_radar.tracing.engines.scatterers import scatter
+
+PENCIL = Antenna(taylor_cut(np.deg2rad(2.0), -20.0), taylor_cut(np.deg2rad(2.0), -20.0))
+
+
+def square(half_m: float, height_m: float = 0.0, name: str = "ground") -> Surface:
+    x = half_m * np.array([-1.0, 1.0, 1.0, -1.0])
+    y = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
+    vertices = np.column_stack([x, y, np.full(4, height_m)])
+    return Surface(name=name, vertices_m=vertices, faces=np.array([[0, 1, 2], [0, 2, 3]]), material="ground")
+
+
+def scene(*surfaces: Surface) -> Scene:
+    return Scene(
+        surfaces=surfaces,
+        materials={"ground": ConstantGammaBackscatter(0.01)},
+        targets=(),
+        ground_material="ground",
+        georeference=None,
+    )
+
+
+def looking(position_m: np.ndarray, velocity_mps: np.ndarray, incidence_deg: float) -> Pulses:
+    count = len(position_m)
+    axes = R_WORLD_NED @ whisk_broom_from_antenna(np.deg2rad(incidence_deg), np.zeros(count))
+    pose = Pose(
+        position_m=position_m,
+        velocity_mps=np.broadcast_to(velocity_mps, (count, 3)).copy(),
+        R_world_antenna=axes,
+    )
+    index = np.arange(count)
+    return Pulses(index=index, time_s=index.astype(float), scan_rad=np.zeros(count), true=pose, measured=pose)
+
+
+def chirp(rate_hz: float = 360.0, samples: int = 512) -> Chirp:
+    return Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=rate_hz, samples=samples, sampling="iq")
+
+
+def test_phase_of_a_fixed_point_follows_its_range():
+    """Over a pass of 8 m past a point 50 m below, the beat's phase is 4 pi r / lambda within 0.02 rad."""
+    speck = square(0.01)
+    engine = PersistentEngine(scene(speck), PENCIL, chirp(), seed=3, per_m2=1 / 4e-4)
+    point = scatter(scene(speck), 1 / 4e-4, 3).position_m
+    assert len(point) == 1
+    along = np.arange(-4.0, 4.0, 4e-4)
+    position = np.column_stack([np.zeros(len(along)), along - 50 * np.tan(np.deg2rad(20)), np.full(len(along), 50.0)])
+    # North along the beam's plane; the beam is 2 deg wide, so the cone sees the point for part of the pass.
+    pulses = looking(position, np.array([0.0, 0.144, 0.0]), 20.0)
+    paths = engine.trace(pulses)
+    assert len(paths) > 1000
+    beat = synthesise(paths, pulses, chirp())[paths.pulse]
+    seen = position[paths.pulse]
+    range_m = np.linalg.norm(seen - point, axis=1)
+    delay = 2 * range_m / speed_of_light
+    expected = 4 * np.pi * range_m / chirp().wavelength_m - np.pi * chirp().slope_hz_s * delay**2
+    middle = chirp().samples // 2
+    drift = np.angle(beat[:, middle] * np.exp(-1j * expected))
+    drift = np.unwrap(drift) - drift[0]
+    assert np.abs(drift).max() < 0.02
+    assert np.ptp(4 * np.pi * range_m / chirp().wavelength_m) > 1000  # the phase itself turned many times
+
+
+def test_slow_time_spectrum_peaks_at_the_doppler_of_the_beam():
+    rate, count, speed, incidence = 20_000.0, 256, 10.0, 60.0
+    sweep = chirp(rate, 256)
+    engine = PersistentEngine(scene(square(200.0)), PENCIL, sweep, seed=1, per_m2=4.0)
+    position = np.column_stack([np.zeros(count), speed * np.arange(count) / rate - 50.0, np.full(count, 30.0)])
+    pulses = looking(position, np.array([0.0, speed, 0.0]), incidence)
+    beat = synthesise(engine.trace(pulses), pulses, sweep)
+    doppler = np.abs(np.fft.fft(np.fft.fft(beat, axis=1) * np.hanning(count)[:, None], axis=0)) ** 2
+    frequency = np.fft.fftfreq(count, 1 / rate)
+    peak = frequency[np.argmax(doppler.sum(axis=1))]
+    expected = -2 * speed * np.sin(np.deg2rad(incidence)) / sweep.wavelength_m  # approaching
+    assert abs(peak - expected) <= rate / count
+
+
+def grid_of_positions(count: int, spacing_m: float) -> np.ndarray:
+    side = int(np.ceil(np.sqrt(count)))
+    x, y = np.meshgrid(*[spacing_m * (np.arange(side) - side / 2)] * 2)
+    return np.column_stack([x.ravel(), y.ravel() - 50.0, np.full(side * side, 50.0)])[:count]
+
+
+@pytest.mark.parametrize("mode", ["per_pulse", "persistent"])
+def test_speckle_is_fully_developed(mode):
+    """Intensities of independent cells of a uniform field are exponential, with a contrast of one."""
+    ground = scene(square(260.0))
+    sweep = chirp(samples=384)
+    position = grid_of_positions(1600, 9.0)
+    pulses = looking(position, np.zeros(3), 45.0)
+    if mode == "persistent":
+        engine = PersistentEngine(ground, PENCIL, sweep, seed=5, per_m2=20.0)
+    else:
+        engine = BeamEngine(ground, PENCIL, sweep, 5, 1024, 0.05)
+    power = SpectrumAnalyser(sweep, "boxcar", 1).power(synthesise(engine.trace(pulses), pulses, sweep))
+    mean = power.mean(axis=0)
+    brightest = np.argsort(mean)[-8:]
+    intensity = (power / mean)[:, brightest].ravel()
+    assert len(intensity) >= 10_000
+    assert kstest(intensity, "expon").pvalue > 0.01
+    assert intensity.std() == pytest.approx(1.0, abs=0.03)
+
+
+def test_mean_power_is_the_beam_engines():
+    ground = scene(square(150.0))
+    position = grid_of_positions(200, 12.0)
+    pulses = looking(position, np.zeros(3), 45.0)
+    persistent = PersistentEngine(ground, PENCIL, chirp(), seed=2, per_m2=20.0).trace(pulses)
+    beam = BeamEngine(ground, PENCIL, chirp(), 2, 512, 0.05).trace(pulses)
+    per_pulse = np.bincount(persistent.pulse, weights=np.abs(persistent.gain) ** 2)
+    expected = np.bincount(beam.pulse, weights=np.abs(beam.gain) ** 2).mean()
+    standard_error = per_pulse.std() / np.sqrt(len(per_pulse))
+    assert abs(per_pulse.mean() - expected) < 4 * standard_error
+    assert standard_error < 0.02 * expected
+
+
+def test_a_wall_hides_what_is_behind_it():
+    wall = Surface(
+        name="wall",
+        vertices_m=np.array([[-30.0, 20.0, 0.0], [30.0, 20.0, 0.0], [30.0, 20.0, 60.0], [-30.0, 20.0, 60.0]]),
+        faces=np.array([[0, 1, 2], [0, 2, 3]]),
+        material="ground",
+    )
+    engine = PersistentEngine(scene(square(100.0), wall), PENCIL, chirp(), seed=2, per_m2=100.0)
+    paths = engine.trace(looking(np.array([[0.0, 0.0, 30.0]]), np.zeros(3), 60.0))
+    assert len(paths) > 100
+    assert paths.hit_m[:, 1].max() < 20.0 + 1e-6
+
+
+def test_blocks_do_not_change_the_paths():
+    ground = scene(square(100.0))
+    engine = PersistentEngine(ground, PENCIL, chirp(), seed=2, per_m2=5.0)
+    pulses = looking(grid_of_positions(70, 5.0), np.array([0.0, 3.0, 0.0]), 40.0)
+    whole = engine.trace(pulses)
+    pose = pulses.true
+    for row in (0, 33, 69):
+        alone = Pulses(
+            index=pulses.index[row : row + 1],
+            time_s=pulses.time_s[row : row + 1],
+            scan_rad=pulses.scan_rad[row : row + 1],
+            true=Pose(
+                position_m=pose.position_m[row : row + 1],
+                velocity_mps=pose.velocity_mps[row : row + 1],
+                R_world_antenna=pose.R_world_antenna[row : row + 1],
+            ),
+            measured=pose,
+        )
+        paths, mine = engine.trace(alone), whole.pulse == row
+        np.testing.assert_array_equal(paths.delay_s, whole.delay_s[mine])
+        np.testing.assert_array_equal(paths.gain, whole.gain[mine])
+
+
+def test_scatterers_lie_on_their_faces_in_proportion_to_area():
+    low, high = square(40.0), square(20.0, 10.0, "roof")
+    points = scatter(scene(low, high), 2.0, seed=4)
+    assert np.sum(points.surface == 0) == pytest.approx(2.0 * 80**2, abs=1)
+    assert np.sum(points.surface == 1) == pytest.approx(2.0 * 40**2, abs=1)
+    np.testing.assert_allclose(points.position_m[:, 2], np.where(points.surface == 0, 0.0, 10.0), atol=1e-12)
+    np.testing.assert_allclose(np.abs(points.normal[:, 2]), 1.0)
+    quadrant = (points.position_m[:, 0] > 0) & (points.position_m[:, 1] > 0) & (points.surface == 0)
+    assert quadrant.sum() == pytest.approx(2.0 * 40**2, rel=0.05)
+
+
+def test_another_surface_leaves_the_scatterers_where_they_were():
+    alone = scatter(scene(square(20.0)), 2.0, seed=4)
+    together = scatter(scene(square(20.0), square(5.0, 3.0, "roof")), 2.0, seed=4)
+    mine = together.position_m[together.surface == 0]
+    assert {tuple(p) for p in alone.position_m} == {tuple(p) for p in mine}
+
+
+def test_too_many_scatterers_are_refused():
+    with pytest.raises(ScenarioError, match="scatterers_per_m2"):
+        scatter(scene(square(5000.0)), 100.0, seed=1)
+
+
+def test_cells_leave_out_no_scatterer_of_a_fan_beam():
+    points = scatter(scene(square(60.0)), 1.0, seed=4)
+    pulses = looking(grid_of_positions(30, 9.0), np.zeros(3), 40.0)
+    pose, reach = pulses.true, (0.02, 0.3)
+    beam, which = points.cells.in_beams(pose.position_m, pose.R_world_antenna, reach)
+    found = set(zip(beam.tolist(), which.tolist(), strict=True))
+    away = points.position_m[None] - pose.position_m[:, None]
+    ahead, left, up = np.moveaxis(np.einsum("bni,bij->bnj", away, pose.R_world_antenna), 2, 0)
+    distance = np.linalg.norm(away, axis=2)
+    inside = (ahead > 0) & (np.abs(left) <= reach[0] * distance) & (np.abs(up) <= reach[1] * distance)
+    wanted = set(zip(*(index.tolist() for index in np.nonzero(inside)), strict=True))
+    assert wanted <= found
+    assert len(wanted) > 0
+    assert len(found) < 0.3 * inside.size
