@@ -3,7 +3,8 @@
 import pytest
 
 from sionna_radar.foundation.errors import BackendError
-from sionna_radar.tracing import sionna_contract, sionna_fields
+from sionna_radar.tracing.sionna import contract as sionna_contract
+from sionna_radar.tracing.sionna import fields as sionna_fields
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.parts import mi
 
