@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
-    from sionna_radar.survey.chain import Survey, run
+    from sionna_radar.survey.chain import run
+    from sionna_radar.survey.result import Survey
 
     __version__: str
 
@@ -17,7 +18,7 @@ __all__ = ["Scenario", "Survey", "load_scenario", "parse_scenario", "run"]
 
 _HOMES = {
     "Scenario": "sionna_radar.scenario",
-    "Survey": "sionna_radar.survey.chain",
+    "Survey": "sionna_radar.survey.result",
     "load_scenario": "sionna_radar.scenario",
     "parse_scenario": "sionna_radar.scenario",
     "run": "sionna_radar.survey.chain",

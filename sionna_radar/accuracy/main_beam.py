@@ -5,10 +5,8 @@ from jaxtyping import Float
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.main_lobe import in_main_lobe
 from sionna_radar.tracing.paths import Paths
-
-# The main beam is where its one-way power is at least half of the peak's, so its two-way power a quarter.
-MAIN_BEAM_SHARE = 0.25
 
 
 def main_beam_hits(
@@ -16,9 +14,9 @@ def main_beam_hits(
 ) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, "hit 3"]]:
     """Return where a block of paths met surfaces inside the main beam, and where the radar truly was."""
     pose = pulses.true
-    row = np.searchsorted(pulses.index, paths.pulse)
+    row = pulses.row_of(paths.pulse)
     away = paths.hit_m - pose.position_m[row]
     away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    gain = antenna.gain(np.einsum("nij,ni->nj", pose.R_world_antenna[row], away))
-    inside = (gain**2 >= MAIN_BEAM_SHARE * antenna.peak_gain**2) & (paths.surface >= 0)
+    ahead = np.einsum("nij,ni->nj", pose.R_world_antenna[row], away)
+    inside = in_main_lobe(antenna, ahead) & (paths.surface >= 0)
     return paths.hit_m[inside], pose.position_m[row[inside]]

@@ -9,7 +9,7 @@ from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
-from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns, run_cells
+from sionna_radar.detection.ranging.estimator import EchoRuns, RangeEstimator, build_range_estimator, run_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibel import from_db
@@ -17,7 +17,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.signal.receiver import HighPass
+from sionna_radar.signal.high_pass import HighPass
 
 # Noise of the cell under test and of the nearest training cell may share this much of their power.
 SHARED_NOISE = 0.01
@@ -49,12 +49,14 @@ class Found:
 class Detector:
     """The processing of a scenario for one chirp.
 
+    estimator: finds the ranges of echoes.
     beam: what the antenna makes of a plane, for estimators that fit it; None where it is unknown.
     """
 
     analyser: SpectrumAnalyser
     cfar: Cfar
     processing: ProcessingTable
+    estimator: RangeEstimator
     beam: BeamProfile | None = None
 
     def spectra(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Spectra:
@@ -110,7 +112,7 @@ class Detector:
         return self._estimated(self._select(self._runs(spectra, window_m)), pulse)
 
     def _estimated(self, runs: EchoRuns, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
-        ranges = ESTIMATORS[self.processing.ranging](runs)
+        ranges = self.estimator(runs)
         peak_power = runs.power[runs.row, runs.peak]
         noise = runs.noise[runs.row, runs.peak]
         return Echoes(
@@ -185,11 +187,15 @@ class Detector:
             keep &= _first_of_row(runs.row, peak_power == strongest[runs.row])
         elif self.processing.echoes == "first":
             keep = _first_of_row(runs.row, keep)
-        return runs.only(keep)
+        return runs.rows(keep)
 
 
 def build_detector(
-    processing: ProcessingTable, chirp: Chirp, antenna: Antenna | None = None, high_pass: HighPass | None = None
+    processing: ProcessingTable,
+    chirp: Chirp,
+    antenna: Antenna | None = None,
+    high_pass: HighPass | None = None,
+    estimator: RangeEstimator | None = None,
 ) -> Detector:
     """Return the processing of a scenario.
 
@@ -201,6 +207,8 @@ def build_detector(
         The antenna, for estimators that know the beam.
     high_pass:
         Of the receiver, which the calibration takes out of the spectra.
+    estimator:
+        A range estimator in place of the one that `processing` names.
 
     Raises
     ------
@@ -226,7 +234,13 @@ def build_detector(
     )
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     beam = None if antenna is None else beam_profile(antenna, response)
-    return Detector(analyser=analyser, cfar=cfar, processing=processing, beam=beam)
+    return Detector(
+        analyser=analyser,
+        cfar=cfar,
+        processing=processing,
+        estimator=estimator or build_range_estimator(processing),
+        beam=beam,
+    )
 
 
 def _true_runs(

@@ -1,14 +1,15 @@
 """The echoes that detection returns."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from sionna_radar.foundation.columns import Columns
+
 
 @dataclass(frozen=True, kw_only=True)
-class Echoes:
+class Echoes(Columns):
     """Detected echoes, one row each, sorted by pulse and then by range.
 
     pulse: running number of the pulse in the survey.
@@ -26,16 +27,7 @@ class Echoes:
     power: Float[np.ndarray, " echo"]
     snr_db: Float[np.ndarray, " echo"]
 
-    def __len__(self) -> int:
-        return len(self.pulse)
-
     def of_pulses(self, pulse: Int[np.ndarray, " pulse"]) -> "Echoes":
         """Return the echoes of consecutive pulses."""
         first, last = np.searchsorted(self.pulse, [pulse[0], pulse[-1] + 1])
-        return Echoes(**{f.name: getattr(self, f.name)[first:last] for f in fields(Echoes)})
-
-    @staticmethod
-    def concatenate(tables: Sequence["Echoes"]) -> "Echoes":
-        """Return all rows of some tables, in order."""
-        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Echoes)}
-        return Echoes(**columns)
+        return self.rows(slice(int(first), int(last)))

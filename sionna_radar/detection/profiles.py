@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from sionna_radar.detection.ranging.estimators import EchoRuns
+from sionna_radar.detection.ranging.estimator import EchoRuns
 
 LEAST_MARGIN_CELLS = 16
 
@@ -32,14 +32,14 @@ class VolumeInFront:
     drift_m: Float[np.ndarray, " profile"]
     spread_m: float
 
-    def only(self, rows: Int[np.ndarray, " kept"], values: Int[np.ndarray, " value"]) -> "VolumeInFront":
+    def rows(self, chosen: Int[np.ndarray, " kept"], values: Int[np.ndarray, " value"]) -> "VolumeInFront":
         """Return that of some profiles, whose values are given too."""
         return VolumeInFront(
             power=self.power[values],
             in_air=self.in_air[values],
-            echo_m=self.echo_m[rows],
-            echo_sigma_m=self.echo_sigma_m[rows],
-            drift_m=self.drift_m[rows],
+            echo_m=self.echo_m[chosen],
+            echo_sigma_m=self.echo_sigma_m[chosen],
+            drift_m=self.drift_m[chosen],
             spread_m=self.spread_m,
         )
 
@@ -99,19 +99,19 @@ class Profiles:
         cell = np.arange(self.start[-1]) + np.repeat(self.first - self.start[:-1], length)
         return values[np.repeat(row, length), cell].astype(np.float32)
 
-    def only(self, rows: Int[np.ndarray, " kept"]) -> "Profiles":
+    def rows(self, chosen: Int[np.ndarray, " kept"]) -> "Profiles":
         """Return some of the profiles, in increasing order."""
-        length = np.diff(self.start)[rows]
+        length = np.diff(self.start)[chosen]
         start = np.concatenate([[0], np.cumsum(length)])
-        index = np.arange(start[-1]) + np.repeat(self.start[:-1][rows] - start[:-1], length)
+        index = np.arange(start[-1]) + np.repeat(self.start[:-1][chosen] - start[:-1], length)
         return Profiles(
-            pulse=self.pulse[rows],
-            first=self.first[rows],
+            pulse=self.pulse[chosen],
+            first=self.first[chosen],
             start=start,
             power=self.power[index],
-            noise=self.noise[rows],
+            noise=self.noise[chosen],
             cell_m=self.cell_m,
-            volume=None if self.volume is None else self.volume.only(rows, index),
+            volume=None if self.volume is None else self.volume.rows(chosen, index),
         )
 
     @staticmethod

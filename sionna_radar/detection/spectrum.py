@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float, Inexact
 from scipy.signal import get_window
 
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.receiver import HighPass
+from sionna_radar.signal.high_pass import HighPass
 
 # How far about a bin its window's response is followed, and in which steps.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4

@@ -18,7 +18,7 @@ from scipy.special import ndtri
 
 from sionna_radar.flight.body import BodyMotion, Vector3, antenna_place, body_motion
 from sionna_radar.flight.frames import world_from_body
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, register_navigation
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 from sionna_radar.scenario.navigation import NavigationTable
@@ -147,7 +147,8 @@ class InertialErrors:
         )
 
 
-def build_navigation(
+@register_navigation("errors", NavigationTable)
+def inertial_errors(
     table: NavigationTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int
 ) -> InertialErrors | None:
     """Return the navigation system of a scenario; None where it has no errors."""

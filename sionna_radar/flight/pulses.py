@@ -1,8 +1,8 @@
 """The pulses of a survey: when each chirp is sent, from where, and which way the antenna looks."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,6 +11,11 @@ from sionna_radar.flight.body import Vector3, antenna_place, body_motion
 from sionna_radar.flight.frames import world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.scenario.parts import NAVIGATIONS
+
+Builder = TypeVar("Builder", bound=Callable[..., object])
 
 CHIRPS_AT_ONCE = 100_000
 # A scan without end is cut into lines of so many pulses, counted from the survey's first.
@@ -18,21 +23,12 @@ LONGEST_LINE = 512
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pose:
+class Pose(Columns):
     """Where the radar is, how fast it moves and how its antenna is turned, in the world frame."""
 
     position_m: Float[np.ndarray, "pulse 3"]
     velocity_mps: Float[np.ndarray, "pulse 3"]
     R_world_antenna: Float[np.ndarray, "pulse 3 3"]
-
-    def rows(self, index: Int[np.ndarray, " row"] | Bool[np.ndarray, " pulse"] | slice) -> "Pose":
-        """Return some of the poses."""
-        return Pose(**{f.name: getattr(self, f.name)[index] for f in fields(Pose)})
-
-    @staticmethod
-    def concatenate(poses: Sequence["Pose"]) -> "Pose":
-        """Return all poses of some tables, in order."""
-        return Pose(**{f.name: np.concatenate([getattr(p, f.name) for p in poses]) for f in fields(Pose)})
 
     @property
     def boresight(self) -> Float[np.ndarray, "pulse 3"]:
@@ -71,6 +67,46 @@ class Navigation(Protocol):
         ...
 
 
+def register_navigation(name: str, parameters: type[NavigationParameters]) -> Callable[[Builder], Builder]:
+    """Register a navigation system, for `platform.navigation.kind` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[platform.navigation]`.
+
+    Returns
+    -------
+    A decorator of what builds a `Navigation`: a class or a function, called with the parameters, the true trajectory,
+    the chirp rate (Hz) and the scenario's seed. It may return None for a system without errors.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not `NavigationParameters`.
+
+    Examples
+    --------
+    >>> class Drift(NavigationParameters):
+    ...     drift_mps: float = 0.1
+    >>> @register_navigation("drift", Drift)
+    ... class DriftingGps:
+    ...     def __init__(self, parameters, trajectory, chirp_rate_hz, seed): ...
+
+    """
+    return NAVIGATIONS.register(name, parameters)
+
+
+def build_navigation(
+    table: NavigationParameters, trajectory: Trajectory, chirp_rate_hz: float, seed: int
+) -> Navigation | None:
+    """Return the navigation system of a scenario; None where it reports the true pose."""
+    system: Navigation | None = NAVIGATIONS.entry(table.kind)(table, trajectory, chirp_rate_hz, seed)
+    return system
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
     """A block of pulses.
@@ -102,6 +138,10 @@ class Pulses:
             measured=self.measured.rows(rows),
             scan_number=None if self.scan_number is None else self.scan_number[rows],
         )
+
+    def row_of(self, pulse: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """Return the rows of the block that hold pulses given by their running numbers."""
+        return np.searchsorted(self.index, pulse)
 
     @property
     def line(self) -> Int[np.ndarray, " pulse"]:

@@ -1,16 +1,16 @@
-"""Antenna scans: where the antenna points at any time.
+"""Antenna scans: where the antenna points at any time."""
 
-A custom scan is any object with the method of `Scan`; pass it to `sionna_radar.run(scan=...)`.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.flight.frames import conical_from_antenna, whisk_broom_from_antenna
-from sionna_radar.scenario.radar import ScanTable
+from sionna_radar.scenario.bases import ScanParameters
+from sionna_radar.scenario.parts import SCANS
+
+Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
 
 
 @dataclass(frozen=True)
@@ -31,76 +31,59 @@ class Pointing:
 
 @runtime_checkable
 class Scan(Protocol):
-    """A scan: the antenna's axes against time.
-
-    stabilised: the axes that carry the antenna are level with the platform's heading, or else the body's.
-    """
+    """A scan: the antenna's axes against time."""
 
     @property
     def stabilised(self) -> bool:
-        """Whether roll and pitch are taken out of the pointing."""
+        """Whether roll and pitch are taken out of the pointing: the mount is level, or else turns with the body."""
+        ...
+
+    @property
+    def incidence_rad(self) -> float:
+        """Angle of the boresight from nadir in the middle of the scan: where `radar.snr_db` is counted from."""
         ...
 
     def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
         """Return the pointing at some times."""
         ...
 
+    def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
+        """Return the widest distance between neighbouring beam centres on level ground: gaps of the DEM to close."""
+        ...
 
-@dataclass(frozen=True, kw_only=True)
-class RotatingScan:
-    """An antenna that turns steadily and sends inside a sector about the middle.
 
-    whisk_broom turns about the forward axis, at a constant angle from the plane across the track;
-    conical turns about the downward axis, at a constant angle from nadir; fixed does not turn.
+def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Builder], Builder]:
+    """Register a scan, for `radar.scan.mode` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[radar.scan]`.
+
+    Returns
+    -------
+    A decorator of what builds a `Scan`: a class or a function, called with the parameters.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not `ScanParameters`.
+
+    Examples
+    --------
+    >>> class Sine(ScanParameters):
+    ...     amplitude_deg: float = 30.0
+    >>> @register_scan("sine", Sine)
+    ... class SineScan:
+    ...     def __init__(self, parameters): ...
+
     """
-
-    mode: Literal["whisk_broom", "conical", "fixed"]
-    incidence_rad: float
-    half_swath_rad: float
-    rotation_rad_s: float
-    start_rad: float
-    stabilised: bool
-
-    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
-        """Return the pointing at some times."""
-        angle = self.start_rad + self.rotation_rad_s * time_s
-        scan = np.mod(angle + np.pi, 2 * np.pi) - np.pi
-        build = conical_from_antenna if self.mode == "conical" else whisk_broom_from_antenna
-        # A scan angle that should lie on the sector's edge must not fall out of it by rounding.
-        active = np.abs(scan) <= self.half_swath_rad + 1e-9
-        turn = np.floor((angle + np.pi) / (2 * np.pi)) - np.floor((self.start_rad + np.pi) / (2 * np.pi))
-        return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
+    return SCANS.register(name, parameters)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SideLookingScan:
-    """An antenna held to one side of the track, its azimuth cut along the track."""
-
-    side: Literal["left", "right"]
-    incidence_rad: float
-    stabilised: bool
-
-    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
-        """Return the pointing at some times."""
-        turn = np.pi / 2 if self.side == "right" else -np.pi / 2
-        axes = conical_from_antenna(self.incidence_rad, np.full(len(time_s), turn))
-        return Pointing(axes, np.zeros(len(time_s)), np.ones(len(time_s), dtype=bool))
-
-
-def build_scan(table: ScanTable) -> Scan:
+def build_scan(table: ScanParameters) -> Scan:
     """Return the scan of a scenario."""
-    if table.mode == "side_looking":
-        return SideLookingScan(
-            side=table.side,
-            incidence_rad=float(np.deg2rad(table.incidence_deg)),
-            stabilised=table.stabilised,
-        )
-    turns = 0.0 if table.mode == "fixed" else table.rotation_rpm / 60
-    return RotatingScan(
-        mode=table.mode,
-        incidence_rad=float(np.deg2rad(table.incidence_deg)),
-        half_swath_rad=np.pi if table.mode == "fixed" else float(np.deg2rad(table.half_swath_deg)),
-        rotation_rad_s=2 * np.pi * turns,
-        start_rad=float(np.deg2rad(table.start_deg)),
-        stabilised=table.stabilised,
-    )
+    scan: Scan = SCANS.entry(table.mode)(table)
+    return scan

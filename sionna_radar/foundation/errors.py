@@ -46,3 +46,7 @@ class KeptElsewhereError(OutputError):
 
 class BackendError(RadarError, RuntimeError):
     """Mitsuba and Dr.Jit cannot run here; the message names the remedy for this platform."""
+
+
+class PluginError(RadarError, TypeError):
+    """A part that cannot be registered: its name is taken, or its table of parameters is not one."""

@@ -1,6 +1,14 @@
 """Progress of long computations."""
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sionna_radar.foundation.interrupts import raise_received
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Called at the start of a stage and after each of its steps with the stage's name, the steps done, and the steps in
 # all; these are 0 where nobody knows them.
@@ -8,4 +16,44 @@ Progress = Callable[[str, int, int], None]
 
 
 def silent(stage: str, done: int, total: int) -> None:
-    """Tell nobody."""
+    """Report nothing."""
+
+
+@contextmanager
+def default_progress(progress: Progress | None) -> Iterator[Progress]:
+    """Yield what shows the progress: the caller's own, or else a bar in a notebook and nothing in a script."""
+    if progress is not None or not in_notebook():
+        yield progress or silent
+        return
+    with progress_bar() as shown:
+        yield shown
+
+
+def in_notebook() -> bool:
+    """Return whether this runs in a Jupyter kernel."""
+    if "IPython" not in sys.modules:
+        return False
+    from IPython import get_ipython
+
+    return type(get_ipython()).__name__ == "ZMQInteractiveShell"
+
+
+@contextmanager
+def progress_bar(console: "Console | None" = None) -> Iterator[Progress]:
+    """Yield what draws a bar for each stage, on a console or in a notebook."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Bars(*columns, console=console, transient=console is not None) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            raise_received()
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=None)
+            elif done == 0:
+                bars.reset(tasks[stage])
+            bars.update(tasks[stage], completed=done, total=total or None)
+
+        yield show

@@ -107,7 +107,7 @@ class Raster:
         """Cells that hold a height."""
         return np.isfinite(self.height_m)
 
-    def only(self, cells: Bool[np.ndarray, "row column"]) -> "Raster":
+    def within(self, cells: Bool[np.ndarray, "row column"]) -> "Raster":
         """Return the raster with all other cells emptied."""
         return Raster(grid=self.grid, height_m=np.where(cells, self.height_m, np.nan))
 

@@ -12,9 +12,8 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.main_lobe import FOLDING, lobe_samples
 
-# Two-way power at which the beam is taken to end when its echoes must not fold into the focused part.
-BEAM_EDGE = 1e-2
 WINDOW_NODES = 1024
 
 
@@ -54,10 +53,9 @@ class Aperture:
 
     @cached_property
     def beam_reach(self) -> float:
-        """Direction cosine beyond which the main lobe is weaker than `BEAM_EDGE`."""
-        peak = int(np.argmax(self.azimuth.voltage))
-        weak = np.flatnonzero(self.azimuth.voltage[peak:] ** 4 < BEAM_EDGE)
-        return float(self.azimuth.cosine[peak + weak[0]]) if len(weak) else 1.0
+        """Direction cosine beyond which echoes of the main lobe are too weak to fold into the focused part."""
+        beyond = lobe_samples(self.azimuth, FOLDING).stop
+        return float(self.azimuth.cosine[beyond]) if beyond < len(self.azimuth.cosine) else 1.0
 
 
 def whole_beam(antenna: Antenna) -> Aperture:

@@ -65,7 +65,7 @@ def point_beside(target: Target, strip: Strip) -> Point:
     )
 
 
-def alone(point: Point, others: Sequence[Point], theory: Widths) -> bool:
+def isolated(point: Point, others: Sequence[Point], theory: Widths) -> bool:
     """Tell whether no other point lies where it would disturb the response of one."""
     return not any(
         other is not point

@@ -25,7 +25,7 @@ from sionna_radar.imaging.aperture import Aperture, check_sampling
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.beat import phase_polynomial
-from sionna_radar.signal.receiver import HighPass
+from sionna_radar.signal.high_pass import HighPass
 
 # Spectrum bins per range cell; between them the complex spectrum is linear within 1 % of its peak.
 ZERO_PADDING = 8

@@ -4,14 +4,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse import csr_matrix
 
 from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 
-# Two-way power, relative to the peak's, to which the main lobe is followed.
-LOBE_EDGE = 1e-3
+# Rays along which the range is found, in azimuth and elevation, and the finer samples that carry the power between two:
+# more of them in elevation, along which the range of level ground changes.
 NODES = 12, 16
 SAMPLES_PER_STEP = 2, 8
 
@@ -31,6 +32,12 @@ class BeamNodes:
     azimuth: Float[np.ndarray, " u"]
     elevation: Float[np.ndarray, " v"]
     between: csr_matrix
+
+    @property
+    def corners(self) -> Int[np.ndarray, "4"]:
+        """Nodes at the corners of the main lobe."""
+        last = NODES[1] - 1
+        return np.array([0, last, -last - 1, -1])
 
     def two_way(self, direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
         """Return the two-way gain over the axis' along unit vectors in the antenna's frame; 0 outside the main lobe."""
@@ -76,11 +83,8 @@ def _axis(
     Float[np.ndarray, "sample node"],
 ]:
     """Return the nodes of one cut, its samples, their two-way power, and the interpolation between them."""
-    power = cut.voltage**4
-    peak = int(np.argmax(power))
-    weak = np.flatnonzero(power < LOBE_EDGE * power[peak])
-    low = cut.cosine[weak[weak < peak][-1]] if np.any(weak < peak) else cut.cosine[0]
-    high = cut.cosine[weak[weak > peak][0]] if np.any(weak > peak) else cut.cosine[-1]
+    lobe = lobe_samples(cut, FOLLOWED)
+    low, high = cut.cosine[max(lobe.start - 1, 0)], cut.cosine[min(lobe.stop, len(cut.cosine) - 1)]
     count = (nodes - 1) * samples
     place = (np.arange(count) + 0.5) / samples
     below = np.floor(place).astype(np.int64)

@@ -14,7 +14,7 @@ Behind a volume such as rain, mu has the volume's power too, as far as the beam 
 own range, shifted by the motion of the volume. So the end of the rain moves the surface as the ground's echo does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -63,6 +63,10 @@ class Sightings:
 
     def __len__(self) -> int:
         return len(self.profiles)
+
+    def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
+        """Return those of some pulses."""
+        return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

@@ -105,7 +105,7 @@ def _reflectivities(sightings: Sightings) -> _Reflectivities:
 def _window(sightings: Sightings, pulse: int, grid: Grid, span_m: tuple[float, float]) -> tuple[slice, slice]:
     """Return the rows and columns that the main lobe of a pulse crosses between two heights."""
     position = sightings.pose.position_m[pulse]
-    corner = sightings.beam.direction[[0, 15, -16, -1]] @ sightings.pose.R_world_antenna[pulse].T
+    corner = sightings.beam.direction[sightings.beam.corners] @ sightings.pose.R_world_antenna[pulse].T
     drop = np.array(span_m)[:, None] - position[2]
     reach = np.clip(drop / np.minimum(corner[:, 2], -0.05), 0.0, sightings.reach_m)
     place = (position[:2] + reach[..., None] * corner[:, :2]).reshape(-1, 2)

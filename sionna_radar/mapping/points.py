@@ -1,7 +1,6 @@
 """Placing echoes in the world: on the beam axis, from the measured pose."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from hashlib import sha256
 
 import numpy as np
@@ -9,10 +8,11 @@ from jaxtyping import Float, Int
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
 
 
 @dataclass(frozen=True, kw_only=True)
-class Points:
+class Points(Columns):
     """Located echoes, one row each, in the order of the echoes.
 
     position_m: world frame (local ENU).
@@ -28,21 +28,12 @@ class Points:
     power: Float[np.ndarray, " point"]
     snr_db: Float[np.ndarray, " point"]
 
-    def __len__(self) -> int:
-        return len(self.pulse)
-
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""
         digest = sha256()
         for column in (self.position_m, self.range_m, self.power, self.snr_db):
             digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
         return digest.hexdigest()
-
-    @staticmethod
-    def concatenate(tables: Sequence["Points"]) -> "Points":
-        """Return all rows of some tables, in order."""
-        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Points)}
-        return Points(**columns)
 
 
 def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Points:

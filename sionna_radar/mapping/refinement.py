@@ -11,7 +11,7 @@ Nothing enters but the measured poses, the antenna and the measured profiles. A 
 tiles that overlap; each learns its own terrain model, and their surfaces are blended.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
@@ -53,7 +54,7 @@ def refine(sightings: Sightings, grid: Grid) -> Heightfield:
             here = _inside(place, west, east, south, north, OVERLAP_M)
             if here.sum() < FEWEST_PULSES:
                 continue
-            surface = _refine_tile(only(sightings, here), echoes.only(here), _part(grid, core > 0))
+            surface = _refine_tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0))
             rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
             window = np.ix_(rows, columns)
             total[window] += core[window] * surface.at(x[window].ravel(), y[window].ravel()).reshape(len(rows), -1)
@@ -63,16 +64,12 @@ def refine(sightings: Sightings, grid: Grid) -> Heightfield:
     return Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
 
 
-@dataclass(frozen=True)
-class MeanRanges:
+@dataclass(frozen=True, kw_only=True)
+class MeanRanges(Columns):
     """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle."""
 
     range_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
-
-    def only(self, keep: Bool[np.ndarray, " pulse"]) -> "MeanRanges":
-        """Return some of them."""
-        return MeanRanges(self.range_m[keep], self.sigma_m[keep])
 
 
 def mean_ranges(sightings: Sightings) -> MeanRanges:
@@ -83,7 +80,9 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     profiles = sightings.profiles
     axis = sightings.pose.boresight[:, None]
     if profiles.volume is not None:
-        return MeanRanges(profiles.volume.echo_m - sightings.shift_m(axis)[:, 0], profiles.volume.echo_sigma_m)
+        return MeanRanges(
+            range_m=profiles.volume.echo_m - sightings.shift_m(axis)[:, 0], sigma_m=profiles.volume.echo_sigma_m
+        )
     range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     for i in range(len(profiles)):
         power = profiles.values(i)
@@ -93,13 +92,7 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
         spread = power**2 @ (cell - mean) ** 2 / 2 / sightings.looks_per_cell
         range_m[i] = (profiles.first[i] + mean) * profiles.cell_m
         sigma[i] = max(np.sqrt(spread) / total, 0.05) * profiles.cell_m
-    return MeanRanges(range_m - sightings.shift_m(axis)[:, 0], sigma)
-
-
-def only(sightings: Sightings, keep: Bool[np.ndarray, " pulse"]) -> Sightings:
-    """Return some of the sightings."""
-    profiles = sightings.profiles.only(np.flatnonzero(keep))
-    return replace(sightings, profiles=profiles, pose=sightings.pose.rows(keep))
+    return MeanRanges(range_m=range_m - sightings.shift_m(axis)[:, 0], sigma_m=sigma)
 
 
 def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Heightfield:
@@ -118,8 +111,8 @@ def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Height
 
 
 def evenly(echoes: MeanRanges) -> MeanRanges:
-    """Give all ranges the median uncertainty: before the beam's bias is known, speckle is not what tells."""
-    return MeanRanges(echoes.range_m, np.full(len(echoes.sigma_m), np.median(echoes.sigma_m)))
+    """Give all ranges the median uncertainty: before the beam's bias is known, that outweighs speckle."""
+    return MeanRanges(range_m=echoes.range_m, sigma_m=np.full(len(echoes), np.median(echoes.sigma_m)))
 
 
 def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> Smoothed:
@@ -175,7 +168,7 @@ def _on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarr
 
 def _reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
     """Return the grid that covers another and all of the footprints."""
-    direction = sightings.direction()[:, [0, 15, -16, -1]]
+    direction = sightings.direction()[:, sightings.beam.corners]
     down = np.minimum(direction[..., 2], -0.1)
     drop = echoes.range_m * -sightings.pose.boresight[:, 2]
     reach = np.minimum(drop[:, None] / -down, sightings.reach_m)

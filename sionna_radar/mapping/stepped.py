@@ -22,7 +22,7 @@ from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import evidence_against
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, only, refine
+from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, refine
 
 # The coarse map is made in blocks of cells, each with the cells about it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24
@@ -61,7 +61,7 @@ def step_surface(
         filled[window] |= inside[window] & closed((heard & inside)[window], gap_m, grid.spacing_m)
         own = whole == number
         if own.sum() >= FEWEST_PULSES:
-            mapped = refine(only(sightings, own), grid.cut(*window)).height_m
+            mapped = refine(sightings.rows(own), grid.cut(*window)).height_m
             height[window] = np.where(inside[window], mapped, height[window])
             alone |= inside
     spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
@@ -90,7 +90,7 @@ def _coarse(
             near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
             if not near.any():
                 continue
-            found, for_it = _block(only(sightings, near), axis_m[near], block, base, level)
+            found, for_it = _block(sightings.rows(near), axis_m[near], block, base, level)
             core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
             inner = slice(row - rows.start, None), slice(column - columns.start, None)
             height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from time import monotonic
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
+from sionna_radar.foundation.progress import progress_bar
 
 # In the place of a number that does not exist.
 NONE = "-"
@@ -54,23 +54,8 @@ def shown_progress() -> Iterator[Report]:
     if not screen.is_terminal:
         yield lines(lambda text: print(text, file=sys.stderr, flush=True), monotonic)
         return
-    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=screen, transient=True) as bars:
-        yield _bars(bars)
-
-
-def _bars(bars: Progress) -> Report:
-    tasks: dict[str, TaskID] = {}
-
-    def report(stage: str, done: int, total: int) -> None:
-        raise_received()
-        if stage not in tasks:
-            tasks[stage] = bars.add_task(stage, total=None)
-        elif done == 0:
-            bars.reset(tasks[stage])
-        bars.update(tasks[stage], completed=done, total=total or None)
-
-    return report
+    with progress_bar(screen) as report:
+        yield report
 
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:

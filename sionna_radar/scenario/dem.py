@@ -1,9 +1,11 @@
 """The elevation model that the echoes become: `[dem]`."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
+from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.table import Positive, Real, Table
 
 
@@ -15,9 +17,12 @@ class DemTable(Table):
     there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
     echoes are most likely. "stepped" is for built-up ground: it first finds where the surface breaks, from what all
     echoes say for and against every height, and maps each level by itself; set processing.echoes = "all" with it.
+    Custom methods are named here as well.
+    method_parameters: of a custom method that has some.
     """
 
-    method: Literal["linear", "smooth", "refined", "stepped"] = "linear"
+    method: Annotated[str, name_in(DEM_METHODS)] = "linear"
+    method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
     spacing_m: Positive = 1.0
     max_gap_m: Positive | None = None
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

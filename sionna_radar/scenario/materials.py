@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from sionna_radar.scenario.bases import MaterialParameters
+from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.media import Medium
-from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, refuse
 
 Level = Annotated[Real, Field(ge=-100, le=20)]
 Incidence = Annotated[Real, Field(ge=0, le=90)]
@@ -26,7 +29,7 @@ TERRAIN_CLASSES = {
 }
 
 
-class SurfaceTable(Table):
+class SurfaceTable(MaterialParameters):
     """What all materials share.
 
     cross_polar_db: cross-polar sigma0 over the co-polar one, the weaker of V and H. Without it a linear antenna
@@ -187,7 +190,7 @@ class IntegralEquation(RoughTable):
     fresnel_angle: Literal["transition", "incidence", "nadir"] = "transition"
 
 
-class SionnaItu(Table):
+class SionnaItu(MaterialParameters):
     """A slab with the coefficients of Sionna RT's ITURadioMaterial: `scattering_coefficient` of the field scatters.
 
     The scattering matrix is that of the materials above, which keeps the polarisation at every scan angle; Sionna's
@@ -208,20 +211,9 @@ class SionnaItu(Table):
         return value
 
 
-Material = Annotated[
-    ConstantGamma
-    | Lambertian
-    | UlabyDobson
-    | MeasuredTable
-    | Kirchhoff
-    | PhysicalOptics
-    | SmallPerturbation
-    | IntegralEquation
-    | SionnaItu,
-    Discriminator("model"),
-]
+Material = Annotated[MaterialParameters, ChosenBy("model", MATERIALS)]
 
-DEFAULT_MATERIALS: dict[str, Material] = {
+DEFAULT_MATERIALS: dict[str, MaterialParameters] = {
     "ground": ConstantGamma(terrain_class="rolling_hills"),
     "building": ConstantGamma(terrain_class="city"),
 }

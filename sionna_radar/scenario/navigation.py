@@ -1,20 +1,19 @@
 """What the navigation system gets wrong: `[platform.navigation]`."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from sionna_radar.scenario.table import NonNegative, Positive, Real, Table
+from sionna_radar.scenario.bases import NavigationParameters, Offset
+from sionna_radar.scenario.table import NonNegative, Positive
 
-# Products count places in whole millimetres, 32 bits of them; no navigation system errs by so much.
-Error = Annotated[Real, Field(ge=-1e4, le=1e4)]
 Spread = Annotated[NonNegative, Field(le=1e4)]
-Axes = Error | tuple[Error, Error, Error]
+Axes = Offset | tuple[Offset, Offset, Offset]
 SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
-class NavigationTable(Table):
+class NavigationTable(NavigationParameters):
     """Errors of the measured pose; one number for all three axes, or one for each.
 
     Position and velocity count east, north, up; attitude counts roll, pitch, heading. A part named markov is a
@@ -23,6 +22,7 @@ class NavigationTable(Table):
     believed to be turned by boresight_error_deg about the same axes.
     """
 
+    kind: Literal["errors"] = "errors"
     position_constant_m: Axes = 0.0
     position_white_m: SpreadAxes = 0.0
     position_markov_m: SpreadAxes = 0.0
@@ -35,14 +35,15 @@ class NavigationTable(Table):
     attitude_white_deg: SpreadAxes = 0.0
     attitude_markov_deg: SpreadAxes = 0.0
     attitude_correlation_s: Positive = 60.0
-    time_offset_s: Error = 0.0
-    lever_arm_m: tuple[Error, Error, Error] = (0.0, 0.0, 0.0)
+    time_offset_s: Offset = 0.0
     lever_arm_error_m: Axes = 0.0
     boresight_error_deg: Axes = 0.0
 
     @property
     def has_errors(self) -> bool:
         """Whether the measured pose differs from the true one."""
-        harmless = {"lever_arm_m"} | {name for name in type(self).model_fields if name.endswith("_correlation_s")}
+        harmless = {"kind", "lever_arm_m"} | {
+            name for name in type(self).model_fields if name.endswith("_correlation_s")
+        }
         values = (getattr(self, name) for name in type(self).model_fields if name not in harmless)
         return any(np.any(np.asarray(value) != 0) for value in values)

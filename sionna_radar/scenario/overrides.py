@@ -10,9 +10,9 @@ from typing import Any, get_args
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
-from sionna_radar.scenario.materials import Material
 from sionna_radar.scenario.media import Medium
-from sionna_radar.scenario.terrain import Terrain
+from sionna_radar.scenario.parts import MATERIALS, TERRAINS
+from sionna_radar.scenario.registry import Registry
 
 UNSET_WORD = "none"
 LONGEST_ASSIGNMENT = 100_000
@@ -194,12 +194,17 @@ def _keys_beside(key: str, value: Any) -> set[str]:
     """Return the keys that a table may hold once the key that selects its kind has a value; none for any other key."""
     place = key.split(".")
     if key == "terrain.kind":
-        return _fields_of_kind(Terrain, "kind", value)
+        return _fields_of_part(TERRAINS, value)
     if place[0] == "materials" and len(place) == 3 and place[2] == "model":
-        return _fields_of_kind(Material, "model", value)
+        return _fields_of_part(MATERIALS, value)
     if place[0] == "materials" and place[2:] == ["medium", "kind"]:
         return _fields_of_kind(Medium, "kind", value)
     return set()
+
+
+def _fields_of_part(registry: Registry, name: Any) -> set[str]:
+    parameters = registry.entry(name).parameters if isinstance(name, str) and name in registry else None
+    return set(parameters.model_fields) if parameters else set()
 
 
 def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:

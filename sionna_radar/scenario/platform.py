@@ -6,7 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.parts import NAVIGATIONS
 from sionna_radar.scenario.table import Point2, Positive, Real, Table, refuse
 
 
@@ -26,7 +29,7 @@ class Platform(Table):
     descent_rate_mps: Positive = 2.0
     acceleration_mps2: Positive = 2.0
     takeoff_height_m: Positive = 5.0
-    navigation: NavigationTable = NavigationTable()
+    navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors")] = NavigationTable()
 
     @model_validator(mode="after")
     def _one_track(self) -> Platform:

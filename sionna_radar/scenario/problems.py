@@ -5,6 +5,7 @@ from difflib import get_close_matches
 from typing import Any, get_args
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from sionna_radar.foundation.errors import Problem
 from sionna_radar.foundation.input_file import shown
@@ -101,15 +102,11 @@ def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
 def _key(location: Sequence[str | int]) -> list[str]:
     """Return the key of a place as it stands in the file, without what pydantic adds to it."""
     key = [shown(part)[1:-1] if isinstance(part, str) else str(part) for part in location]
-    if key[:1] == ["terrain"] and len(key) > 1:
-        del key[1]  # the tag of the terrain kind is not a key of the file
     first = 1
     if key[:1] == ["materials"]:
         first = 2
-        if len(key) > 2:
-            del key[2]  # nor is the material model
-            if key[2:3] == ["medium"] and len(key) > 3:
-                del key[3]  # nor the kind of the medium
+        if key[2:3] == ["medium"] and len(key) > 3:
+            del key[3]  # the kind of the medium is not a key of the file
     return [*key[:first], *(p for p in key[first:] if p not in KINDS_OF_VALUE and not p.startswith("tuple["))]
 
 
@@ -118,9 +115,9 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
     *place, last = error["loc"]
     tables: list[type[BaseModel]] = [model]
     for part in place:
-        fields = [t.model_fields[part].annotation for t in tables if part in t.model_fields]
+        fields = [_allowed(t.model_fields[part]) for t in tables if part in t.model_fields]
         tagged = [t for t in tables if part in _tags(t)]
-        tables = [t for annotation in fields for t in _tables(annotation)] if fields else tagged or tables
+        tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
     elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last]
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
@@ -133,8 +130,16 @@ def _tags(table: type[BaseModel]) -> tuple[Any, ...]:
     return get_args(field.annotation) if field else ()
 
 
+def _allowed(field: FieldInfo) -> list[type[BaseModel]]:
+    """Return the tables that a key may hold."""
+    chosen = [table for check in field.metadata for table in _tables(check)]
+    return chosen or _tables(field.annotation)
+
+
 def _tables(annotation: Any) -> list[type[BaseModel]]:
-    """Return the tables that an annotation allows."""
+    """Return the tables that an annotation, or a check in it, allows."""
+    if hasattr(annotation, "tables"):
+        return list(annotation.tables())
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [table for part in get_args(annotation) for table in _tables(part)]
@@ -143,5 +148,5 @@ def _tables(annotation: Any) -> list[type[BaseModel]]:
 def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield prefix + name
-        for table in _tables(field.annotation):
+        for table in _allowed(field):
             yield from _all_keys(table, f"{prefix}{name}.")

@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 
@@ -46,6 +48,8 @@ class ProcessingTable(Table):
     ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
     moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that
     is not far below the ground it is the range that the whole scan line makes most probable instead.
+    Custom range estimators are named here as well.
+    ranging_parameters: of a custom range estimator that has some.
     volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
     is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
     expected_ground: ranges in which the ground of a pulse may lie; without it all.
@@ -57,7 +61,8 @@ class ProcessingTable(Table):
     echoes: Literal["first", "strongest", "all"] = "strongest"
     merge_gap_m: NonNegative = 3.0
     dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
-    ranging: Literal["peak", "centroid", "leading_edge", "model_fit"] = "centroid"
+    ranging: Annotated[str, name_in(RANGE_ESTIMATORS)] = "centroid"
+    ranging_parameters: Annotated[Table | None, ParametersOf("ranging", RANGE_ESTIMATORS)] = None
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None

@@ -8,25 +8,24 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.constants import speed_of_light
 
+from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
+from sionna_radar.scenario.choice import ChosenBy
+from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
 
 
-class AntennaTable(Table):
+class AntennaTable(AntennaParameters):
     """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane.
 
-    polarization: as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave).
-    receive_polarization: "co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same
-    sense, in which spheres and mirrors return nothing, and "cross" the opposite sense.
     axial_ratio_db: major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's.
     """
 
+    kind: Literal["taylor"] = "taylor"
     beamwidth_deg: (
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
-    polarization: Literal["V", "H", "RHCP", "LHCP"] = "V"
-    receive_polarization: Literal["co", "cross"] = "co"
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
 
     @model_validator(mode="after")
@@ -46,7 +45,7 @@ class AntennaTable(Table):
         return float(np.deg2rad(widths[0])), float(np.deg2rad(widths[1]))
 
 
-class ScanTable(Table):
+class ScanTable(ScanParameters):
     """How the antenna moves: across track, around the vertical, or not at all.
 
     side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
@@ -59,7 +58,6 @@ class ScanTable(Table):
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
     rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 120.0
     start_deg: Real = 0.0
-    stabilised: bool = Field(default=True, strict=True)
 
     @model_validator(mode="after")
     def _consistent(self) -> ScanTable:
@@ -105,8 +103,8 @@ class RadarTable(Table):
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
     receiver: ReceiverTable = ReceiverTable()
-    antenna: AntennaTable = AntennaTable()
-    scan: ScanTable = ScanTable()
+    antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor")] = AntennaTable()
+    scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
 
     @model_validator(mode="after")
     def _consistent(self) -> RadarTable:

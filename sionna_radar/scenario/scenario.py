@@ -6,20 +6,23 @@ or the flight to judge is checked when the survey is prepared (`sionna_radar.sur
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
+from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, PointTarget
+from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.radar import AntennaTable, RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,
@@ -56,7 +59,8 @@ class Scenario(Table):
     description: str = ""
     seed: Seed = 1
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
-    sensor: Literal["radar", "lidar"] = "radar"
+    sensor: Annotated[str, name_in(SENSORS)] = "radar"
+    sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
     terrain: Terrain
     buildings: tuple[Building, ...] = ()
     targets: tuple[PointTarget, ...] = ()
@@ -145,19 +149,26 @@ class Scenario(Table):
                 f"weather.{uneven[0]}",
                 "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
             )
-        if method != "linear" and self.sensor == "lidar":
-            raise refuse("dem.method", f"{method!r} models whole echoes, and a lidar has none; set 'linear'")
-        if method != "linear" and self.radar.sweep == "triangular":
+        needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
+        if needs_profiles and not SENSORS.entry(self.sensor).brings_profiles:
             raise refuse(
                 "dem.method",
-                f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'linear', or "
-                "radar.sweep = 'up'",
+                f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",
+            )
+        if needs_profiles and self.sensor == "radar" and self.radar.sweep == "triangular":
+            raise refuse(
+                "dem.method",
+                f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
+                "or radar.sweep = 'up'",
             )
         return self
 
     @model_validator(mode="after")
     def _beam_is_modelled(self) -> Scenario:
-        width_deg = float(np.rad2deg(self.radar.antenna.beamwidths_rad[1]))
+        antenna = self.radar.antenna
+        if not isinstance(antenna, AntennaTable):
+            return self
+        width_deg = float(np.rad2deg(antenna.beamwidths_rad[1]))
         if self.processing.ranging == "model_fit" and width_deg > WIDEST_FITTED_DEG:
             raise refuse(
                 "processing.ranging",
@@ -171,7 +182,7 @@ class Scenario(Table):
         if isinstance(self.terrain, CityTerrain):
             mapped = self.terrain.materials.items()
             used += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
-        else:
+        if isinstance(self.terrain, CoveredTerrain):
             used += [("terrain.material", self.terrain.material)]
             used += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
             raster = self.terrain.cover_raster
@@ -182,6 +193,6 @@ class Scenario(Table):
         return used
 
     @property
-    def all_materials(self) -> dict[str, Material]:
+    def all_materials(self) -> dict[str, MaterialParameters]:
         """The scenario's materials and the built-in ones they do not replace."""
         return {**DEFAULT_MATERIALS, **self.materials}

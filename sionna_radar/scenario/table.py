@@ -1,12 +1,14 @@
 """What every table of a scenario shares: numbers that are numbers, frozen models, and errors with a key."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.problems import translate
 
 # Far beyond anything a survey can mean, and far within what its products and powers can reach without an overflow.
 LARGEST, SMALLEST = 1e15, 1e-15
@@ -45,3 +47,14 @@ class Table(BaseModel):
     """A table of the scenario: frozen, and no key passes unnoticed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+    if not TYPE_CHECKING:  # editors take the names and types of the arguments from the fields
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                raise ScenarioError(translate(error.errors(), type(self)), type(self).__name__) from None
+
+        # Tables inside tables are validated by pydantic itself, which so collects the problems of all of them.
+        __init__.__pydantic_base_init__ = True

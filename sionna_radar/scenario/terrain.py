@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import Field
 
-from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, MaterialField
-from sionna_radar.scenario.problems import unknown
-from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Seed, Table, refuse
+from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
+from sionna_radar.scenario.choice import ChosenBy
+from sionna_radar.scenario.cover import MaterialField
+from sionna_radar.scenario.parts import TERRAINS
+from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Seed
 
 KEEP_SIONNA = "sionna"
-
-
-class CoveredTerrain(Table):
-    """Ground of one material, with others over it: classes of a raster, then polygons in the order given."""
-
-    material: str = "ground"
-    cover_raster: CoverRaster | None = None
-    cover: tuple[CoverPolygon, ...] = ()
 
 
 class FlatTerrain(CoveredTerrain):
@@ -79,7 +73,7 @@ class RasterTerrain(CoveredTerrain):
     spacing_m: Positive | None = None
 
 
-class CityTerrain(Table):
+class CityTerrain(TerrainParameters):
     """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name.
 
     A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
@@ -94,38 +88,4 @@ class CityTerrain(Table):
         return self.kind.removeprefix("sionna:")
 
 
-TERRAIN_KINDS = tuple(
-    kind
-    for table in (FlatTerrain, HillsTerrain, FractalTerrain, SampleTerrain, RasterTerrain, CityTerrain)
-    for kind in get_args(table.model_fields["kind"].annotation)
-)
-
-
-def _known_kind(value: Any) -> Any:
-    """Refuse a table whose kind is unknown, in the words of the file."""
-    if isinstance(value, dict):
-        kind = value.get("kind")
-        if kind is None:
-            raise refuse("kind", "required, but not given; add it")
-        if kind not in TERRAIN_KINDS:
-            raise refuse("kind", unknown(kind, TERRAIN_KINDS))
-    return value
-
-
-def _terrain_tag(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    if not isinstance(kind, str):
-        return None
-    return "sionna" if kind.startswith("sionna:") else kind
-
-
-Terrain = Annotated[
-    Annotated[FlatTerrain, Tag("flat")]
-    | Annotated[HillsTerrain, Tag("hills")]
-    | Annotated[FractalTerrain, Tag("fractal")]
-    | Annotated[SampleTerrain, Tag("jacksboro")]
-    | Annotated[RasterTerrain, Tag("raster")]
-    | Annotated[CityTerrain, Tag("sionna")],
-    Discriminator(_terrain_tag),
-    BeforeValidator(_known_kind),
-]
+Terrain = Annotated[TerrainParameters, ChosenBy("kind", TERRAINS)]

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.parts import ENGINES
 from sionna_radar.scenario.table import Real, Table, refuse
 
 MOST_PATHS_PER_PULSE = 100_000
@@ -15,12 +17,14 @@ class TracingTable(Table):
     """How the scene is turned into paths.
 
     engine: sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
-        path_solver (Sionna's stock solver, slow, for checks).
+        path_solver (Sionna's stock solver, slow, for checks); or a custom one.
+    engine_parameters: of a custom engine that has some.
     speckle: per_pulse draws new phases each pulse; persistent keeps scatterers on the surface, so that phase from
         chirp to chirp is that of a real scene.
     """
 
-    engine: Literal["sionna", "gamma", "path_solver"] = "sionna"
+    engine: Annotated[str, name_in(ENGINES)] = "sionna"
+    engine_parameters: Annotated[Table | None, ParametersOf("engine", ENGINES)] = None
     speckle: Literal["per_pulse", "persistent"] = "per_pulse"
     scatterers_per_m2: Annotated[Real, Field(gt=0, le=10_000)] = 20.0
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512

@@ -1,27 +1,19 @@
 """Building the scene of a scenario: terrain or city, buildings, targets, materials."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.terrain import CityTerrain
 from sionna_radar.scene.buildings import build_box
-from sionna_radar.scene.city import load_city
-from sionna_radar.scene.ground_cover import cover_ground
-from sionna_radar.scene.materials import build_materials, channel_of
-from sionna_radar.scene.model import Scene, Surface, Target
+from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
+from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.terrain import load_elevation, mesh_of
 from sionna_radar.surfaces.backscatter import Backscatter
-
-Ground = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+from sionna_radar.surfaces.material import build_materials, channel_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +25,16 @@ class BuiltScene:
     """
 
     scene: Scene
-    ground_m: Ground
+    ground_m: Heights
     caster: RayCaster
 
 
-def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float]) -> BuiltScene:
+def build_scene(
+    scenario: Scenario,
+    window_m: tuple[float, float, float, float],
+    terrain: Callable[[TerrainInputs], Landscape] | None = None,
+    materials: Mapping[str, Backscatter] | None = None,
+) -> BuiltScene:
     """Build the scene of a scenario.
 
     Parameters
@@ -46,6 +43,8 @@ def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float])
         What to build.
     window_m:
         What the survey can see (west, south, east, north); no more of a file is read.
+    terrain, materials:
+        A custom terrain and custom materials in place of the scenario's.
 
     Raises
     ------
@@ -54,50 +53,27 @@ def build_scene(scenario: Scenario, window_m: tuple[float, float, float, float])
         cannot be used.
 
     """
-    materials: dict[str, Backscatter] = dict(build_materials(scenario.all_materials, scenario.radar))
-    terrain = scenario.terrain
-    if isinstance(terrain, CityTerrain):
-        surfaces, kept = load_city(terrain, scenario.radar.carrier_hz, channel_of(scenario.radar))
-        materials |= kept
-        ground_m, georeference = _under_city(surfaces), None
-    else:
-        raster, georeference = load_elevation(terrain, window_m)
-        surfaces, ground_m = cover_ground(*mesh_of(raster), terrain, georeference), _bridged(raster).at
-    boxes = tuple(build_box(b, i, ground_m) for i, b in enumerate(scenario.buildings))
+    radar = scenario.radar
+    given = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
+    custom = dict(materials or {})
+    tables = {name: table for name, table in scenario.all_materials.items() if name not in custom}
+    known: dict[str, Backscatter] = {**build_materials(tables, radar), **custom}
+    land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+    boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
-        surfaces=surfaces + boxes,
-        materials=materials,
-        targets=_targets(scenario, ground_m, surfaces),
-        ground_material=getattr(terrain, "material", "ground"),
-        georeference=georeference,
+        surfaces=land.surfaces + boxes,
+        materials=known | land.materials,
+        targets=_targets(scenario, land),
+        ground_material=land.ground_material,
+        georeference=land.georeference,
     )
-    return BuiltScene(scene=scene, ground_m=ground_m, caster=RayCaster(scene.surfaces))
+    return BuiltScene(scene=scene, ground_m=land.ground_m, caster=RayCaster(scene.surfaces))
 
 
-def _under_city(surfaces: tuple[Surface, ...]) -> Ground:
-    caster = RayCaster(surfaces)
-    bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
-    return lambda point: caster.from_below(point, bottom)
-
-
-def _bridged(raster: Raster) -> Raster:
-    """Return a raster whose holes hold the nearest height, so that a flight can be planned across a lake."""
-    if raster.filled.all():
-        return raster
-    nearest = distance_transform_edt(~raster.filled, return_distances=False, return_indices=True)
-    return Raster(grid=raster.grid, height_m=raster.height_m[tuple(nearest)])
-
-
-def _targets(scenario: Scenario, ground_m: Ground, surfaces: tuple[Surface, ...]) -> tuple[Target, ...]:
+def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     if not scenario.targets:
         return ()
-    place = np.array([target.position_m for target in scenario.targets])
-    height = ground_m(place)
-    if not isinstance(scenario.terrain, CityTerrain):
-        # On the mesh itself: between the posts of a coarse raster the bilinear ground lies metres above or
-        # below the triangles, which would bury the target.
-        mesh = RayCaster(surfaces).from_above(place, max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0)
-        height = np.where(np.isnan(mesh), height, mesh)
+    height = land.standing_m(np.array([target.position_m for target in scenario.targets]))
     targets = []
     for index, target in enumerate(scenario.targets):
         ground = float(height[index])

@@ -13,8 +13,8 @@ from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.cover import CoverRaster
-from sionna_radar.scenario.terrain import CoveredTerrain
 from sionna_radar.scene.model import Surface
 
 NO_CLASS = -(2**31)

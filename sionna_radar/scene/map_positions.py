@@ -10,7 +10,7 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.table import Point2
 from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
-from sionna_radar.scene.terrain import place_of
+from sionna_radar.scene.terrains.elevation import place_of
 
 
 def in_local_frame(scenario: Scenario) -> Scenario:

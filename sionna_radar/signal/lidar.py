@@ -55,7 +55,7 @@ class LidarReceiver:
         """
         ground_m = np.full(len(pulses), np.inf)
         cosine = np.zeros(len(pulses))
-        row = np.searchsorted(pulses.index, paths.pulse)
+        row = pulses.row_of(paths.pulse)
         ground_m[row] = paths.delay_s * (speed_of_light / 2)
         cosine[row] = np.cos(paths.incidence_rad)
         heard = self.hears_ground(ground_m, cosine)
@@ -69,14 +69,12 @@ class LidarReceiver:
         surface[row] = paths.surface
         incidence = np.full(len(pulses), np.nan)
         incidence[row] = paths.incidence_rad
-        pose = pulses.true
-        return Paths(
-            pulse=pulses.index[read],
-            delay_s=2 * range_m[read] / speed_of_light,
+        return Paths.along_boresight(
+            pulses,
+            np.flatnonzero(read),
+            range_m[read],
             gain=np.ones(int(read.sum()), dtype=np.complex128),
-            range_rate_mps=pose.boresight_range_rate_mps[read],
             incidence_rad=np.where(read_air, np.nan, incidence)[read],
-            hit_m=pose.position_m[read] + range_m[read, None] * pose.boresight[read],
             surface=np.where(read_air, VOLUME, surface)[read],
         )
 

@@ -13,8 +13,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import Preparation, prepare
-from sionna_radar.survey.sensors import build_tracer, received
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.tracing.paths import Paths
 
 STOCK_SAMPLES = 1_000_000
@@ -62,8 +61,8 @@ def _effective_path_cost(stock_pulses: int) -> Ratio:
     beam = prepare(load_scenario("hills"))
     stock = prepare(load_scenario("hills", {"tracing.engine": "path_solver", "tracing.paths_per_pulse": STOCK_SAMPLES}))
     costs = []
-    for ready, count, repeats in ((stock, stock_pulses, 2), (beam, 1000, 10)):
-        engine, pulses = build_tracer(ready), ready.schedule.sample(count)
+    for prepared, count, repeats in ((stock, stock_pulses, 2), (beam, 1000, 10)):
+        engine, pulses = prepared.sensor_inputs().tracer(), prepared.flight.sample(count)
         trace = partial(engine.trace, pulses)
         equal = effective_paths(trace())
         # The least of several times: what the machine does beside it only adds.
@@ -79,15 +78,15 @@ def _effective_path_cost(stock_pulses: int) -> Ratio:
 
 def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
     """Yield tracing and the whole chain over bare Mitsuba ray casting of the same rays."""
-    ready = prepare(load_scenario("hills", {"platform.length_m": 200.0, "platform.start_m": [-140.0, 0.0]}))
-    engine = build_tracer(ready)
-    pulses = ready.schedule.pulses(np.arange(min(count, len(ready.schedule))))
-    bare = _bare_casting(ready, engine.trace(pulses), pulses)
+    prepared = prepare(load_scenario("hills", {"platform.length_m": 200.0, "platform.start_m": [-140.0, 0.0]}))
+    engine = prepared.sensor_inputs().tracer()
+    pulses = prepared.flight.pulses(np.arange(min(count, len(prepared))))
+    bare = _bare_casting(prepared, engine.trace(pulses), pulses)
     rays, traced, chained = [], [], []
     for _ in range(repeats):
         rays.append(_time(bare))
         traced.append(_time(lambda: engine.trace(pulses)))
-        chained.append(_time(lambda: _chain(ready, engine.trace(pulses), pulses)))
+        chained.append(_time(lambda: _chain(prepared, engine.trace(pulses), pulses)))
     rays_s = float(np.median(rays))
     yield Ratio(
         name="tracing with fields / bare ray casting",
@@ -103,18 +102,18 @@ def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
     )
 
 
-def _chain(ready: Preparation, paths: Paths, pulses: Pulses) -> None:
-    echoes = ready.detector.detect(received(paths, pulses, ready), pulses.index, pulses.measured)
+def _chain(prepared: Prepared, paths: Paths, pulses: Pulses) -> None:
+    echoes = prepared.detector.detect(prepared.receiver.beat(paths, pulses), pulses.index, pulses.measured)
     locate(echoes, pulses.index, pulses.measured)
 
 
-def _bare_casting(ready: Preparation, paths: Paths, pulses: Pulses) -> Callable[[], None]:
+def _bare_casting(prepared: Prepared, paths: Paths, pulses: Pulses) -> Callable[[], None]:
     """Return a function that intersects the rays of the paths with the scene and does nothing else."""
     row = paths.pulse - pulses.index[0]
     origin = pulses.true.position_m[row]
     away = paths.hit_m - origin
-    rays = ready.built.caster.prepare(origin, away / np.linalg.norm(away, axis=1, keepdims=True))
-    return lambda: ready.built.caster.intersect(rays)
+    rays = prepared.scene.caster.prepare(origin, away / np.linalg.norm(away, axis=1, keepdims=True))
+    return lambda: prepared.scene.caster.intersect(rays)
 
 
 def _faster_than_flight(length_m: float) -> Ratio:

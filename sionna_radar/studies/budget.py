@@ -6,21 +6,17 @@ square of several draws, constant ones by the worse of both signs.
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from sionna_radar.flight.grades import GRADES, Grade
+from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.survey.remapping import RecordedSurvey, record_survey
-from sionna_radar.survey.warnings import Brief
 
-MARKER = "budget.json"
 GROWTH = 0.1
 # The search ends this close to the growth asked for.
 TOLERANCE = 0.003
@@ -89,28 +85,6 @@ class Budget(Brief):
             f"Budget: {self.scenario.description or 'no description'}\n  RMS error {self.rms_m:.3f} m with the exact "
             f"pose; {len(self.limits)} limits, {len(self.grades)} grades of GPS/IMU"
         )
-
-    def summary(self) -> dict[str, Any]:
-        """Return the numbers in a form that JSON can hold; a limit that was not reached is None."""
-        return {
-            "scenario": self.scenario.model_dump(mode="json"),
-            "growth": self.growth,
-            "repeat": self.repeat,
-            "rms_m": without_nan(self.rms_m),
-            "limits": [
-                {
-                    "error": limit.error.name,
-                    "kind": limit.error.kind,
-                    "unit": limit.error.unit,
-                    "key": f"platform.navigation.{limit.error.key}",
-                    "axes": limit.error.axes,
-                    "limit": without_nan(limit.size),
-                    "largest_tried": limit.error.largest,
-                }
-                for limit in self.limits
-            ],
-            "grades": [without_nan(asdict(grade)) for grade in self.grades],
-        }
 
 
 def navigation_errors() -> tuple[NavigationError, ...]:
@@ -235,22 +209,8 @@ def fly_grade(survey: RecordedSurvey, name: str, grade: Grade, exact: float, rep
     return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
 
 
-def write(budget: Budget, directory: Path) -> list[Path]:
-    """Write `budget.json` and the figure into a directory, all or nothing, and return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
-
-    """
-    from sionna_radar.report.budget.figures import draw_all
-
-    return write_study(directory, MARKER, budget.summary(), partial(draw_all, budget))
-
-
 def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:
-    first = survey.ready.scenario.seed
+    first = survey.prepared.local.seed
     squares = [
         survey.lit_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)
     ]

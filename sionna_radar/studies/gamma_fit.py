@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario
-from sionna_radar.scene.materials import build_materials
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.surfaces.material import build_materials
 
 STEP_DEG = 1.0
 TOLERANCE_DB = 1.5

@@ -5,21 +5,23 @@ how fine they are, as corner reflectors do.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.scans.side_looking import SideLookingScan
+from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.imaging.aperture import Aperture, check_sampling, whole_beam
+from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.point_response import (
     Point,
     Widths,
-    alone,
+    isolated,
     measured_in_patch,
     measured_in_slant,
     patch_around,
@@ -34,14 +36,11 @@ from sionna_radar.imaging.resolution import (
 from sionna_radar.imaging.sar import BackProjection, SarImage
 from sionna_radar.imaging.slar import SideLooking, SlantImage
 from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
-from sionna_radar.report.folder import write_folder
 from sionna_radar.scenario import Scenario
-from sionna_radar.survey.chain import BLOCK_SIZE
-from sionna_radar.survey.preparation import SAMPLED_PULSES, Preparation, prepare
-from sionna_radar.survey.sensors import build_tracer, received
-from sionna_radar.survey.warnings import Brief
+from sionna_radar.survey.checks import SAMPLED_PULSES
+from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.recording import BLOCK_SIZE
 
-MARKER = "image.json"
 # Bins of the slant-range image in a range cell, and stretches of track in the width that it resolves at the near edge.
 BINS_PER_CELL = 4
 STRETCHES_PER_WIDTH = 8
@@ -86,8 +85,8 @@ class Imagery(Brief):
     georeference: Georeference | None
 
     def __repr__(self) -> str:
-        told = f"{self.slar.along_m:.3g} m x {self.slar.across_m:.3g} m in slant range"
-        lines = [f"Imagery: {self.scenario.description or 'no description'}", f"  {self.pulses:,} pulses; SLAR {told}"]
+        size = f"{self.slar.along_m:.3g} m x {self.slar.across_m:.3g} m in slant range"
+        lines = [f"Imagery: {self.scenario.description or 'no description'}", f"  {self.pulses:,} pulses; SLAR {size}"]
         if self.sar:
             lines.append(f"  SAR {self.sar.along_m:.3g} m x {self.sar.across_m:.3g} m on the ground")
         return "\n".join(lines)
@@ -117,28 +116,14 @@ def fly_images(
     """
     _check(scenario)
     progress("preparing", 0, 0)
-    ready = prepare(scenario)
+    prepared = prepare(scenario)
     progress("preparing", 1, 1)
-    growing = _Growing(ready)
-    tracer = build_tracer(ready)
-    for pulses in ready.schedule.blocks(block_size):
-        growing.add(received(tracer.trace(pulses), pulses, ready), pulses.measured)
-        progress("imaging", int(pulses.index[-1]) + 1, len(ready.schedule))
-    return growing.imagery()
-
-
-def write(imagery: Imagery, directory: Path) -> list[Path]:
-    """Write `image.json`, the images as netCDF and the figures into a directory, all or nothing; return the files.
-
-    Raises
-    ------
-    OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
-
-    """
-    from sionna_radar.report.imagery.products import fill
-
-    return write_folder(directory, MARKER, lambda folder: fill(imagery, folder, MARKER))
+    formation = _ImageFormation(prepared)
+    tracer = prepared.sensor_inputs().tracer()
+    for pulses in prepared.flight.blocks(block_size):
+        formation.add(prepared.receiver.beat(tracer.trace(pulses), pulses), pulses.measured)
+        progress("imaging", int(pulses.index[-1]) + 1, len(prepared))
+    return formation.imagery()
 
 
 def _check(scenario: Scenario) -> None:
@@ -158,32 +143,36 @@ def _check(scenario: Scenario) -> None:
         raise ScenarioError(problems)
 
 
-class _Growing:
-    """The images of a prepared survey, growing block of pulses by block of pulses."""
+class _ImageFormation:
+    """The images of a prepared survey, formed block of pulses by block of pulses."""
 
-    def __init__(self, ready: Preparation) -> None:
-        self._ready, self._window = ready, ready.scenario.processing.window
-        self._strip = _strip(ready)
-        self._points = tuple(point_beside(target, self._strip) for target in ready.built.scene.targets)
-        analyser = SpectrumAnalyser(ready.chirp, self._window, BINS_PER_CELL, ready.high_pass)
-        self._slar = SideLooking(analyser, _stretch_m(ready, self._strip))
+    def __init__(self, prepared: Prepared) -> None:
+        self._prepared, self._window = prepared, prepared.local.processing.window
+        self._strip = _strip(prepared)
+        self._points = tuple(point_beside(target, self._strip) for target in prepared.scene.scene.targets)
+        analyser = SpectrumAnalyser(prepared.receiver.chirp, self._window, BINS_PER_CELL, prepared.receiver.high_pass)
+        self._slar = SideLooking(analyser, _stretch_m(prepared, self._strip))
         self._aperture: Aperture | None = None
         self._sar: BackProjection | None = None
         self._patches: dict[int, BackProjection] = {}
-        if ready.scenario.tracing.speckle == "persistent":
-            self._aperture = whole_beam(ready.antenna)
+        if prepared.local.tracing.speckle == "persistent":
+            self._aperture = whole_beam(prepared.antenna)
             self._sar = self._focusing(self._aperture)
 
     def _focusing(self, aperture: Aperture) -> BackProjection:
-        ready = self._ready
-        check_sampling(ready.schedule.sample(SAMPLED_PULSES).measured, ready.chirp, aperture)
-        pixels = focused_pixels(self._strip, ready.chirp, aperture, self._window)
+        prepared, chirp = self._prepared, self._prepared.receiver.chirp
+        check_sampling(prepared.flight.sample(SAMPLED_PULSES).measured, chirp, aperture)
+        pixels = focused_pixels(self._strip, chirp, aperture, self._window)
         for number, point in enumerate(self._points):
             inside = pixels.along_m[0] <= point.along_m <= pixels.along_m[-1]
             if inside and pixels.across_m[0] <= point.ground_m <= pixels.across_m[-1]:
                 patch = patch_around(point, self._strip, self._focused_theory(point, aperture))
-                self._patches[number] = BackProjection(ready.chirp, patch, aperture, self._window, ready.high_pass)
-        return BackProjection(ready.chirp, pixels, aperture, self._window, ready.high_pass)
+                self._patches[number] = self._focused_on(patch, aperture)
+        return self._focused_on(pixels, aperture)
+
+    def _focused_on(self, pixels: PixelGrid, aperture: Aperture) -> BackProjection:
+        receiver = self._prepared.receiver
+        return BackProjection(receiver.chirp, pixels, aperture, self._window, receiver.high_pass)
 
     def add(self, beats: Inexact[np.ndarray, "pulse sample"], measured: Pose) -> None:
         self._slar.add(beats, measured)
@@ -193,7 +182,7 @@ class _Growing:
 
     def imagery(self) -> Imagery:
         """Return the images of all pulses so far, and what they resolve."""
-        ready, strip = self._ready, self._strip
+        prepared, strip = self._prepared, self._strip
         middle = Point(
             along_m=strip.length_m / 2,
             ground_m=strip.clearance_m * float(np.tan(strip.incidence_rad)),
@@ -204,15 +193,15 @@ class _Growing:
         )
         slant = self._slar.image()
         return Imagery(
-            scenario=ready.scenario,
+            scenario=prepared.scenario,
             strip=strip,
             slant=slant,
             focused=self._sar.image() if self._sar else None,
             slar=self._slant_theory(middle),
             sar=self._focused_theory(middle, self._aperture) if self._aperture else None,
             reflectors=tuple(self._reflector(number, slant) for number in range(len(self._points))),
-            pulses=len(ready.schedule),
-            georeference=ready.built.scene.georeference,
+            pulses=len(prepared),
+            georeference=prepared.scene.scene.georeference,
         )
 
     def _reflector(self, number: int, slant: SlantImage) -> Reflector:
@@ -221,46 +210,47 @@ class _Growing:
         focused = None
         if self._aperture is not None and number in self._patches:
             sharp, image = self._focused_theory(point, self._aperture), self._patches[number].image()
-            told = measured_in_patch(image.power, image.grid) if self._measurable(point, sharp) else None
-            focused = Response(theory=sharp, measured=told)
+            measured = measured_in_patch(image.power, image.grid) if self._measurable(point, sharp) else None
+            focused = Response(theory=sharp, measured=measured)
         return Reflector(
-            position_m=self._ready.built.scene.targets[number].position_m,
+            position_m=self._prepared.scene.scene.targets[number].position_m,
             place=point,
             slar=Response(theory=theory, measured=real),
             sar=focused,
         )
 
     def _measurable(self, point: Point, theory: Widths) -> bool:
-        return point.steady and alone(point, self._points, theory)
+        return point.steady and isolated(point, self._points, theory)
 
     def _slant_theory(self, point: Point) -> Widths:
         return Widths(
-            along_m=real_aperture_resolution_m(self._ready.antenna.azimuth, point.slant_range_m),
-            across_m=slant_range_resolution_m(self._ready.chirp, self._window),
+            along_m=real_aperture_resolution_m(self._prepared.antenna.azimuth, point.slant_range_m),
+            across_m=slant_range_resolution_m(self._prepared.receiver.chirp, self._window),
         )
 
     def _focused_theory(self, point: Point, aperture: Aperture) -> Widths:
         return Widths(
-            along_m=azimuth_resolution_m(aperture, self._ready.chirp.wavelength_m),
-            across_m=ground_range_resolution_m(self._ready.chirp, self._window, point.incidence_rad),
+            along_m=azimuth_resolution_m(aperture, self._prepared.receiver.chirp.wavelength_m),
+            across_m=ground_range_resolution_m(self._prepared.receiver.chirp, self._window, point.incidence_rad),
         )
 
 
-def _strip(ready: Preparation) -> Strip:
-    scan = ready.scenario.radar.scan
-    ends = np.array([0, len(ready.schedule) - 1])
+def _strip(prepared: Prepared) -> Strip:
+    scan = prepared.flight.scan
+    assert isinstance(scan, SideLookingScan)  # checked before the flight was prepared
+    ends = np.array([0, len(prepared) - 1])
     return lit_strip(
-        ready.schedule.pulses(ends).measured,
+        prepared.flight.pulses(ends).measured,
         scan.side,
-        ready.scenario.platform.altitude_m,
-        float(np.deg2rad(scan.incidence_deg)),
-        ready.antenna.beamwidths_rad[1],
-        ready.chirp.max_range_m,
+        prepared.local.platform.altitude_m,
+        scan.incidence_rad,
+        prepared.antenna.beamwidths_rad[1],
+        prepared.receiver.chirp.max_range_m,
     )
 
 
-def _stretch_m(ready: Preparation, strip: Strip) -> float:
+def _stretch_m(prepared: Prepared, strip: Strip) -> float:
     """Return the length of track that the slant-range image averages over."""
-    width = real_aperture_resolution_m(ready.antenna.azimuth, strip.slant_range_m(strip.near_m))
-    spacing = ready.scenario.platform.speed_mps / ready.scenario.radar.chirp_rate_hz
+    width = real_aperture_resolution_m(prepared.antenna.azimuth, strip.slant_range_m(strip.near_m))
+    spacing = prepared.local.platform.speed_mps / prepared.local.radar.chirp_rate_hz
     return max(width / STRETCHES_PER_WIDTH, LEAST_PULSES * spacing)

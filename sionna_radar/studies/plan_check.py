@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.planning import Plan
+from sionna_radar.studies.planning import FlightPlan
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.boresight import trace_boresights
 
@@ -34,7 +34,7 @@ class PlanCheck:
     sampling_m: the sampling there, sqrt(2) times the distance on the map to the nearest echo.
     """
 
-    plan: Plan
+    plan: FlightPlan
     pulses: int
     place_m: Float[np.ndarray, "row column 2"]
     sampling_m: Float[np.ndarray, "row column"]
@@ -54,7 +54,7 @@ class PlanCheck:
         return float(np.quantile(self.sampling_m, share))
 
 
-def check_plan(plan: Plan, scenario: Scenario, progress: Progress = silent) -> PlanCheck:
+def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent) -> PlanCheck:
     """Fly a plan over the terrain of its scenario, and return how finely it samples the area.
 
     Parameters
@@ -73,20 +73,20 @@ def check_plan(plan: Plan, scenario: Scenario, progress: Progress = silent) -> P
 
     """
     progress("preparing", 0, 0)
-    ready = prepare(scenario)
+    prepared = prepare(scenario)
     progress("preparing", 1, 1)
     echoes = []
-    for pulses in ready.schedule.blocks(PULSES_AT_ONCE):
-        paths = trace_boresights(pulses, ready.built.caster)
-        heard = paths.delay_s * speed_of_light / 2 < ready.chirp.max_range_m
+    for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
+        paths = trace_boresights(pulses, prepared.scene.caster)
+        heard = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
         echoes.append(paths.hit_m[heard, :2])
-        progress("checking", int(pulses.index[-1]) + 1, len(ready.schedule))
+        progress("checking", int(pulses.index[-1]) + 1, len(prepared.flight))
     place = places(plan)
     away, _ = KDTree(np.concatenate(echoes)).query(place)
-    return PlanCheck(plan=plan, pulses=len(ready.schedule), place_m=place, sampling_m=math.sqrt(2) * away)
+    return PlanCheck(plan=plan, pulses=len(prepared.flight), place_m=place, sampling_m=math.sqrt(2) * away)
 
 
-def places(plan: Plan) -> Float[np.ndarray, "row column 2"]:
+def places(plan: FlightPlan) -> Float[np.ndarray, "row column 2"]:
     """Return places all over the area of a plan, east and north."""
     right, along = plan.wanted.size_m
     step = max(plan.wanted.sampling_m / PLACES_PER_SAMPLE, math.sqrt(right * along / MOST_PLACES))

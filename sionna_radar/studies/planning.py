@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.terrain import FlatTerrain
 from sionna_radar.scene.map_positions import in_local_frame
@@ -70,7 +71,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class FlightPlan:
     """A flight over level ground that covers an area; angles in radians."""
 
     wanted: Wanted
@@ -106,7 +107,7 @@ class Plan:
         return self.altitude_m * math.hypot(ahead, math.tan(self.half_swath_rad))
 
 
-def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
+def plan_flight(wanted: Wanted, base: Scenario | None = None) -> FlightPlan:
     """Return a flight that covers an area.
 
     Parameters
@@ -134,7 +135,7 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
     turns_hz = speed * turns_per_m
     _check_lines(wanted, altitude, half_swath)
     spacing, waypoints = _lines(wanted, altitude, incidence, half_swath)
-    plan = Plan(
+    plan = FlightPlan(
         wanted=wanted,
         altitude_m=altitude,
         speed_mps=speed,
@@ -150,7 +151,7 @@ def plan_flight(wanted: Wanted, base: Scenario | None = None) -> Plan:
     return plan
 
 
-def planned_scenario(plan: Plan, base: Scenario | None = None) -> Scenario:
+def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario:
     """Return a scenario that flies a plan.
 
     Parameters
@@ -203,7 +204,7 @@ def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
         raise ScenarioError([Problem("sampling", message)], "plan")
 
 
-def _check_chirps(plan: Plan) -> None:
+def _check_chirps(plan: FlightPlan) -> None:
     """Refuse a flight of more chirps than can be flown over the terrain to check it."""
     chirps = plan.flight_s * plan.chirp_rate_hz
     if chirps > MOST_CHIRPS:
@@ -253,7 +254,7 @@ def _angles(wanted: Wanted) -> tuple[float, float]:
 
 def _altitude(wanted: Wanted, base: Scenario, incidence: float, half_swath: float) -> float:
     """Return the height at which the beam is as wide on the ground as it may be, or the sampled beat ends."""
-    azimuth, elevation = base.radar.antenna.beamwidths_rad
+    azimuth, elevation = build_antenna(base.radar.antenna).beamwidths_rad
     slant = 1 / math.cos(incidence)  # over the height, in the middle of the swath
     along = elevation * slant / math.cos(incidence)
     wide = BEAM_SAMPLES * wanted.sampling_m / max(azimuth * slant, along)

@@ -1,8 +1,8 @@
 """Studies: one scenario flown over and over, some of its values varied, with several seeds each.
 
 Every combination of the varied values is a case, and every case is flown with the seeds s, s + 1, ... The
-statistics of a case are means over its runs, and their spread is the standard deviation from run to run. A case that
-cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
+statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
+that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
 
 import logging
@@ -18,13 +18,14 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted, raise_received
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.survey.chain import BLOCK_SIZE, run
+from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.warnings import Brief
+from sionna_radar.survey.recording import BLOCK_SIZE
 
 logger = logging.getLogger("sionna_radar")
 
@@ -61,7 +62,7 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class SweepPlan:
     """What is to be flown, every combination checked, the last axis fastest."""
 
     source: str
@@ -70,7 +71,7 @@ class Plan:
     cells: tuple[Cell, ...]
 
     @property
-    def runs(self) -> int:
+    def trials(self) -> int:
         """Surveys to be flown."""
         return sum(1 for _ in self.flights())
 
@@ -82,7 +83,7 @@ class Plan:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class Trial:
     """One survey of a sweep; its errors are those of `Survey`."""
 
     seed: int
@@ -96,25 +97,25 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One combination of the varied values, with its runs; `reason` says why some or all are missing."""
+    """One combination of the varied values, with its trials; `reason` says why some or all are missing."""
 
     setting: dict[str, Any]
     scenario: Scenario | None
-    runs: tuple[Run, ...]
+    trials: tuple[Trial, ...]
     reason: str = ""
 
-    def of_runs(self, statistic: str) -> Float[np.ndarray, " run"]:
-        """Return one of STATISTICS in every run; NaN where the run has none."""
+    def of_trials(self, statistic: str) -> Float[np.ndarray, " trial"]:
+        """Return one of STATISTICS in every trial; NaN where the run has none."""
         cells, name = STATISTICS[statistic]
-        return np.array([getattr(getattr(r, cells), name, np.nan) for r in self.runs], dtype=float)
+        return np.array([getattr(getattr(t, cells), name, np.nan) for t in self.trials], dtype=float)
 
     def mean(self, statistic: str) -> float:
-        """Return the mean over the runs; NaN where one has no DEM, or none is flown."""
-        return float(np.mean(self.of_runs(statistic))) if self.runs else float("nan")
+        """Return the mean over the trials; NaN where one has no DEM, or none is flown."""
+        return float(np.mean(self.of_trials(statistic))) if self.trials else float("nan")
 
     def spread(self, statistic: str) -> float:
-        """Return the standard deviation from run to run; NaN for a single run."""
-        return float(np.std(self.of_runs(statistic), ddof=1)) if len(self.runs) > 1 else float("nan")
+        """Return the standard deviation from trial to trial; NaN for a single trial."""
+        return float(np.std(self.of_trials(statistic), ddof=1)) if len(self.trials) > 1 else float("nan")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +130,7 @@ class Sweep(Brief):
 
     @property
     def failed(self) -> bool:
-        """Whether any case lacks a run."""
+        """Whether any case lacks a trial."""
         return any(case.reason for case in self.cases)
 
     def __repr__(self) -> str:
@@ -192,7 +193,7 @@ def plan_sweep(
     repeat: int = 1,
     overrides: Mapping[str, Any] | None = None,
     progress: Progress = silent,
-) -> Plan:
+) -> SweepPlan:
     """Load and check every combination of a study, terrain and flight included.
 
     A combination that cannot be flown keeps its place with the reason, and what helps where that can be found.
@@ -225,7 +226,7 @@ def plan_sweep(
         progress("checking", number, len(settings))
         try:
             scenario = load_scenario(source, overrides | setting)
-            cells.append(Cell(setting=setting, scenario=scenario, pulses=len(prepare(scenario).schedule)))
+            cells.append(Cell(setting=setting, scenario=scenario, pulses=len(prepare(scenario))))
         except (ScenarioError, InputFileError) as error:
             refused.append((error, setting))
             reason = _one_line(error) + _remedy(error, source, overrides | setting)
@@ -233,7 +234,7 @@ def plan_sweep(
     progress("checking", len(settings), len(settings))
     if len(refused) == len(settings):
         raise _whole_refusal(refused, source)
-    return Plan(source=str(source), axes=axes, repeat=repeat, cells=tuple(cells))
+    return SweepPlan(source=str(source), axes=axes, repeat=repeat, cells=tuple(cells))
 
 
 def _one_line(error: Exception) -> str:
@@ -296,14 +297,14 @@ def _refuse(message: str, field: str = "--vary") -> NoReturn:
 
 
 def fly_sweep(
-    plan: Plan,
+    plan: SweepPlan,
     *,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
 ) -> Sweep:
-    """Fly all runs of a study one after another.
+    """Fly all trials of a study one after another.
 
-    A run that fails ends its case, which says why; an interrupt ends the study, which keeps the runs done.
+    A trial that fails ends its case, which says why; an interrupt ends the study, which keeps the trials done.
 
     Parameters
     ----------
@@ -315,42 +316,42 @@ def fly_sweep(
         Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
 
     """
-    runs: list[list[Run]] = [[] for _ in plan.cells]
+    trials: list[list[Trial]] = [[] for _ in plan.cells]
     reasons = [cell.refusal for cell in plan.cells]
     interrupted = False
     try:
         for number, scenario, repeat in plan.flights():
             if reasons[number]:
                 continue
-            progress("surveys", sum(map(len, runs)), plan.runs)
+            progress("surveys", sum(map(len, trials)), plan.trials)
             try:
-                runs[number].append(_fly(scenario, repeat, block_size, progress))
+                trials[number].append(_fly(scenario, repeat, block_size, progress))
             except BackendError:
                 raise
             except Exception as error:
-                # Hours of other runs must not be lost by one, whatever it fails of.
+                # Hours of other trials must not be lost by one, whatever it fails of.
                 raise_received()
-                logger.debug("a run failed", exc_info=True)
+                logger.debug("a trial failed", exc_info=True)
                 reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {_one_line(error)}"
-        progress("surveys", sum(map(len, runs)), plan.runs)
+        progress("surveys", sum(map(len, trials)), plan.trials)
     except (KeyboardInterrupt, Interrupted):
         interrupted = True
     cases = [
         Case(
             setting=cell.setting,
             scenario=cell.scenario,
-            runs=tuple(flown),
+            trials=tuple(flown),
             reason=reason or ("" if len(flown) == plan.repeat else "interrupted"),
         )
-        for cell, flown, reason in zip(plan.cells, runs, reasons, strict=True)
+        for cell, flown, reason in zip(plan.cells, trials, reasons, strict=True)
     ]
     return Sweep(source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted)
 
 
-def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -> Run:
+def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -> Trial:
     scenario = scenario.model_copy(update={"seed": scenario.seed + repeat})
     survey = run(scenario, block_size=block_size, progress=progress)
-    return Run(
+    return Trial(
         seed=scenario.seed,
         echoes=len(survey.points),
         points_sha256=survey.points.sha256(),

@@ -21,7 +21,9 @@ MOST_FOLLOWING_STEPS = 1_000_000
 FARTHEST_M = 100_000.0
 
 
-def check_limits(scenario: Scenario, chirp: Chirp, track_m: float) -> None:
+def check_limits(
+    scenario: Scenario, chirp: Chirp, track_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
+) -> None:
     """Refuse a survey that would not fit into memory, with every reason.
 
     Parameters
@@ -30,6 +32,8 @@ def check_limits(scenario: Scenario, chirp: Chirp, track_m: float) -> None:
         The survey and its sweep.
     track_m:
         Length of the flight's track.
+    beamwidths_rad, incidence_rad:
+        Of the antenna in azimuth and elevation, and of the scan from nadir.
 
     Raises
     ------
@@ -38,7 +42,11 @@ def check_limits(scenario: Scenario, chirp: Chirp, track_m: float) -> None:
 
     """
     checks = [_chirps(scenario, track_m), _spectrum(scenario), _ranked(scenario), _steps(scenario, track_m)]
-    checks += [_reach(chirp), _shift(scenario, chirp), _paths(scenario, chirp)]
+    checks += [
+        _reach(chirp),
+        _shift(scenario, chirp),
+        _paths(scenario, footprint_m2(scenario, chirp, beamwidths_rad, incidence_rad)),
+    ]
     problems = [problem for problem in checks if problem is not None]
     if problems:
         raise ScenarioError(problems)
@@ -115,12 +123,11 @@ def _shift(scenario: Scenario, chirp: Chirp) -> Problem | None:
     return Problem("radar.chirp_rate_hz", message)
 
 
-def _paths(scenario: Scenario, chirp: Chirp) -> Problem | None:
+def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
     """Refuse more persistent scatterers in the main lobe than a block of pulses can hold."""
     tracing = scenario.tracing
     if tracing.engine != "sionna" or tracing.speckle != "persistent":
         return None
-    area_m2 = footprint_m2(scenario, chirp)
     paths = tracing.scatterers_per_m2 * area_m2
     if paths <= MOST_PATHS_PER_PULSE:
         return None
@@ -131,14 +138,14 @@ def _paths(scenario: Scenario, chirp: Chirp) -> Problem | None:
     return Problem("tracing.scatterers_per_m2", message)
 
 
-def footprint_m2(scenario: Scenario, chirp: Chirp) -> float:
+def footprint_m2(scenario: Scenario, chirp: Chirp, beamwidths_rad: tuple[float, float], incidence_rad: float) -> float:
     """Return the area of level ground within a half-power width of the axis on each side, as far as the radar reaches.
 
     Beyond lies less than a thousandth of the two-way power. The ground is no larger than a terrain of given size.
     """
     height = scenario.platform.altitude_m
-    azimuth, elevation = scenario.radar.antenna.beamwidths_rad
-    incidence = math.radians(scenario.radar.scan.incidence_deg)
+    azimuth, elevation = beamwidths_rad
+    incidence = incidence_rad
     horizon = math.acos(min(height / chirp.max_range_m, 1.0))
     far, near = min(incidence + elevation, horizon), max(incidence - elevation, -horizon)
     along = height * max(math.tan(far) - math.tan(near), 0.0)

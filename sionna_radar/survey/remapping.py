@@ -4,20 +4,18 @@ Errors of navigation change nothing that is traced: the echoes are recorded once
 correction, their location, the DEM and its comparison are done anew.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from sionna_radar.accuracy.compare import DemError, difference, summarise
-from sionna_radar.flight.navigation import build_navigation
-from sionna_radar.flight.pulses import Navigation
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.truth import GroundTruth
+from sionna_radar.flight.pulses import Navigation, build_navigation
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.navigation import NavigationTable
-from sionna_radar.survey.chain import BLOCK_SIZE, Recording, map_points, place, record, true_surface
-from sionna_radar.survey.preparation import Preparation, prepare
-from sionna_radar.survey.sensors import Sensor, build_sensor
+from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place, record
+from sionna_radar.survey.sensors.sensor import Sensor
 
 # Poses alone are small; mapping takes many at once.
 MAPPED_AT_ONCE = 4096
@@ -27,14 +25,14 @@ MAPPED_AT_ONCE = 4096
 class RecordedSurvey:
     """A prepared survey, the sensor that flew it, what it recorded, and the surface it flew over."""
 
-    ready: Preparation
+    prepared: Prepared
     sensor: Sensor
     recording: Recording
-    truth: Raster
+    truth: GroundTruth
 
     def points(self, navigation: Navigation | None) -> Points:
         """Return the points as a navigation system places them; None knows the pose exactly."""
-        schedule = replace(self.ready.schedule, navigation=navigation)
+        schedule = self.prepared.with_navigation(navigation).flight
         return place(self.recording.echoes, self.sensor, schedule, block_size=MAPPED_AT_ONCE)
 
     def lit_error(self, navigation: Navigation | None) -> DemError:
@@ -46,14 +44,13 @@ class RecordedSurvey:
             The method models whole echoes, and the sensor brings none.
 
         """
-        ready = replace(self.ready, schedule=replace(self.ready.schedule, navigation=navigation))
-        dem = map_points(self.points(navigation), self.recording.profiles, ready)
-        lit = self.recording.lit & self.truth.filled
-        return summarise(difference(dem, self.truth).only(lit), lit)
+        prepared = self.prepared.with_navigation(navigation)
+        dem = prepared.mapper.map(self.points(navigation), self.recording.profiles, prepared.measured)
+        return self.truth.lit_error(dem, self.recording.lit)
 
-    def navigation(self, table: NavigationTable, seed: int | None = None) -> Navigation | None:
+    def navigation(self, table: NavigationParameters, seed: int | None = None) -> Navigation | None:
         """Return a navigation system with some errors, on the lever arm of this survey."""
-        scenario, schedule = self.ready.scenario, self.ready.schedule
+        scenario, schedule = self.prepared.local, self.prepared.flight
         table = table.model_copy(update={"lever_arm_m": schedule.lever_arm_m})
         seed = scenario.seed if seed is None else seed
         return build_navigation(table, schedule.trajectory, scenario.radar.chirp_rate_hz, seed)
@@ -62,8 +59,8 @@ class RecordedSurvey:
 def record_survey(
     scenario: Scenario,
     *,
+    custom: CustomParts | None = None,
     block_size: int = BLOCK_SIZE,
-    sensor: Callable[[Preparation], Sensor] | None = None,
     progress: Progress = silent,
 ) -> RecordedSurvey:
     """Fly a survey and keep what is needed to map it again.
@@ -72,8 +69,8 @@ def record_survey(
     ----------
     scenario:
         The survey; its own errors of navigation play no part.
-    block_size, sensor, progress:
-        As for `sionna_radar.run`.
+    custom, block_size, progress:
+        As for `prepare` and `sionna_radar.run`.
 
     Raises
     ------
@@ -82,8 +79,8 @@ def record_survey(
 
     """
     progress("preparing", 0, 0)
-    ready = prepare(scenario)
+    prepared = prepare(scenario, custom)
     progress("preparing", 1, 1)
-    carried = (sensor or build_sensor)(ready)
-    recording = record(ready, carried, block_size=block_size, progress=progress)
-    return RecordedSurvey(ready=ready, sensor=carried, recording=recording, truth=true_surface(ready))
+    sensor = prepared.build_sensor()
+    recording = record(prepared, sensor, block_size=block_size, progress=progress)
+    return RecordedSurvey(prepared=prepared, sensor=sensor, recording=recording, truth=prepared.truth())

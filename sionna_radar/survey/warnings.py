@@ -1,40 +1,25 @@
 """What a reader must know beside the numbers of a survey: what was not as the scenario says, and what spoils it."""
 
-import html
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
 
-from sionna_radar.flight.pulses import Navigation
-from sionna_radar.flight.scan import Scan
 from sionna_radar.radar.antenna import Antenna
 
 # Echoes of rain lie tens of metres above the ground, so that a few of them spoil a DEM.
 RAIN_SHARE_WARNED = 0.01
 
 
-class Brief:
-    """A result whose `repr` is a few lines, in a notebook too."""
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(repr(self))}</pre>"
-
-
-def replaced_parts(
-    antenna: Antenna | None, scan: Scan | None, navigation: Navigation | None, sensor: Callable[..., object] | None
-) -> dict[str, str]:
+def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
     """Return what was flown in place of parts of a scenario, in words, by the keys of those parts."""
-    told = {}
+    words = {}
     if antenna is not None:
         azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
-        told["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
-    if scan is not None:
-        told["radar.scan"] = _name(type(scan))
-    if navigation is not None:
-        told["platform.navigation"] = _name(type(navigation))
-    if sensor is not None:
-        told["sensor"] = _name(sensor)
-    return told
+        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
+    for key, part in parts.items():
+        if part is not None:
+            words[key] = _name(part)
+    return words
 
 
 def warnings_of(

@@ -1,7 +1,6 @@
 """What the beam axes meet: one path a pulse, the whole of what an ideal range sensor sees."""
 
 import numpy as np
-from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.scene.raycast import RayCaster
@@ -14,12 +13,11 @@ def trace_boresights(pulses: Pulses, caster: RayCaster) -> Paths:
     hits = caster.cast(pose.position_m, pose.boresight)
     seen = hits.hit
     range_m = hits.distance_m[seen]
-    return Paths(
-        pulse=pulses.index[seen],
-        delay_s=2 * range_m / speed_of_light,
+    return Paths.along_boresight(
+        pulses,
+        np.flatnonzero(seen),
+        range_m,
         gain=np.ones(len(range_m), dtype=np.complex128),
-        range_rate_mps=pose.boresight_range_rate_mps[seen],
         incidence_rad=np.arccos(hits.cosine[seen]),
-        hit_m=pose.position_m[seen] + range_m[:, None] * pose.boresight[seen],
         surface=hits.surface[seen],
     )

@@ -1,10 +1,14 @@
 """The table of propagation paths that every engine returns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
 
 # What stands in `Paths.surface` where no surface is hit.
 TARGET = -1
@@ -12,7 +16,7 @@ VOLUME = -2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Paths:
+class Paths(Columns):
     """Monostatic single-bounce paths, one row each, sorted by pulse.
 
     pulse: running number of the pulse in the survey.
@@ -33,16 +37,79 @@ class Paths:
     hit_m: Float[np.ndarray, "path 3"]
     surface: Int[np.ndarray, " path"]
 
-    def __len__(self) -> int:
-        return len(self.pulse)
-
-    def only(self, chosen: Bool[np.ndarray, " path"]) -> "Paths":
-        """Return some of the rows."""
-        return Paths(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
-
-    @staticmethod
-    def concatenate(tables: Sequence["Paths"]) -> "Paths":
+    @classmethod
+    def concatenate(cls, tables: Sequence["Paths"]) -> "Paths":
         """Return all rows of some tables, sorted by pulse, equal pulses in the order given."""
-        columns = {f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(Paths)}
-        order = np.argsort(columns["pulse"], kind="stable")
-        return Paths(**{name: column[order] for name, column in columns.items()})
+        together = super().concatenate(tables)
+        return together.rows(np.argsort(together.pulse, kind="stable"))
+
+    @classmethod
+    def to_points(
+        cls,
+        pulses: Pulses,
+        row: Int[np.ndarray, " path"],
+        hit_m: Float[np.ndarray, "path 3"],
+        *,
+        gain: Complex[np.ndarray, " path"],
+        incidence_rad: Float[np.ndarray, " path"],
+        surface: Int[np.ndarray, " path"],
+    ) -> "Paths":
+        """Return paths from the true poses of pulses to points at rest, delay and range rate from the geometry.
+
+        Parameters
+        ----------
+        pulses, row:
+            A block of pulses, and the row in it of each path.
+        hit_m, gain, incidence_rad, surface:
+            See the columns.
+
+        """
+        pose = pulses.true
+        away = hit_m - pose.position_m[row]
+        range_m = np.linalg.norm(away, axis=1)
+        return cls(
+            pulse=pulses.index[row],
+            delay_s=2 * range_m / speed_of_light,
+            gain=gain,
+            range_rate_mps=-np.einsum("ni,ni->n", pose.velocity_mps[row], away / range_m[:, None]),
+            incidence_rad=incidence_rad,
+            hit_m=hit_m,
+            surface=surface,
+        )
+
+    @classmethod
+    def along_boresight(
+        cls,
+        pulses: Pulses,
+        row: Int[np.ndarray, " path"],
+        range_m: Float[np.ndarray, " path"],
+        *,
+        gain: Complex[np.ndarray, " path"],
+        incidence_rad: Float[np.ndarray, " path"],
+        surface: Int[np.ndarray, " path"],
+        drift_mps: Float[np.ndarray, " path"] | float = 0.0,
+    ) -> "Paths":
+        """Return paths along the true boresights of pulses.
+
+        Parameters
+        ----------
+        pulses, row:
+            A block of pulses, and the row in it of each path.
+        range_m:
+            How far along the boresight each path turns back.
+        gain, incidence_rad, surface:
+            See the columns.
+        drift_mps:
+            Range rate of what is met itself, as of falling rain.
+
+        """
+        pose = pulses.true
+        return cls(
+            pulse=pulses.index[row],
+            delay_s=2 * range_m / speed_of_light,
+            gain=gain,
+            range_rate_mps=pose.boresight_range_rate_mps[row] + drift_mps,
+            incidence_rad=incidence_rad,
+            hit_m=pose.position_m[row] + range_m[:, None] * pose.boresight[row],
+            surface=surface,
+        )

@@ -91,7 +91,7 @@ def test_a_pulse_meets_the_same_drop_in_any_block(looking):
     rain = receiver({"rain_rate_mm_per_h": 50.0}, least_reflectivity=1e-5)
     whole = rain.received(ground_at(np.full(40, 60.0)), looking(40))
     assert np.any(whole.surface == VOLUME)
-    part = ground_at(np.full(40, 60.0)).only(np.arange(40) >= 25)
+    part = ground_at(np.full(40, 60.0)).rows(np.arange(40) >= 25)
     late = rain.received(part, looking(15, first=25))
     np.testing.assert_array_equal(late.delay_s, whole.delay_s[25:])
 

@@ -22,7 +22,8 @@ from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
-from sionna_radar.tracing.sionna.parts import SeparablePattern, mi
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.pattern import SeparablePattern
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.kinds import Precipitation
 

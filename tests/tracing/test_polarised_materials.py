@@ -9,11 +9,11 @@ import trimesh
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.scene.sionna_slab import SionnaSlab
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
 from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
-from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
+from sionna_radar.surfaces.radar_material import RadarMaterial
 from sionna_radar.surfaces.rough_surface import (
     GeometricalOptics,
     IntegralEquation,
@@ -24,7 +24,7 @@ from sionna_radar.surfaces.rough_surface import (
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
-from sionna_radar.tracing.sionna.parts import BackscatterMaterial, _material, dr, mi
+from sionna_radar.tracing.sionna.material import BackscatterMaterial, dr, mi, sionna_material
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 SOIL = soil_permittivity(
@@ -201,7 +201,7 @@ def test_scene_and_radar_moved_together_change_nothing(surface_of, antenna_of, c
 
 def scattered_share(material: RadarMaterial, incidence_rad: float, polarization: str) -> float:
     """Integrate what the Sionna material sends into the hemisphere, over what came in through a ray tube."""
-    bsdf = _material("share", material)
+    bsdf = sionna_material("share", material)
     cosine, azimuth = ((np.arange(n) + 0.5) / n for n in (200, 400))
     z, phi = (g.ravel() for g in np.meshgrid(cosine, 2 * np.pi * azimuth, indexing="ij"))
     sine = np.sqrt(1 - z**2)
@@ -313,7 +313,7 @@ def test_cross_polar_signs_are_the_same_in_any_block(surface_of, antenna_of, chi
 
 
 def test_plain_models_need_no_polarised_work():
-    material = _material("plain", ConstantGammaBackscatter(0.1))
+    material = sionna_material("plain", ConstantGammaBackscatter(0.1))
     assert isinstance(material, BackscatterMaterial)
     assert material._excess is None
     assert material._cross is None

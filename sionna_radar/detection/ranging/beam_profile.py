@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 
 SAMPLES = 65
 SLOPES = np.geomspace(0.1, 5.0, 8)
@@ -49,10 +50,8 @@ class EchoFit:
 def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
     """Return the profile of an antenna's elevation cut, the plane that a forward-tilted beam is inclined in."""
     cut = antenna.elevation
-    power = cut.voltage**4
-    peak = int(np.argmax(power))
-    main = np.flatnonzero(power > 1e-3 * power[peak])
-    low, high = cut.cosine[main[0]], cut.cosine[main[-1]]
+    lobe = cut.cosine[lobe_samples(cut, FOLLOWED)]
+    low, high = lobe[0], lobe[-1]
     sine = low + (np.arange(SAMPLES) + 0.5) * (high - low) / SAMPLES
     share = cut.at(sine) ** 4
     other = antenna.azimuth

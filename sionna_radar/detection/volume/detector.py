@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
-from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns, Ranges
+from sionna_radar.detection.ranging.estimator import EchoRuns, Ranges
 from sionna_radar.detection.volume.clutter import (
     MOST_OVER_MEAN,
     NEIGHBOURS,
@@ -152,7 +152,7 @@ class ThroughVolume:
         self, runs: EchoRuns, tracked: Tracked, peak_level: Float[np.ndarray, " pulse"], kept: Int[np.ndarray, " echo"]
     ) -> Ranges:
         """Return the posterior means, and towards ground far over the volume the scenario's own estimates."""
-        own = ESTIMATORS[self.detector.processing.ranging](runs)
+        own = self.detector.estimator(runs)
         cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
         return Ranges(
             range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,

@@ -16,7 +16,7 @@ from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
 from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.maps import show_raster
 from sionna_radar.report.terminal import number
-from sionna_radar.studies.crosscheck import INCIDENCE_STEP_DEG, CrossCheck
+from sionna_radar.studies.crosscheck_result import INCIDENCE_STEP_DEG, CrossCheck
 
 GREY = "0.45"
 MAP_BOX_IN = (4.0, 4.0)

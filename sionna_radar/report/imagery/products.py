@@ -15,19 +15,31 @@ from scipy.io import netcdf_file
 
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.sar import SarImage
-from sionna_radar.report.folder import strict_json, write_text
+from sionna_radar.report.folder import strict_json, write_folder, write_text
 from sionna_radar.report.imagery.figures import draw_all
 from sionna_radar.report.survey.summary import versions
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response
 
+MARKER = "image.json"
 # Variable that holds the CRS, as CF names it.
 GRID_MAPPING = "crs"
 
 
-def fill(imagery: Imagery, directory: Path, marker: str) -> None:
-    """Write everything into a folder; `marker` is the file of the numbers."""
-    write_text(directory / marker, strict_json(image_summary(imagery)))
+def write_imagery(imagery: Imagery, directory: Path) -> list[Path]:
+    """Write `image.json`, the images as netCDF and the figures into a directory, all or nothing; return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    return write_folder(directory, MARKER, lambda folder: _fill(imagery, folder))
+
+
+def _fill(imagery: Imagery, directory: Path) -> None:
+    write_text(directory / MARKER, strict_json(image_summary(imagery)))
     write_text(directory / "scenario.toml", to_toml(imagery.scenario))
     write_slar(directory / "slar.nc", imagery)
     if imagery.focused is not None:

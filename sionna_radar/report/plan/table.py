@@ -7,7 +7,7 @@ from rich.table import Table
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.plan_check import PlanCheck
-from sionna_radar.studies.planning import Plan
+from sionna_radar.studies.planning import FlightPlan
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
@@ -26,7 +26,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
     return first, second
 
 
-def print_plan(plan: Plan) -> None:
+def print_plan(plan: FlightPlan) -> None:
     """Print what is to be flown."""
     table = Table(show_header=False)
     rows = {

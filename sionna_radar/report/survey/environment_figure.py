@@ -24,7 +24,7 @@ from sionna_radar.report.maps import (
     map_bounds,
     map_size,
 )
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 MAX_OVERLAY = 3_000
 MAX_SHADED_CELLS = 1_000

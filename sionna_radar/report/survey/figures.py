@@ -40,7 +40,8 @@ from sionna_radar.report.maps import (
 from sionna_radar.report.survey.environment_figure import environment
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.survey.chain import ChirpRecord, Survey
+from sionna_radar.survey.result import Survey
+from sionna_radar.survey.sensors.sensor import ChirpRecord
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000

@@ -18,7 +18,7 @@ from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.summary import summary_json, versions
 from sionna_radar.scenario import to_toml
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 MARKER = "summary.json"
 

@@ -10,7 +10,7 @@ from pyproj import CRS
 from sionna_radar.accuracy.compare import LE90_MEANING
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.report.folder import strict_json, without_nan
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 MEANING = {
     "replaced": "what was flown in place of these parts of the scenario, which do not describe the survey",

@@ -4,7 +4,7 @@ from rich.table import Table
 
 from sionna_radar.report.terminal import console
 from sionna_radar.scenario.terrain import CityTerrain
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 # Of a chirp with no more echoes than these the ranges are printed.
 FEW_ECHOES = 4

@@ -1,4 +1,4 @@
-"""The figure of a sweep: the error of the DEM against what was varied, with the spread over the runs."""
+"""The figure of a sweep: the error of the DEM against what was varied, with the spread over the trials."""
 
 from itertools import cycle
 from numbers import Real
@@ -28,7 +28,7 @@ PANELS = {
 # Panels that may have a logarithmic scale, and the ratio of largest to least from which they do.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
-# The dots of the runs stand so far beside their mean, in points, where its bar does not hide them.
+# The dots of the trials stand so far beside their mean, in points, where its bar does not hide them.
 BESIDE_PT = 7.0
 MAX_LEGEND = 14
 # Letters of all labels that fit side by side under one panel.
@@ -59,9 +59,9 @@ def errors(sweep: Sweep) -> Figure:
         _finish_ordinate(axes, sweep, statistic)
     for axes in panels[2:]:
         _finish_abscissa(axes, across)
-    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: runs"
-    runs = several if sweep.repeat > 1 else "one run each"
-    figure.suptitle(f"{sweep.source}: elevation error\n{runs}", fontsize="medium", parse_math=False)
+    several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
+    trials = several if sweep.repeat > 1 else "one trial each"
+    figure.suptitle(f"{sweep.source}: elevation error\n{trials}", fontsize="medium", parse_math=False)
     if 1 < len(lines) <= MAX_LEGEND:
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
@@ -119,11 +119,11 @@ def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, styl
     if not numeric:
         x = x + shift  # bars over one word would hide each other
     for place, case in zip(x, cases, strict=True):
-        if len(case.runs) > 1:
-            runs = case.of_runs(statistic)
+        if len(case.trials) > 1:
+            values = case.of_trials(statistic)
             beside = axes.transData + ScaledTranslation(BESIDE_PT / 72, 0.0, axes.figure.dpi_scale_trans)
-            at = np.full(len(runs), place)
-            axes.plot(at, runs, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
+            at = np.full(len(values), place)
+            axes.plot(at, values, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
     mean = [case.mean(statistic) for case in cases]
     spread = [np.nan_to_num(case.spread(statistic)) for case in cases]
     line = "-" if numeric else ""

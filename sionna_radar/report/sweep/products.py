@@ -18,7 +18,7 @@ MEANING = {
     "cells": "lit_error: cells that the main beam reached, and all statistics without another name; off_wall_error: "
     "those of them farther than half a footprint from any wall; dem_error: all cells that the DEM fills",
     "coverage": "share of the lit cells that the DEM fills",
-    "spread": "standard deviation from run to run (n - 1)",
+    "spread": "standard deviation from trial to trial (n - 1)",
     "le90_m": LE90_MEANING,
 }
 
@@ -49,7 +49,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
                 "setting": case.setting,
                 "reason": case.reason or None,
                 "statistics": {s: {"mean": case.mean(s), "spread": case.spread(s)} for s in STATISTICS},
-                "runs": [asdict(r) for r in case.runs],
+                "runs": [asdict(t) for t in case.trials],
                 "scenario": case.scenario.model_dump(mode="json") if case.scenario else None,
             }
             for case in sweep.cases
@@ -68,7 +68,7 @@ def table_csv(sweep: Sweep) -> str:
     rows = [
         [
             *case.setting.values(),
-            len(case.runs),
+            len(case.trials),
             *(v for s in STATISTICS for v in (case.mean(s), case.spread(s))),
             case.reason,
         ]
@@ -78,7 +78,7 @@ def table_csv(sweep: Sweep) -> str:
 
 
 def runs_csv(sweep: Sweep) -> str:
-    """Return one row a run: the setting, the seed and every statistic of the error, of lit cells and of the others."""
+    """Return one row a survey: setting, seed and every statistic of the error, of lit cells and of the others."""
     names = [f.name for f in fields(DemError)]
     kinds = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
     header = [*(axis.key for axis in sweep.axes), "run_seed", "echoes"]
@@ -86,12 +86,12 @@ def runs_csv(sweep: Sweep) -> str:
     rows = [
         [
             *case.setting.values(),
-            r.seed,
-            r.echoes,
-            *(getattr(getattr(r, kind), name, float("nan")) for kind in kinds.values() for name in names),
+            t.seed,
+            t.echoes,
+            *(getattr(getattr(t, kind), name, float("nan")) for kind in kinds.values() for name in names),
         ]
         for case in sweep.cases
-        for r in case.runs
+        for t in case.trials
     ]
     return _csv(header, rows)
 

@@ -23,8 +23,10 @@ def print_sweep(result: Sweep) -> None:
     """Print a sweep as a table: a row a case, mean and spread of each statistic; then what went wrong."""
     out = console()
     sign = "+-" if out.options.ascii_only else "±"
-    runs = f"mean of {result.repeat} runs {sign} their standard deviation" if result.repeat > 1 else "one run each"
-    title = f"{result.source}: elevation error of lit cells in metres, {runs}"
+    trials = (
+        f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
+    )
+    title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     table = Table(title=title, title_justify="left")
     for axis in result.axes:
         table.add_column(axis.key, justify="right", overflow="fold")
@@ -43,7 +45,7 @@ def print_sweep(result: Sweep) -> None:
 
 def _warnings(case: Case) -> list[str]:
     """Return the warnings of a case, that of its first seed where the seeds differ in its numbers."""
-    return list(next((r.warnings for r in case.runs if r.warnings), ()))
+    return list(next((t.warnings for t in case.trials if t.warnings), ()))
 
 
 def _with_spread(case: Case, statistic: str, sign: str) -> str:

@@ -46,7 +46,7 @@ class Atmosphere:
         """Return a block's paths with the loss on their way; clear air changes nothing."""
         if self._weather.clear:
             return paths
-        row, range_m = np.searchsorted(pulses.index, paths.pulse), paths.delay_s * (speed_of_light / 2)
+        row, range_m = pulses.row_of(paths.pulse), paths.delay_s * (speed_of_light / 2)
         if self._weather.rain_map is None:
             left = two_way_attenuation(range_m, self.attenuation_db_per_km(pulses.true)[row])
         else:

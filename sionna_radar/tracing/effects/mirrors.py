@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
-from scipy.constants import speed_of_light
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import fresnel
@@ -270,7 +269,7 @@ class MirrorTracer:
     def trace(self, pulses: Pulses) -> Paths:
         """Return the mirror paths of a block of pulses, sorted by pulse."""
         rows, place, height, factor, patch = self._echoes(pulses.true.position_m)
-        position, velocity = pulses.true.position_m[rows], pulses.true.velocity_mps[rows]
+        position = pulses.true.position_m[rows]
         away = place - position
         range_m = np.linalg.norm(away, axis=1)
         direction = away / range_m[:, None]
@@ -282,13 +281,12 @@ class MirrorTracer:
         turn = np.exp(4j * np.pi / self._wavelength_m * (range_m - height))
         echo = gain * amplitude * self._wavelength_m / (8 * np.pi * height) * factor * turn
         order = np.flatnonzero(seen)[np.argsort(rows[seen], kind="stable")]
-        return Paths(
-            pulse=pulses.index[rows][order],
-            delay_s=2 * range_m[order] / speed_of_light,
+        return Paths.to_points(
+            pulses,
+            rows[order],
+            place[order],
             gain=echo[order],
-            range_rate_mps=-np.einsum("ni,ni->n", velocity, direction)[order],
             incidence_rad=np.arccos(np.minimum(height / range_m, 1.0))[order],
-            hit_m=place[order],
             surface=np.array([p.surface for p in self._patches], dtype=np.int64)[patch][order],
         )
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
@@ -46,13 +45,12 @@ def trace_targets(
     seen = power > 0
     hit = pose.position_m[row] + away
     seen[seen] = caster.visible(pose.position_m[row][seen], hit[seen], TOUCHING_M)
-    return Paths(
-        pulse=pulses.index[row][seen],
-        delay_s=2 * range_m[seen] / speed_of_light,
+    return Paths.to_points(
+        pulses,
+        row[seen],
+        hit[seen],
         gain=np.sqrt(power[seen]).astype(np.complex128),
-        range_rate_mps=-np.einsum("ni,ni->n", pose.velocity_mps[row], direction)[seen],
         incidence_rad=np.full(int(seen.sum()), np.nan),
-        hit_m=hit[seen],
         surface=np.full(int(seen.sum()), TARGET),
     )
 

@@ -80,13 +80,13 @@ class VolumeEcho:
         origin_m = hit_m[:, :2] - pulses.time_s[row, None] * self._wind_mps[:2]
         power = self.cell_power[cell] * share[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
         fall_mps = -boresight[:, 2] * self._volume.fall_mps(origin_m, size)
-        return Paths(
-            pulse=pulses.index[row],
-            delay_s=2 * range_m / speed_of_light,
+        return Paths.along_boresight(
+            pulses,
+            row,
+            range_m,
+            drift_mps=fall_mps + boresight @ self._wind_mps,
             gain=np.sqrt(power) * np.exp(2j * np.pi * turn),
-            range_rate_mps=pose.boresight_range_rate_mps[row] + fall_mps + boresight @ self._wind_mps,
             incidence_rad=np.full(len(row), np.nan),
-            hit_m=hit_m,
             surface=np.full(len(row), VOLUME),
         )
 
@@ -96,7 +96,7 @@ class VolumeEcho:
         ground = surfaces.surface >= 0
         range_m = surfaces.delay_s[ground] * (speed_of_light / 2)
         weight = np.abs(surfaces.gain[ground].astype(np.complex128)) ** 2 * range_m**2
-        row = np.searchsorted(pulses.index, surfaces.pulse[ground])
+        row = pulses.row_of(surfaces.pulse[ground])
         cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells)  # the last: beyond all
         inside = np.bincount(row * (cells + 1) + cell, weight, minlength=len(pulses) * (cells + 1))
         inside = inside.reshape(len(pulses), cells + 1)

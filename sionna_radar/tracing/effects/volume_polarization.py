@@ -25,7 +25,7 @@ class VolumePolarisation:
 
     def received(self, echo: Paths, pulses: Pulses) -> Paths:
         """Return the echo of a linear, co-polar antenna as this one receives it."""
-        share = self.share(pulses.true)[np.searchsorted(pulses.index, echo.pulse)]
+        share = self.share(pulses.true)[pulses.row_of(echo.pulse)]
         return dataclasses.replace(echo, gain=echo.gain * np.sqrt(share))
 
     def share(self, pose: Pose) -> Float[np.ndarray, " pulse"]:

@@ -18,7 +18,9 @@ from sionna_radar.tracing.engines.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
-from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.pattern import sionna_angles
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
 # It loads libLLVM, which the import above has chosen.

@@ -7,17 +7,19 @@ incidence t stands for the solid angle A cos t / r^2. Ranges, and with them phas
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.main_lobe import reach_of_power
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.engines.scatterers import scatter
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
-from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.pattern import sionna_angles
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
 # It loads libLLVM, which the import above has chosen.
@@ -49,7 +51,8 @@ class PersistentEngine:
         check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._scatterers = scatter(scene, per_m2, seed, region_m)
-        self._reach = _reach(antenna.azimuth), _reach(antenna.elevation)
+        azimuth, elevation = (reach_of_power(cut, OUTSIDE_SHARE) for cut in (antenna.azimuth, antenna.elevation))
+        self._reach = azimuth, elevation
         self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -88,13 +91,12 @@ class PersistentEngine:
         cos = np.abs(np.einsum("ni,ni->n", direction, points.normal[which]))
         solid_angle = points.area_m2 * cos / range_m**2
         gain = self._gains(pulses, row, which, 4 * np.pi / np.maximum(solid_angle, 1e-30))
-        return Paths(
-            pulse=pulses.index[row],
-            delay_s=2 * range_m / speed_of_light,
+        return Paths.to_points(
+            pulses,
+            row,
+            points.position_m[which],
             gain=np.multiply(gain, points.reflectivity[which]),
-            range_rate_mps=-np.einsum("ni,ni->n", pose.velocity_mps[row], direction),
             incidence_rad=np.arccos(np.minimum(cos, 1.0)),
-            hit_m=points.position_m[which],
             surface=points.surface[which],
         )
 
@@ -123,10 +125,3 @@ class PersistentEngine:
         gain = calculate_fields(self._sionna, buffer, origin, angles).a[0][0]
         dr.eval(gain)
         return gain.real.numpy() + 1j * gain.imag.numpy()
-
-
-def _reach(cut: Cut) -> float:
-    """Return the direction cosine within which all but a little of a cut's two-way power lies."""
-    shares = [OUTSIDE_SHARE / 2, 1 - OUTSIDE_SHARE / 2]
-    low, high = np.interp(shares, cut.two_way_distribution, cut.cosine)
-    return float(max(-low, high))

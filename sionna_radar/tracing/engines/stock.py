@@ -12,7 +12,9 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.pattern import sionna_angles
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
 # These load libLLVM, which the import above has chosen.
@@ -60,9 +62,8 @@ class PathSolverEngine:
             refraction=False,
             seed=(self._seed + index) % 2**31,
         )
-        delay = found.tau.numpy().ravel().astype(np.float64)
         # Padding, if there is any, has a negative delay.
-        real = delay >= 0
+        real = found.tau.numpy().ravel() >= 0
         gain = (found.a[0].numpy() + 1j * found.a[1].numpy()).ravel()[real]
         hit = np.stack([c.ravel()[real] for c in np.moveaxis(found.vertices.numpy(), -1, 0)], axis=1)
         shape = found.objects.numpy().ravel()[real]
@@ -71,13 +72,12 @@ class PathSolverEngine:
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         phase = 2 * np.pi * pulse_generator(self._seed, Stream.SPECKLE, index).random(len(gain))
         normal = self._normals(shape, primitive)
-        return Paths(
-            pulse=np.full(len(gain), index),
-            delay_s=delay[real],
+        return Paths.to_points(
+            pulses,
+            np.full(len(gain), row),
+            hit.astype(np.float64),
             gain=(gain * np.exp(1j * phase)).astype(np.complex64),
-            range_rate_mps=-(direction @ pose.velocity_mps[row]),
             incidence_rad=np.arccos(np.clip(np.abs(np.sum(normal * direction, axis=1)), 0.0, 1.0)),
-            hit_m=hit,
             surface=self._sionna.surface_of_shape[shape],
         )
 

@@ -13,11 +13,14 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.foundation.errors import BackendError
-from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
-from sionna_radar.tracing.sionna.parts import SionnaScene, mi, sionna_angles
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.pattern import sionna_angles
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 TESTED = "2.2.0"
 CARRIER_HZ, HEIGHT_M, GAMMA, SOLID_ANGLE_SR = 77e9, 10.0, 0.1, 1e-4

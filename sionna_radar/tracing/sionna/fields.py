@@ -4,7 +4,8 @@ from importlib import metadata
 from typing import Any
 
 from sionna_radar.foundation.errors import BackendError
-from sionna_radar.tracing.sionna.parts import SionnaScene, mi
+from sionna_radar.tracing.sionna.material import mi
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
 # These load libLLVM, which the import above has chosen.

@@ -14,8 +14,10 @@ from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.engine import Engine
-from sionna_radar.tracing.engines import facets as gamma_engine
-from sionna_radar.tracing.engines.facets import Facets, Footprint, GammaEngine, _split_mix, facets_of
+from sionna_radar.tracing.engines import facets
+from sionna_radar.tracing.engines.facet_index import Footprint
+from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of, split_mix
+from sionna_radar.tracing.engines.facets import GammaEngine
 
 WAVELENGTH_M = speed_of_light / 77e9
 
@@ -54,7 +56,7 @@ def test_it_is_an_engine(over_plane):
 
 
 def test_the_file_imports_nothing_of_sionna_mitsuba_or_drjit():
-    tree = ast.parse(Path(gamma_engine.__file__).read_text())
+    tree = ast.parse(Path(facets.__file__).read_text())
     imported = [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
     imported += [alias.name for n in ast.walk(tree) if isinstance(n, ast.Import) for alias in n.names]
     assert not {name.split(".")[0] for name in imported} & {"sionna", "mitsuba", "drjit"}
@@ -188,7 +190,7 @@ def test_the_block_size_changes_no_bit(rough, pencil, chirp_of, looking, monkeyp
     engine = engine_over(rough, pencil, chirp_of())
     scan = np.linspace(-35, 35, 12)
     whole = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
-    monkeypatch.setattr(gamma_engine, "RAYS_AT_ONCE", 2000)
+    monkeypatch.setattr(facets, "RAYS_AT_ONCE", 2000)
     waves = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
     single = [engine.trace(looking(1, incidence_deg=45.0, scan_deg=scan[i : i + 1], first=5 + i)) for i in range(12)]
     assert np.all(np.diff(whole.pulse) >= 0)
@@ -209,7 +211,7 @@ def test_the_pieces_of_a_facet_cover_it_and_keep_its_side(divide):
     pieces = divide(whole)
     assert len(set(pieces.identity.tolist()) | set(whole.identity.tolist())) == len(pieces) + len(whole)
     for surface in range(7):
-        own = area_vector(pieces.take(pieces.surface == surface))
+        own = area_vector(pieces.rows(pieces.surface == surface))
         np.testing.assert_allclose(own.sum(axis=0), area_vector(whole)[surface], rtol=1e-9)
         np.testing.assert_allclose(own, np.broadcast_to(own[0], own.shape), rtol=1e-9)
         mean = pieces.centre_m[pieces.surface == surface].mean(axis=0)
@@ -218,7 +220,7 @@ def test_the_pieces_of_a_facet_cover_it_and_keep_its_side(divide):
 
 def test_the_identities_are_those_of_splitmix64():
     # The first numbers of splitmix64.c from the state 0, as published for many implementations of it.
-    first = _split_mix(np.zeros(1, dtype=np.uint64), np.array([1, 2, 3], dtype=np.uint64))
+    first = split_mix(np.zeros(1, dtype=np.uint64), np.array([1, 2, 3], dtype=np.uint64))
     assert [hex(int(x)) for x in first] == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
 

@@ -6,7 +6,7 @@ from sionna_radar.foundation.errors import BackendError
 from sionna_radar.tracing.sionna import contract as sionna_contract
 from sionna_radar.tracing.sionna import fields as sionna_fields
 from sionna_radar.tracing.sionna.contract import check_sionna
-from sionna_radar.tracing.sionna.parts import mi
+from sionna_radar.tracing.sionna.material import mi
 
 
 def one_path():
@@ -66,8 +66,8 @@ def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil, chirp_o
         message = "another release"
         raise BackendError(message)
 
-    for module in ("beam_solver", "persistent"):
-        monkeypatch.setattr(f"sionna_radar.tracing.{module}.check_sionna", refuse)
+    for module in ("beam", "persistent"):
+        monkeypatch.setattr(f"sionna_radar.tracing.engines.{module}.check_sionna", refuse)
     with pytest.raises(BackendError, match="another release"):
         BeamEngine(plane, pencil, chirp_of(), 1, 16, 0.05)
     with pytest.raises(BackendError, match="another release"):

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
-from sionna_radar.tracing.sionna.parts import SeparablePattern, SionnaScene, dr, mi, sionna_angles
+from sionna_radar.tracing.sionna.material import dr, mi
+from sionna_radar.tracing.sionna.pattern import SeparablePattern, sionna_angles
+from sionna_radar.tracing.sionna.scene import SionnaScene
 
 from sionna.rt.utils import rotation_matrix  # isort: skip  (after the variant is chosen)
 

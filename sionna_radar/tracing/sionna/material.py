@@ -1,15 +1,11 @@
-"""Sionna RT's side of a scene: our backscatter material, our antenna pattern, and the scene made of them."""
+"""Our backscatter material as a radio material of Sionna RT."""
 
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int
-from scipy.spatial.transform import Rotation
+from jaxtyping import Float
 
-from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.scene.model import Scene
-from sionna_radar.scene.raycast import mitsuba_mesh
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
 
@@ -184,79 +180,9 @@ def _signs(place):  # type: ignore[no-untyped-def]
     return tuple(dr.select((bits & bit) > 0, mi.Float(1.0), mi.Float(-1.0)) for bit in (1, 2))
 
 
-class SeparablePattern(rt.AntennaPattern):
-    """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
-
-    jones: shares of the field along Sionna's two axes, theta (ours for V, turned downward) and phi; None for what the
-    antenna sends.
-    """
-
-    def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
-        # With one axis turned round, the hands of a circular wave change places.
-        shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
-        azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in _cuts(antenna))
-        peak = float(np.sqrt(antenna.peak_gain))
-
-        def pattern(theta, phi):  # type: ignore[no-untyped-def]
-            sin_theta, cos_theta = dr.sincos(theta)
-            sin_phi, cos_phi = dr.sincos(phi)
-            cos_boresight = sin_theta * cos_phi
-            voltage = _lookup(azimuth, sin_theta * sin_phi) * _lookup(elevation, cos_theta)
-            voltage *= peak * dr.sqrt(dr.maximum(cos_boresight, 0.0))
-            return tuple(mi.Complex2f(voltage * share.real, voltage * share.imag) for share in shares)
-
-        self.patterns = [pattern]
-
-
-def _cuts(antenna: Antenna) -> tuple[Cut, Cut]:
-    return antenna.azimuth, antenna.elevation
-
-
-def _lookup(table, cosine):  # type: ignore[no-untyped-def]
-    position = (dr.clip(cosine, -1.0, 1.0) + 1.0) * ((dr.width(table) - 1) / 2)
-    below = mi.UInt32(dr.minimum(position, dr.width(table) - 2))
-    share = position - mi.Float(below)
-    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), share)
-
-
-class SionnaScene:
-    """A scene of ours inside Sionna RT.
-
-    pattern, receive_pattern: the antenna as it sends and as it receives.
-    shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
-    surface_of_shape: the reverse; -1 where there is none.
-    """
-
-    def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
-        # Sionna knows materials and objects by names from one list: those of the user's stay out of it.
-        materials = {
-            name: _material(f"material-{number}", model) for number, (name, model) in enumerate(scene.materials.items())
-        }
-        self.rt_scene = rt.Scene()
-        # Before the materials arrive, some of which are undefined at Sionna's default frequency.
-        self.rt_scene.frequency = carrier_hz
-        objects = [
-            rt.SceneObject(mi_mesh=mitsuba_mesh(s), name=f"surface-{i}", radio_material=materials[s.material])
-            for i, s in enumerate(scene.surfaces)
-        ]
-        self.rt_scene.edit(add=objects)
-        self.pattern = SeparablePattern(antenna)
-        # Sionna receives by the conjugate of the pattern: what is conjugated for its axes stays as it is.
-        self.receive_pattern = SeparablePattern(antenna, antenna.jones[1])
-        shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
-        self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
-        self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
-        self.surface_of_shape[shapes] = np.arange(len(shapes))
-
-
-def _material(name: str, backscatter: Backscatter) -> rt.RadioMaterialBase:
+def sionna_material(name: str, backscatter: Backscatter) -> rt.RadioMaterialBase:
+    """Return a model of backscatter as a material of Sionna RT."""
     properties = mi.Properties(PLUGIN)
     properties.set_id(name)
     properties["color"] = mi.ScalarColor3f(0.5, 0.5, 0.5)
     return BackscatterMaterial(properties, backscatter)
-
-
-def sionna_angles(R_world_antenna: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the turns about z, y and x that Sionna describes an orientation by."""
-    # A beam straight down is a gimbal lock: any split of the turn is right, and the warning says nothing.
-    return Rotation.from_matrix(R_world_antenna).as_euler("ZYX", suppress_warnings=True)

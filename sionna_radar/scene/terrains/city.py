@@ -14,8 +14,10 @@ import numpy as np
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
+from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, register_terrain
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.models.sionna_slab import SionnaSlab, slab_material
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
 
 logger = logging.getLogger("sionna_radar")
@@ -98,3 +100,20 @@ def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[s
     if problems:
         raise ScenarioError(problems)
     return kept
+
+
+@register_terrain("sionna:san_francisco", CityTerrain)
+@register_terrain("sionna:munich", CityTerrain)
+@register_terrain("sionna:florence", CityTerrain)
+@register_terrain("sionna:etoile", CityTerrain)
+def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
+    """Return one of Sionna's cities."""
+    surfaces, kept = load_city(terrain, given.carrier_hz, given.channel)
+    ground_m = _under_city(surfaces)
+    return Landscape(surfaces=surfaces, ground_m=ground_m, standing_m=ground_m, materials=dict(kept))
+
+
+def _under_city(surfaces: tuple[Surface, ...]) -> Heights:
+    caster = RayCaster(surfaces)
+    bottom = min(float(s.vertices_m[:, 2].min()) for s in surfaces) - 10.0
+    return lambda point: caster.from_below(point, bottom)

@@ -1,0 +1,112 @@
+"""The truth about a survey: the surface it flew over, what of it was lit, and how far a DEM lies from it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool
+
+from sionna_radar.accuracy.compare import DemError, difference, summarise
+from sionna_radar.accuracy.edges import Walls, edge_cells, walls_on
+from sionna_radar.accuracy.main_beam import main_beam_hits
+from sionna_radar.accuracy.precipitation import from_rain
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.coverage import Illumination
+from sionna_radar.mapping.points import Points
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.objects import Building
+from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.raycast import truth_dem
+from sionna_radar.tracing.paths import VOLUME, Paths
+
+# Vertical rays start this far above the highest surface.
+CLEAR_M = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """A DEM against the truth; see `Survey` for what each is."""
+
+    truth: Raster
+    error: Raster
+    lit: Bool[np.ndarray, "row column"]
+    dem_error: DemError
+    lit_error: DemError
+    off_wall_error: DemError | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundTruth:
+    """The surface that a survey flies over.
+
+    built, buildings: the scene, and those boxes of the scenario that stand in it.
+    grid, max_gap_m: of the DEM.
+    antenna: whose main beam lights the ground.
+    """
+
+    built: BuiltScene
+    buildings: tuple[Building, ...]
+    grid: Grid
+    max_gap_m: float
+    antenna: Antenna
+
+    @cached_property
+    def surface(self) -> Raster:
+        """What a vertical ray sees from above at every cell centre."""
+        top_m = float(self.built.scene.bounds_m[1, 2]) + CLEAR_M
+        return truth_dem(self.built.caster, self.grid, top_m)
+
+    @cached_property
+    def walls(self) -> Walls:
+        """The walls that stand on the map."""
+        return walls_on(self.grid, self.built.scene, self.buildings)
+
+    def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
+        """Return a DEM's error; the points say how large the footprints beside walls are."""
+        error = difference(dem, self.surface)
+        lit = lit & self.surface.filled
+        off_wall = lit & ~edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls)
+        return Comparison(
+            truth=self.surface,
+            error=error,
+            lit=lit,
+            dem_error=summarise(error, lit),
+            lit_error=summarise(error.within(lit), lit),
+            off_wall_error=summarise(error.within(off_wall), off_wall) if self.walls else None,
+        )
+
+    def lit_error(self, dem: Raster, lit: Bool[np.ndarray, "row column"]) -> DemError:
+        """Return the error of the lit cells of a DEM."""
+        lit = lit & self.surface.filled
+        return summarise(difference(dem, self.surface).within(lit), lit)
+
+
+class Tally:
+    """What the pulses of a survey truly met, counted block by block.
+
+    paths: how many were traced.
+    rain_echoes: how many echoes hold more of rain than of anything else.
+    """
+
+    def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
+        self._truth, self._chirp = truth, chirp
+        self._illumination = Illumination(truth.grid)
+        self.paths = self.rain_echoes = 0
+
+    def add(self, paths: Paths, pulses: Pulses) -> None:
+        """Count the paths of a block of pulses."""
+        self._illumination.add(*main_beam_hits(paths, pulses, self._truth.antenna))
+        self.paths += len(paths)
+
+    def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
+        """Count those of a block's echoes, their ranges corrected for motion, that are rain's."""
+        if np.any(paths.surface == VOLUME):
+            self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
+
+    def lit(self) -> Bool[np.ndarray, "row column"]:
+        """Return the cells that the main beam reached."""
+        truth = self._truth
+        return self._illumination.mask(truth.max_gap_m, truth.surface, truth.built.caster.visible)

@@ -1,0 +1,200 @@
+"""The commands that fly: each builds its study, and says how its result is written and printed."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sionna_radar.cli.options import (
+    BlockOption,
+    MapOption,
+    OutputOption,
+    QuietOption,
+    ScenarioArgument,
+    SeedOption,
+    SetFileOption,
+    SetOption,
+)
+from sionna_radar.cli.session import Session, log_to_stderr
+from sionna_radar.foundation.interrupts import Interrupted, held_back
+
+if TYPE_CHECKING:
+    from sionna_radar.studies.crosscheck_result import CrossCheck
+    from sionna_radar.studies.sweep import Sweep
+
+DEMO = "san_francisco"
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands, in the order that `--help` lists them."""
+    app.command()(demo)
+    app.command(name="run")(run_command)
+    for command in (crosscheck, budget, image, sweep):
+        app.command()(command)
+
+
+def demo(output: OutputOption = None, map_coordinates: MapOption = True, quiet: QuietOption = False) -> None:
+    """Fly a real survey over San Francisco, and write its figures and numbers."""
+    log_to_stderr(quiet)
+    session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet)
+    _fly(session, None, map_coordinates)
+
+
+def run_command(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    block_size: BlockOption = None,
+    map_coordinates: MapOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a scenario and write its DEM, points, errors and figures."""
+    _fly(Session.of(scenario, output, set_, set_file, seed, quiet), block_size, map_coordinates)
+
+
+def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> None:
+    from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.survey.products import MARKER, write_products
+    from sionna_radar.report.survey.table import print_survey
+    from sionna_radar.survey.chain import run
+    from sionna_radar.survey.recording import BLOCK_SIZE
+
+    checked = session.load()
+    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    session.produce(
+        lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
+        suffix="",
+        marker=MARKER,
+        write=lambda survey, folder: write_products(survey, folder, coordinates),
+        show=print_survey,
+    )
+    if checked.radar.scan.mode == "side_looking" and not session.quiet:
+        typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
+
+
+def crosscheck(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
+    from sionna_radar.report.crosscheck.products import MARKER, write_crosscheck
+    from sionna_radar.report.crosscheck.table import print_crosscheck
+    from sionna_radar.studies.crosscheck import crosscheck as check
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    checked = session.load()
+    result: CrossCheck = session.produce(
+        lambda progress: check(checked, progress=progress),
+        suffix="_crosscheck",
+        marker=MARKER,
+        write=write_crosscheck,
+        show=print_crosscheck,
+    )
+    if not result.agrees:
+        raise typer.Exit(1)
+
+
+def budget(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
+    grades: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
+    ] = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
+    from sionna_radar.flight.grades import GRADES, load_grades
+    from sionna_radar.report.budget.products import MARKER, write_budget
+    from sionna_radar.report.budget.table import print_budget
+    from sionna_radar.studies.budget import navigation_budget
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    checked = session.load()
+    known = GRADES | load_grades(grades) if grades else GRADES
+    session.produce(
+        lambda progress: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
+        suffix="_budget",
+        marker=MARKER,
+        write=write_budget,
+        show=print_budget,
+    )
+
+
+def image(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
+    from sionna_radar.report.imagery.products import MARKER, write_imagery
+    from sionna_radar.report.imagery.table import print_image
+    from sionna_radar.studies.images import fly_images
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    checked = session.load()
+    session.produce(
+        lambda progress: fly_images(checked, progress=progress),
+        suffix="_image",
+        marker=MARKER,
+        write=write_imagery,
+        show=print_image,
+    )
+
+
+def sweep(
+    scenario: ScenarioArgument,
+    vary: Annotated[
+        list[str],
+        typer.Option("--vary", metavar="KEY=V1,V2,...", help="Values of a dotted key; repeat for all combinations."),
+    ],
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each combination.")] = 1,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
+    from sionna_radar.report.sweep.products import MARKER
+    from sionna_radar.report.sweep.table import print_sweep
+    from sionna_radar.studies.sweep import fly_sweep, parse_axes, plan_sweep
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    axes = parse_axes(vary)
+    result: Sweep = session.produce(
+        lambda progress: fly_sweep(plan_sweep(scenario, axes, repeat, session.overrides, progress), progress=progress),
+        suffix="_sweep",
+        marker=MARKER,
+        write=_write_flown,
+        show=print_sweep,
+    )
+    if result.interrupted:
+        raise Interrupted
+    if result.failed:
+        failed = sum(bool(case.reason) for case in result.cases)
+        typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)
+        raise typer.Exit(1)
+
+
+def _write_flown(result: "Sweep", folder: Path) -> list[Path]:
+    """Write a sweep unless nothing of it was flown; an interrupt waits until it is written."""
+    from sionna_radar.report.sweep.products import write_sweep
+
+    if not any(case.trials for case in result.cases):
+        return []
+    with held_back():
+        return write_sweep(result, folder)

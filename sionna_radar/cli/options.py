@@ -1,0 +1,37 @@
+"""Arguments and options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A TOML file, or the name of a shipped scenario.")
+]
+OutputOption = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where results go; default results/NAME.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none removes it.",
+    ),
+]
+SetFileOption = Annotated[
+    list[Path] | None,
+    typer.Option("--set-file", metavar="FILE", help="Merge the tables of a TOML file into the scenario, before --set."),
+]
+SeedOption = Annotated[int | None, typer.Option(help="Replace the scenario's seed.")]
+BlockOption = Annotated[
+    int | None, typer.Option(min=1, help="Pulses simulated at once; changes speed and memory, never the result.")
+]
+MapOption = Annotated[
+    bool,
+    typer.Option(
+        "--map-coordinates/--local-coordinates",
+        help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
+    ),
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]

@@ -1,0 +1,119 @@
+"""What all commands do alike: load a scenario, check the output folder, fly, write and print."""
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import typer
+
+from sionna_radar.report.folder import check_output
+
+if TYPE_CHECKING:
+    from sionna_radar.foundation.progress import Progress
+    from sionna_radar.scenario import Scenario
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """One call of a command on a scenario.
+
+    scenario: a file, or the name of a shipped one.
+    output: the folder of the results; None for one of the scenario's name.
+    overrides: values by dotted keys.
+    quiet: print nothing but errors.
+    """
+
+    scenario: str
+    output: Path | None
+    overrides: dict[str, object]
+    quiet: bool = False
+
+    @staticmethod
+    def of(
+        scenario: str,
+        output: Path | None,
+        assignments: list[str] | None,
+        files: list[Path] | None,
+        seed: int | None,
+        quiet: bool,
+    ) -> "Session":
+        """Return the session of a command line."""
+        log_to_stderr(quiet)
+        return Session(scenario=scenario, output=output, overrides=overrides_of(assignments, files, seed), quiet=quiet)
+
+    def load(self) -> "Scenario":
+        """Return the scenario."""
+        from sionna_radar.scenario import load_scenario
+
+        return load_scenario(self.scenario, self.overrides)
+
+    def produce(
+        self,
+        fly: "Callable[[Progress], Result]",
+        *,
+        suffix: str,
+        marker: str,
+        write: Callable[[Result, Path], list[Path]],
+        show: Callable[[Result], object],
+    ) -> Result:
+        """Fly, write what came of it, print it, and return it.
+
+        Parameters
+        ----------
+        fly:
+            Returns the result.
+        suffix, marker:
+            Of the default folder's name, and the file by which a folder of such results is known.
+        write:
+            Writes a result into a folder, and returns the files; none if there is nothing to write.
+        show:
+            Prints a result.
+
+        """
+        directory = check_output(self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}", marker)
+        with progress_of(self.quiet) as progress:
+            result = fly(progress)
+        written = write(result, directory)
+        if written and not self.quiet:
+            show(result)
+            typer.echo(f"{len(written)} files in {directory}")
+        return result
+
+
+def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
+    """Return values by dotted keys, those of files first."""
+    from sionna_radar.scenario.loading import parse_overrides, read_overrides
+
+    overrides: dict[str, Any] = {}
+    for file in files or []:
+        overrides |= read_overrides(file)
+    overrides |= parse_overrides(assignments or [])
+    return overrides if seed is None else {**overrides, "seed": seed}
+
+
+@contextmanager
+def progress_of(quiet: bool) -> "Iterator[Progress]":
+    """Show how far a computation is, unless nobody wants to know."""
+    from sionna_radar.report.terminal import quiet_progress, shown_progress
+
+    if quiet:
+        yield quiet_progress()
+        return
+    with shown_progress() as progress:
+        yield progress
+
+
+def log_to_stderr(quiet: bool = False) -> None:
+    """Let warnings, or with quiet errors alone, go to standard error."""
+    logger = logging.getLogger("sionna_radar")
+    if not logger.handlers:
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+        logger.addHandler(handler)
+    logger.setLevel(logging.ERROR if quiet else logging.WARNING)

@@ -1,0 +1,160 @@
+"""The commands that plan, check and report; none of them writes a folder of results."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sionna_radar.cli.options import ScenarioArgument, SeedOption, SetFileOption, SetOption
+from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands, in the order that `--help` lists them."""
+    for command in (plan, validate, scenes, doctor, bench, fit):
+        app.command()(command)
+
+
+def plan(
+    area: Annotated[str, typer.Option(metavar="EASTxNORTH", help="Extent of the area in metres, e.g. 200x150.")],
+    sampling: Annotated[float, typer.Option(metavar="M", help="Greatest spacing between neighbouring echoes, m.")],
+    base: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Scenario to take terrain, radar and processing from.")
+    ] = None,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Where the scenario goes.")] = Path(
+        "plan.toml"
+    ),
+    position: Annotated[str, typer.Option(metavar="EAST,NORTH", help="Centre of the area, m.")] = "0,0",
+    heading: Annotated[float, typer.Option(help="Turns the area clockwise about its centre, deg.")] = 0.0,
+    altitude: Annotated[float | None, typer.Option(help="Height over the ground, m; default from the beam.")] = None,
+    speed: Annotated[float, typer.Option(help="Fastest flight, m/s.")] = 10.0,
+    incidence: Annotated[float, typer.Option(help="Greatest tilt of the beam from nadir, deg.")] = 45.0,
+    half_swath: Annotated[float, typer.Option(help="Greatest scan angle, deg.")] = 50.0,
+    overlap: Annotated[float, typer.Option(help="Share of a swath that the next line covers again.")] = 0.2,
+    slope: Annotated[float, typer.Option(help="Steepest slope that no shadow may fall on, deg.")] = 20.0,
+    most_rpm: Annotated[float, typer.Option(help="Fastest turn of the antenna.")] = 600.0,
+    most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
+) -> None:
+    """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
+    from sionna_radar.report.plan.file import check_plan_file, write_plan_file
+    from sionna_radar.report.plan.table import parse_pair, print_check, print_plan
+    from sionna_radar.scenario import load_scenario, to_toml
+    from sionna_radar.studies.plan_check import check_plan
+    from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
+
+    log_to_stderr()
+    check_plan_file(output)
+    wanted = Wanted(
+        size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
+        sampling_m=sampling,
+        position_m=parse_pair("--position", position, ",", "EAST,NORTH, e.g. 120,-40"),
+        heading_deg=heading,
+        altitude_m=altitude,
+        speed_mps=speed,
+        incidence_deg=incidence,
+        half_swath_deg=half_swath,
+        overlap=overlap,
+        greatest_slope_deg=slope,
+        most_rotation_rpm=most_rpm,
+        most_chirp_rate_hz=most_chirps,
+    )
+    taken = load_scenario(base) if base else None
+    planned = plan_flight(wanted, taken)
+    scenario = planned_scenario(planned, taken)
+    with progress_of(quiet=False) as progress:
+        checked = check_plan(planned, scenario, progress)
+    write_plan_file(output, to_toml(scenario))
+    print_plan(planned)
+    print_check(checked)
+    typer.echo(f"scenario in {output}")
+
+
+def validate(
+    scenario: ScenarioArgument, set_: SetOption = None, set_file: SetFileOption = None, seed: SeedOption = None
+) -> None:
+    """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
+    from sionna_radar.scenario import to_toml
+    from sionna_radar.survey.preparation import prepare
+
+    checked = Session.of(scenario, None, set_, set_file, seed, quiet=False).load()
+    prepare(checked)
+    typer.echo(to_toml(checked), nl=False)
+
+
+def scenes() -> None:
+    """List the shipped scenarios."""
+    import tomllib
+
+    from sionna_radar.scenario import shipped_scenarios
+
+    for name, path in shipped_scenarios().items():
+        typer.echo(f"{name:16}{tomllib.loads(path.read_text(encoding='utf-8')).get('description', '')}")
+
+
+def doctor() -> None:
+    """Report Python, the ray tracer's variant, libLLVM and where it was found, and the GPU; trace one ray."""
+    import platform
+
+    from sionna_radar.raytracer.backend import describe_backend
+    from sionna_radar.report.survey.summary import versions
+
+    backend = describe_backend()
+    rows = {
+        "Python": f"{platform.python_version()} ({sys.executable})",
+        "system": platform.platform(),
+        "Dr.Jit variant": f"{backend.variant}, {backend.threads} threads",
+        "libLLVM": (
+            f"{backend.llvm.version} at {backend.llvm.path} ({backend.llvm.origin})"
+            if backend.llvm
+            else "not needed: the GPU traces"
+        ),
+        "GPU": backend.gpu,
+        **{name: version or "not installed" for name, version in versions().items() if name != "python"},
+    }
+    for name, value in rows.items():
+        typer.echo(f"{name:16}{value}")
+    typer.echo("one ray traced: all is well")
+
+
+def bench(
+    quick: Annotated[bool, typer.Option("--quick", help="Smaller runs, noisier ratios.")] = False,
+) -> None:
+    """Measure the speed ratios that the program promises, side by side in one run."""
+    from sionna_radar.studies.bench import RATIOS, measure
+
+    missed = 0
+    with progress_of(quiet=False) as progress:
+        progress("ratios", 0, RATIOS)
+        for done, ratio in enumerate(measure(quick=quick), start=1):
+            progress("ratios", done, RATIOS)
+            typer.echo(ratio)
+            missed += not ratio.kept
+    if missed:
+        typer.echo(f"{missed} of {RATIOS} bounds missed", err=True)
+        raise typer.Exit(1)
+
+
+def fit(
+    scenario: ScenarioArgument,
+    material: Annotated[str, typer.Option("--material", metavar="NAME", help="A material of the scenario.")],
+    from_deg: Annotated[float, typer.Option(help="Least incidence angle of the fit.")] = 20.0,
+    to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+) -> None:
+    """Report the constant gamma that best matches a material, its residual, and where it fails."""
+    from sionna_radar.scenario import load_scenario
+    from sionna_radar.studies.gamma_fit import TOLERANCE_DB, fit_material
+
+    log_to_stderr()
+    result = fit_material(load_scenario(scenario, overrides_of(set_, set_file, None)), material, from_deg, to_deg)
+    typer.echo(f"{material}: gamma = {result.gamma_db:.2f} dB over {from_deg:g} to {to_deg:g} deg")
+    typer.echo(f"residual {result.rms_db:.2f} dB RMS over the span\n")
+    typer.echo("incidence (deg)  sigma0 (dB)  residual (dB)")
+    columns = (result.incidence_deg, result.sigma0_db, result.residual_db)
+    for angle, level, residual in list(zip(*columns, strict=True))[::5]:
+        typer.echo(f"{angle:15.0f}  {level:11.2f}  {residual:+13.2f}")
+    typer.echo(f"\nwhere it misses by more than {TOLERANCE_DB:g} dB:")
+    for failure in result.failures or ["nowhere"]:
+        typer.echo(f"  {failure}")

@@ -1,0 +1,1 @@
+"""The scans, one file each."""

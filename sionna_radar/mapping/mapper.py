@@ -1,0 +1,180 @@
+"""From points and echoes to a DEM: what every method is given, and how a scenario names one.
+
+A mapper knows the measured poses, the antenna and what was measured, and nothing of the truth.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Int
+
+from sionna_radar.detection.detector import RESPONSE_CELLS
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.beam import beam_nodes
+from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.points import Points
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.scenario.dem import DemTable
+from sionna_radar.scenario.parts import DEM_METHODS
+from sionna_radar.scenario.table import Table
+
+Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapInputs:
+    """What a DEM is made from.
+
+    points: located echoes.
+    sightings: range profiles of the pulses with their measured poses; None where the sensor brings none.
+    grid: cells of the DEM.
+    max_gap_m: farthest that a filled cell may lie from what was measured.
+    shadow_incidence_rad: what the radar sees at a greater incidence is a shadow.
+    """
+
+    points: Points
+    sightings: Sightings | None
+    grid: Grid
+    max_gap_m: float
+    shadow_incidence_rad: float
+
+
+@runtime_checkable
+class DemMethod(Protocol):
+    """Makes DEMs."""
+
+    @property
+    def profiles(self) -> Literal["unused", "optional", "required"]:
+        """What the method does with range profiles; where they are required, every sensor must bring them."""
+        ...
+
+    def __call__(self, given: MapInputs) -> Raster:
+        """Return the DEM on the grid that is given, empty (NaN) where nothing was seen."""
+        ...
+
+
+def register_dem_method(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
+    """Register a DEM method, for `dem.method` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[dem.method_parameters]`; without it there are none.
+
+    Returns
+    -------
+    A decorator of what builds a `DemMethod`: a class or a function, called with the parameters if there are any.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not a `Table`.
+
+    Examples
+    --------
+    >>> @register_dem_method("highest_point")
+    ... class HighestPoint:
+    ...     profiles = "unused"
+    ...     def __call__(self, given):
+    ...         height_m = np.full(given.grid.shape, np.nan)
+    ...         row, column, inside = given.grid.cell_of(given.points.position_m)
+    ...         np.fmax.at(height_m, (row[inside], column[inside]), given.points.position_m[inside, 2])
+    ...         return Raster(grid=given.grid, height_m=height_m)
+
+    """
+    return DEM_METHODS.register(name, parameters)
+
+
+def build_dem_method(table: DemTable) -> DemMethod:
+    """Return the DEM method of a scenario."""
+    method: DemMethod = DEM_METHODS.entry(table.method)(table.method_parameters)
+    return method
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mapper:
+    """Makes the DEMs of a survey.
+
+    method, name: the method, and what the scenario calls it.
+    grid, max_gap_m, shadow_incidence_rad: see `MapInputs`.
+    antenna, analyser: for methods that model whole echoes.
+    doppler_corrected: whether ranges lose their Doppler shift.
+    """
+
+    method: DemMethod
+    name: str
+    grid: Grid
+    max_gap_m: float
+    shadow_incidence_rad: float
+    antenna: Antenna
+    analyser: SpectrumAnalyser
+    doppler_corrected: bool
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the method has a use for range profiles."""
+        return self.method.profiles != "unused"
+
+    @on_one_thread
+    def map(
+        self,
+        points: Points,
+        profiles: Profiles | None,
+        measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
+    ) -> Raster:
+        """Return the DEM of a survey.
+
+        Parameters
+        ----------
+        points:
+            Located echoes.
+        profiles:
+            Range profiles around them; None where the sensor brings none.
+        measured:
+            Returns the measured poses of pulses by their running numbers.
+
+        Raises
+        ------
+        ScenarioError
+            The method models whole echoes, and there are none.
+
+        """
+        if profiles is None and self.method.profiles == "required":
+            message = f"{self.name!r} models whole echoes, and this sensor brings none; set dem.method = 'smooth'"
+            raise ScenarioError([Problem("dem.method", message)])
+        sightings = None
+        if profiles is not None and self.keeps_profiles:
+            sightings = self.sightings(profiles, measured(profiles.pulse))
+        return self.method(self.inputs(points, sightings))
+
+    def inputs(self, points: Points, sightings: Sightings | None = None) -> MapInputs:
+        """Return what a method is given."""
+        return MapInputs(
+            points=points,
+            sightings=sightings,
+            grid=self.grid,
+            max_gap_m=self.max_gap_m,
+            shadow_incidence_rad=self.shadow_incidence_rad,
+        )
+
+    def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:
+        """Return range profiles with what a map may know of the radar: its measured pose, its sweep and its beam."""
+        return Sightings(
+            profiles=profiles,
+            pose=pose,
+            chirp=self.analyser.chirp,
+            beam=beam_nodes(self.antenna),
+            response=self.analyser.response(RESPONSE_CELLS, 1),
+            looks_per_cell=self.analyser.looks_per_cell,
+            doppler=1.0 if self.doppler_corrected else 0.0,
+            reach_m=self.analyser.chirp.max_range_m,
+        )

@@ -1,0 +1,1 @@
+"""The DEM methods, one file each."""

@@ -1,0 +1,22 @@
+"""The DEM method "refined": the surface under which the measured echoes are most likely."""
+
+from typing import Literal
+
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.mapper import MapInputs, register_dem_method
+from sionna_radar.mapping.refinement import FEWEST_PULSES, refine
+from sionna_radar.mapping.seen import empty, seen_part
+
+
+@register_dem_method("refined")
+class Refined:
+    """Fits the surface to the whole echoes."""
+
+    profiles: Literal["required"] = "required"
+
+    def __call__(self, given: MapInputs) -> Raster:
+        """Return the DEM."""
+        assert given.sightings is not None
+        if len(given.sightings) < FEWEST_PULSES:
+            return empty(given.grid)
+        return seen_part(refine(given.sightings, given.grid), given)

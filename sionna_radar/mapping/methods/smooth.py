@@ -1,0 +1,35 @@
+"""The DEM method "smooth": the most probable surface through the points."""
+
+from typing import Literal
+
+import numpy as np
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.mapper import MapInputs, register_dem_method
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.refinement import FEWEST_PULSES
+from sionna_radar.mapping.seen import empty, seen_part
+from sionna_radar.mapping.smoothing import Heights, smooth
+
+
+@register_dem_method("smooth")
+class Smooth:
+    """Lays the most probable surface through the located echoes, each weighted by its uncertainty."""
+
+    profiles: Literal["optional"] = "optional"
+
+    def __call__(self, given: MapInputs) -> Raster:
+        """Return the DEM."""
+        pulses = len(np.unique(given.points.pulse)) if given.sightings is None else len(given.sightings)
+        if pulses < FEWEST_PULSES:
+            return empty(given.grid)
+        return seen_part(_through(given.points, given.grid), given)
+
+
+def _through(points: Points, grid: Grid) -> Heightfield:
+    """Return the smoothing surface through located echoes, each as uncertain as its range."""
+    away = points.position_m - points.origin_m
+    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-9)
+    heights = Heights(points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep)
+    return smooth(heights, grid).surface

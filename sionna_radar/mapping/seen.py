@@ -1,0 +1,79 @@
+"""Which cells of an estimated surface were seen: shadow and what lies beyond stay empty."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.coverage import Illumination
+from sionna_radar.mapping.echo_model import Sightings, footprints
+from sionna_radar.mapping.mapper import MapInputs
+from sionna_radar.mapping.points import Points
+from sionna_radar.radar.main_lobe import LIT
+
+PULSES_AT_ONCE = 256
+# A sample between two nodes that straddle an edge lies off the surface by more than this.
+OFF_SURFACE_M = 0.5
+# A point of the surface counts as seen when its ray meets the surface no more than this before it.
+VISIBLE_M = 0.5
+
+
+def seen_part(surface: Heightfield, given: MapInputs) -> Raster:
+    """Return the part of a surface that a survey saw: by the main beam where it is known, or else by the points."""
+    grid = given.grid
+    if given.sightings is None:
+        seen = seen_from_points(given.points, surface, grid, given.max_gap_m)
+    else:
+        seen = seen_cells(given.sightings, surface, grid, given.max_gap_m)
+    return Raster(grid=grid, height_m=np.where(seen, _heights(surface, grid), np.nan))
+
+
+def seen_from_points(points: Points, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with points in them, and those between that are in view from where the next point was seen."""
+    illumination = Illumination(grid)
+    illumination.add(points.position_m, points.origin_m)
+    return _closed(illumination, surface, grid, gap_m)
+
+
+def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
+    """Return the cells that the main beam saw, from the measured poses over an estimated surface."""
+    illumination = Illumination(grid)
+    share = sightings.beam.share
+    bright = np.flatnonzero(share >= LIT * share.max())
+    between = sightings.beam.between[bright]
+    for start in range(0, len(sightings), PULSES_AT_ONCE):
+        block = np.zeros(len(sightings), dtype=bool)
+        block[start : start + PULSES_AT_ONCE] = True
+        part = sightings.rows(block)
+        range_m = footprints(part, surface).range_m
+        for pulse in range(len(part)):
+            met = np.isfinite(range_m[pulse])
+            whole = between @ (~met).astype(float) == 0
+            inverse = between @ np.where(met, 1 / np.where(met, range_m[pulse], 1.0), 0.0)
+            direction = between @ (sightings.beam.direction @ part.pose.R_world_antenna[pulse].T)
+            hit = part.pose.position_m[pulse] + direction[whole] / inverse[whole, None]
+            hit = hit[np.abs(hit[:, 2] - surface.at(hit[:, 0], hit[:, 1])) < OFF_SURFACE_M]
+            illumination.add(hit, np.broadcast_to(part.pose.position_m[pulse], hit.shape))
+    return _closed(illumination, surface, grid, gap_m)
+
+
+def _closed(
+    illumination: Illumination, surface: Heightfield, grid: Grid, gap_m: float
+) -> Bool[np.ndarray, "row column"]:
+    def visible(origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"]) -> Bool[np.ndarray, " ray"]:
+        away = point_m - origin_m
+        distance = np.linalg.norm(away, axis=1)
+        reached = surface.first_hit(origin_m, away / distance[:, None], float(distance.max()) + 1.0)
+        return ~(reached < distance - VISIBLE_M)
+
+    return illumination.mask(gap_m, Raster(grid=grid, height_m=_heights(surface, grid)), visible)
+
+
+def _heights(surface: Heightfield, grid: Grid) -> Float[np.ndarray, "row column"]:
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    return surface.at(x.ravel(), y.ravel()).reshape(grid.shape)
+
+
+def empty(grid: Grid) -> Raster:
+    """Return a DEM without a height."""
+    return Raster(grid=grid, height_m=np.full(grid.shape, np.nan))

@@ -1,0 +1,40 @@
+"""Where the main lobe of an antenna ends.
+
+How far a lobe is followed depends on what for, so every use names its own level, as two-way power over the peak's:
+`LIT` for what a survey could have mapped, `FOLDING` for echoes that must not fold into an image, `FOLLOWED` for models
+of the whole echo.
+"""
+
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.radar.antenna import Antenna, Cut
+
+# Half of the one-way power: inside the half-power beam, as a radar engineer counts it.
+LIT: Final = 0.25
+# What folds in from farther out is 20 dB down, less than the side lobes of a focused point.
+FOLDING: Final = 1e-2
+# Three parts in a thousand of an echo's power lie farther out than 30 dB down, less than its speckle shows.
+FOLLOWED: Final = 1e-3
+
+
+def lobe_samples(cut: Cut, level: float) -> slice:
+    """Return the samples of a cut about its peak that have at least a level of the peak's two-way power."""
+    power = cut.voltage**4
+    peak = int(np.argmax(power))
+    weak = np.flatnonzero(power < level * power[peak])
+    left, right = weak[weak < peak], weak[weak > peak]
+    return slice(int(left[-1]) + 1 if len(left) else 0, int(right[0]) if len(right) else len(power))
+
+
+def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: float = LIT) -> Bool[np.ndarray, " n"]:
+    """Mark the unit vectors, in the antenna's frame, along which the two-way gain is at least a level of the peak's."""
+    return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
+
+
+def reach_of_power(cut: Cut, outside: float) -> float:
+    """Return the direction cosine within which all but a share of the two-way power of a cut lies, on either side."""
+    low, high = np.interp([outside / 2, 1 - outside / 2], cut.two_way_distribution, cut.cosine)
+    return float(max(-low, high))

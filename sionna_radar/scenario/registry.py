@@ -1,0 +1,194 @@
+"""Registries: the parts of a survey that a scenario chooses by name, ours and those of others, through one door.
+
+A part is registered under a name with what builds it and, if it has parameters, the table of them. Names come from
+three places: this package, packages that are installed with the entry-point group `sionna_radar.plugins`, and
+whatever a script registers before it reads a scenario.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from typing import Any, TypeVar
+
+from sionna_radar.foundation.errors import PluginError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.problems import nearest
+from sionna_radar.scenario.table import Table
+
+GROUP = "sionna_radar.plugins"
+PACKAGE = "sionna_radar"
+
+Builder = TypeVar("Builder", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A registered part.
+
+    parameters: the table of its parameters; None for a part without any.
+    build: returns the part, from its parameters if it has any, and from what the seam hands it besides.
+    origin: where it comes from, in words.
+    brings_profiles: of a sensor: whether its observations bring range profiles.
+    """
+
+    name: str
+    parameters: type[Table] | None
+    build: Callable[..., Any]
+    origin: str
+    brings_profiles: bool = False
+
+    def __call__(self, parameters: Table | None, *given: Any) -> Any:
+        """Return the part."""
+        return self.build(*given) if self.parameters is None else self.build(parameters, *given)
+
+    def check(self, parameters: Any) -> Table | None:
+        """Return parameters as the part's own table, defaults filled in; None for a part without parameters.
+
+        Raises pydantic.ValidationError for wrong ones.
+        """
+        if self.parameters is None:
+            return None
+        if isinstance(parameters, self.parameters):
+            return parameters
+        return self.parameters.model_validate({} if parameters is None else parameters)
+
+
+class Registry:
+    """The parts of one kind.
+
+    Parameters
+    ----------
+    kind:
+        What the parts are, in words.
+    ours:
+        Names of this package's own parts, with the modules that register them; loaded when first asked for.
+    base:
+        Table that the parameters of every part derive from.
+
+    """
+
+    def __init__(self, kind: str, ours: Mapping[str, str], base: type[Table] = Table) -> None:
+        self.kind, self.base = kind, base
+        self._ours = dict(ours)
+        self._entries: dict[str, Entry] = {}
+
+    def register(
+        self, name: str, parameters: type[Table] | None = None, *, brings_profiles: bool = False
+    ) -> Callable[[Builder], Builder]:
+        """Return a decorator that registers what builds a part.
+
+        Parameters
+        ----------
+        name:
+            What scenarios call it.
+        parameters:
+            The table of its parameters; what is decorated is called with one first.
+        brings_profiles:
+            See `Entry`.
+
+        Raises
+        ------
+        PluginError
+            The name is taken, or the table would let a misspelt key pass.
+
+        """
+
+        def add(build: Builder) -> Builder:
+            origin = _origin(build)
+            self._add(
+                Entry(name=name, parameters=parameters, build=build, origin=origin, brings_profiles=brings_profiles)
+            )
+            return build
+
+        return add
+
+    def _add(self, entry: Entry) -> None:
+        if entry.parameters is not None and not issubclass(entry.parameters, self.base):
+            message = (
+                f"{self.kind} {entry.name!r}: its parameters {entry.parameters.__name__} are not a "
+                f"{self.base.__module__}.{self.base.__name__}; derive them from it"
+            )
+            raise PluginError(message)
+        taken = self._entries.get(entry.name)
+        if taken is None and entry.name in self._ours and entry.origin != PACKAGE:
+            taken = self.entry(entry.name)
+        if taken is not None and _place(taken.build) != _place(entry.build):
+            message = f"{self.kind} {entry.name!r} is registered already, by {taken.origin}; choose another name"
+            raise PluginError(message)
+        self._entries[entry.name] = entry
+
+    def entry(self, name: str) -> Entry:
+        """Return a registered part; KeyError where there is none of that name."""
+        if name not in self._entries and name in self._ours:
+            import_module(self._ours[name])
+        if name not in self._entries:
+            load_plugins()
+        return self._entries[name]
+
+    def __contains__(self, name: object) -> bool:
+        if name in self._entries or name in self._ours:
+            return True
+        load_plugins()
+        return name in self._entries
+
+    def known(self) -> dict[str, str]:
+        """Return the names of all parts, and where each comes from."""
+        load_plugins()
+        others = {name: entry.origin for name, entry in self._entries.items() if name not in self._ours}
+        return dict.fromkeys(self._ours, PACKAGE) | others
+
+    def unknown(self, name: object) -> str:
+        """Return what to say of a name that is not registered."""
+        known = self.known()
+        said = ", ".join(own for own, origin in known.items() if origin == PACKAGE)
+        said += "".join(f", {own} (from {origin})" for own, origin in known.items() if origin != PACKAGE)
+        broken = "".join(f"; {problem}" for problem in load_plugins())
+        return f"{shown(name)} is unknown; give one of {said}.{nearest(str(name), list(known))}{broken}"
+
+    def tables(self) -> list[type[Table]]:
+        """Return the tables of parameters of all parts, each once."""
+        entries = [self.entry(name) for name in self.known()]
+        return list(dict.fromkeys(entry.parameters for entry in entries if entry.parameters is not None))
+
+
+_loading: list[str] = []
+_loaded: dict[str, str] = {}
+
+
+def load_plugins() -> list[str]:
+    """Load the installed plug-ins that are not loaded yet, and return what is wrong with those that cannot be."""
+    for point in metadata.entry_points(group=GROUP):
+        if point.value in _loaded or point.value in _loading:
+            continue
+        distribution = point.dist
+        origin = f"{distribution.name} {distribution.version}" if distribution else point.value
+        _loading.append(origin)
+        _loaded[point.value] = ""
+        try:
+            point.load()
+        except Exception as error:  # whatever it is, it must not stop a survey that does not use the plug-in
+            _loaded[point.value] = (
+                f"the plug-in {point.name!r} of {origin} cannot be loaded ({type(error).__name__}: {error}); "
+                "mend or uninstall it"
+            )
+        finally:
+            _loading.pop()
+    return [problem for problem in _loaded.values() if problem]
+
+
+def _origin(build: Callable[..., Any]) -> str:
+    module = getattr(build, "__module__", None) or type(build).__module__
+    if module.split(".")[0] == PACKAGE:
+        return PACKAGE
+    if _loading:
+        return _loading[-1]
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return f"this session ({module})" if module == "__main__" or file is None else f"the module {module}"
+
+
+def _place(build: Callable[..., Any]) -> tuple[str | None, str | None]:
+    """Return where a builder was written: a notebook's cell may run again and register it anew."""
+    return getattr(build, "__module__", None), getattr(build, "__qualname__", None)

@@ -1,0 +1,137 @@
+"""The ground of a survey, whatever it comes from, and how to add a source of it.
+
+Synthetic ground lies nowhere on the Earth; ground from a file carries its place. Everything is in the local frame:
+metres, x east, y north, z up.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import distance_transform_edt
+
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
+from sionna_radar.scenario.parts import TERRAINS
+from sionna_radar.scene.ground_cover import cover_ground
+from sionna_radar.scene.mesh import mesh_of
+from sionna_radar.scene.model import Surface
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.surfaces.radar_material import Channel
+
+Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+Builder = TypeVar("Builder", bound=Callable[..., "Landscape"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TerrainInputs:
+    """What a terrain is built from, beside its parameters.
+
+    window_m: what the survey can see (west, south, east, north); ground beyond it need not be there.
+    carrier_hz, channel: of the radar, for terrain that brings materials of its own.
+    """
+
+    window_m: tuple[float, float, float, float]
+    carrier_hz: float
+    channel: Channel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landscape:
+    """The ground of a survey.
+
+    surfaces: its triangles.
+    ground_m: height of the bare ground at points of the plan, holes bridged; NaN beyond the terrain.
+    standing_m: height that objects stand on: that of the triangles themselves.
+    ground_material: the material of the ground where one must be named, as for a reference echo.
+    georeference: None for ground that lies nowhere on the Earth.
+    materials: those that the terrain brings.
+    heights: the raster that the triangles were made of, where there is one.
+    """
+
+    surfaces: tuple[Surface, ...]
+    ground_m: Heights
+    standing_m: Heights
+    ground_material: str = "ground"
+    georeference: Georeference | None = None
+    materials: dict[str, Backscatter] = field(default_factory=dict)
+    heights: Raster | None = None
+
+
+def landscape_of_heights(
+    raster: Raster, terrain: CoveredTerrain, georeference: Georeference | None = None
+) -> Landscape:
+    """Return ground of given heights, with the covers of its table.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        A polygon covers nothing; the raster of classes cannot be read or placed.
+
+    """
+    surfaces = cover_ground(*mesh_of(raster), terrain, georeference)
+    ground_m = _bridged(raster).at
+    top_m = max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0
+
+    def standing_m(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        # Between the posts of a coarse raster the bilinear ground lies metres above or below the triangles.
+        mesh = RayCaster(surfaces).from_above(place_m, top_m)
+        return np.where(np.isnan(mesh), ground_m(place_m), mesh)
+
+    return Landscape(
+        surfaces=surfaces,
+        ground_m=ground_m,
+        standing_m=standing_m,
+        ground_material=terrain.material,
+        georeference=georeference,
+        heights=raster,
+    )
+
+
+def _bridged(raster: Raster) -> Raster:
+    """Return a raster whose holes hold the nearest height, so that a flight can be planned across a lake."""
+    if raster.filled.all():
+        return raster
+    nearest = distance_transform_edt(~raster.filled, return_distances=False, return_indices=True)
+    return Raster(grid=raster.grid, height_m=raster.height_m[tuple(nearest)])
+
+
+def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable[[Builder], Builder]:
+    """Register a terrain, for `terrain.kind` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` has the keys of cover, too.
+
+    Returns
+    -------
+    A decorator of what builds a `Landscape`: a function, called with the parameters and `TerrainInputs`.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not `TerrainParameters`.
+
+    Examples
+    --------
+    >>> class Dunes(CoveredTerrain):
+    ...     height_m: float = 3.0
+    >>> @register_terrain("dunes", Dunes)
+    ... def dunes(parameters, given):
+    ...     return landscape_of_heights(..., parameters)
+
+    """
+    return TERRAINS.register(name, parameters)
+
+
+def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
+    """Return the ground of a scenario."""
+    landscape: Landscape = TERRAINS.entry(table.kind)(table, given)
+    return landscape

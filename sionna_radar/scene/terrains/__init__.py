@@ -1,0 +1,1 @@
+"""The terrains, one file a source."""

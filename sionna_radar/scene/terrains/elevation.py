@@ -1,0 +1,65 @@
+"""Ground from elevation rasters: the user's own, and the SRTM tile in matplotlib's sample data."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from matplotlib.cbook import get_sample_data
+from rasterio import Affine
+
+from sionna_radar.elevation.cutout import Cutout
+from sionna_radar.elevation.elevation_file import cut, opened_array, opened_file
+from sionna_radar.elevation.local_frame import StatedFrame, place_file
+from sionna_radar.elevation.placed_raster import PlacedRaster
+from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+
+
+@register_terrain("jacksboro", SampleTerrain)
+@register_terrain("raster", RasterTerrain)
+def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
+    """Return the ground of an elevation raster, of which no more is read than the survey can see."""
+    cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
+    with _opened(terrain) as dataset:
+        raster, georeference = cut(dataset, cutout)
+    return landscape_of_heights(raster, terrain, georeference)
+
+
+def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
+    """Return how the elevation file of a terrain lies in its local frame; the file itself is closed again.
+
+    Raises ScenarioError or InputFileError where it cannot be read or placed.
+    """
+    with _opened(terrain) as dataset:
+        return place_file(dataset, _stated(terrain))
+
+
+def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:
+    if isinstance(terrain, SampleTerrain):
+        # SRTM counts its heights from the EGM96 geoid.
+        return StatedFrame(crs="EPSG:4326", vertical_crs="EPSG:5773", centre_lonlat_deg=terrain.centre_lonlat_deg)
+    return StatedFrame(
+        crs=terrain.crs,
+        vertical_crs=terrain.vertical_crs,
+        height_unit=terrain.height_unit,
+        centre_lonlat_deg=terrain.centre_lonlat_deg,
+    )
+
+
+@contextmanager
+def _opened(terrain: SampleTerrain | RasterTerrain) -> Iterator[Any]:
+    if isinstance(terrain, RasterTerrain):
+        with opened_file(terrain.path) as dataset:
+            yield dataset
+        return
+    with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:
+        # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
+        # seconds, fall on cell centres. "ymin" is wrong: it lies 344 rows NORTH of ymax. That ymax is the
+        # northern edge follows from the highest cell, which so falls on Cross Mountain (36.1983 N,
+        # 84.2306 W, 1077 m), and from the town of Jacksboro (36.33 N), which the other way is not inside.
+        west, north = float(tile["xmin"]), float(tile["ymax"])
+        dx, dy = float(tile["dx"]), float(tile["dy"])
+        height_m = np.asarray(tile["elevation"])
+    with opened_array(height_m, Affine(dx, 0.0, west, 0.0, -dy, north)) as dataset:
+        yield dataset

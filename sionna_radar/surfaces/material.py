@@ -1,0 +1,139 @@
+"""The materials of a scenario at its carrier and polarisation, how to add one, and where they do not hold."""
+
+import logging
+import re
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from sionna_radar.foundation.decibel import to_db
+from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
+from sionna_radar.scenario.bases import MaterialParameters
+from sionna_radar.scenario.materials import SionnaItu, SurfaceTable
+from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.surfaces.medium import extrapolation_of
+from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical_cross_polar
+
+logger = logging.getLogger("sionna_radar")
+
+# Beyond this every model is at its weakest, and a survey has few echoes.
+STEEPEST_CHECKED_DEG = 85
+
+Builder = TypeVar("Builder", bound=Callable[..., Backscatter])
+
+
+def register_material(name: str, parameters: type[MaterialParameters]) -> Callable[[Builder], Builder]:
+    """Register a model of backscatter, for `materials.NAME.model` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[materials.NAME]`.
+
+    Returns
+    -------
+    A decorator of what builds a `Backscatter` (or a `RadarMaterial`, which distinguishes polarisations): a class or a
+    function, called with the parameters, the carrier (Hz) and the channel, such as "VV".
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not `MaterialParameters`.
+
+    Examples
+    --------
+    >>> class Moss(MaterialParameters):
+    ...     level_db: float = -12.0
+    >>> @register_material("moss", Moss)
+    ... class MossBackscatter:
+    ...     def __init__(self, parameters, carrier_hz, channel): ...
+    ...     def sigma0(self, incidence_rad): ...
+
+    """
+    return MATERIALS.register(name, parameters)
+
+
+def channel_of(radar: RadarTable) -> Channel:
+    """Return what a radar sends and receives: received first, then sent."""
+    sent = radar.antenna.polarization
+    if sent in ("RHCP", "LHCP"):
+        return "same" if radar.antenna.receive_polarization == "co" else "opposite"
+    if radar.antenna.receive_polarization == "co":
+        return "VV" if sent == "V" else "HH"
+    return "HV" if sent == "V" else "VH"
+
+
+def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:
+    """Return the materials of a scenario, and log which are used beyond their range.
+
+    Raises
+    ------
+    ScenarioError
+        Parameters out of the range of a formula, each with its dotted key.
+    InputFileError
+        A table cannot be read.
+
+    """
+    built, problems = {}, []
+    for name, table in tables.items():
+        try:
+            made = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
+            built[name] = made if isinstance(made, RadarMaterial) else _alike(made, channel_of(radar))
+        except RadarError:
+            raise
+        except ValueError as error:
+            problems.append(Problem(_key(f"materials.{name}", table, str(error)), str(error)))
+    if problems:
+        raise ScenarioError(problems)
+    for name, table in tables.items():
+        for doubt in doubts(table, built[name], radar.carrier_hz):
+            logger.warning("materials.%s: %s", name, doubt)
+    return built
+
+
+def _alike(model: Backscatter, channel: Channel) -> RadarMaterial:
+    """Return a custom model as a material that treats V and H alike."""
+    return RadarMaterial(vertical=model, horizontal=model, cross_polar=typical_cross_polar(channel), channel=channel)
+
+
+def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float) -> list[str]:
+    """Return what to know of a material at the carrier: conditions it violates, and power out of nothing."""
+    found = []
+    if isinstance(table, SurfaceTable) and table.cross_polar_db is None and material.cross_polar > 0:
+        found.append(
+            "no cross_polar_db is given, which rules the echo of a circular wave; taken as "
+            f"{to_db(material.cross_polar):g}"
+        )
+    if isinstance(table, SurfaceTable) and table.medium is not None:
+        note = extrapolation_of(table.medium, carrier_hz)
+        found += [note] if note else []
+    validity: Callable[[], list[str]] = getattr(material.vertical, "validity", list)
+    found += [f"outside the range of {table.model}: {text}" for text in validity()]
+    angle_deg = np.arange(STEEPEST_CHECKED_DEG + 1)
+    share = material.scattered_share(np.deg2rad(angle_deg))
+    if share.max() > 1:
+        over = angle_deg[share > 1]
+        found.append(
+            f"it would scatter more power than it receives, {share.max():.3g} times at worst, between {over[0]} and "
+            f"{over[-1]} deg of incidence"
+        )
+    return found
+
+
+def _key(name: str, table: MaterialParameters, message: str) -> str:
+    """Return the dotted key that a message of a formula is about: it starts with the parameter's name."""
+    first = re.match(r"\w*", message)
+    field = first.group() if first else ""
+    if isinstance(table, SionnaItu):
+        return f"{name}.itu_type"
+    if field in type(table).model_fields:
+        return f"{name}.{field}"
+    medium = getattr(table, "medium", None)
+    if medium is not None and field in type(medium).model_fields:
+        return f"{name}.medium.{field}"
+    return f"{name}.medium" if medium is not None else name

@@ -1,0 +1,1 @@
+"""The models of backscatter that scenarios name."""

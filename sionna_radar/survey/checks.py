@@ -1,0 +1,154 @@
+"""Whether a survey can be flown: the checks that need the terrain and the flight, and the grid of its DEM."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.flight.pulses import PulseSchedule
+from sionna_radar.flight.scan import Scan
+from sionna_radar.flight.trajectory import Track
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.coverage import closing_cells
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario import Scenario
+from sionna_radar.scene.build import BuiltScene
+
+SAMPLED_PULSES = 2000
+LOST_SHARE = 0.1
+MAX_DEM_CELLS = 25_000_000
+MAX_CLOSED_CELLS = 100_000_000
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Boresights of pulses spread over the survey: where they start, how far they reach, what they hit."""
+
+    origin_m: Float[np.ndarray, "look 3"]
+    direction: Float[np.ndarray, "look 3"]
+    range_m: Float[np.ndarray, " look"]
+
+    @property
+    def hit_m(self) -> Float[np.ndarray, "hit 3"]:
+        """Where those that hit something do."""
+        hit = np.isfinite(self.range_m)
+        return self.origin_m[hit] + self.range_m[hit, None] * self.direction[hit]
+
+
+def look(schedule: PulseSchedule, built: BuiltScene) -> Looks:
+    """Return the boresights of pulses spread over a survey."""
+    pose = schedule.sample(SAMPLED_PULSES).true
+    hits = built.caster.cast(pose.position_m, pose.boresight)
+    return Looks(pose.position_m, pose.boresight, hits.distance_m)
+
+
+def check_nominal_range(scenario: Scenario, scan: Scan, chirp: Chirp, duration_s: float) -> None:
+    """Refuse a scan that looks farther over level ground than the radar reaches, before anything is built."""
+    pointing = scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
+    down = pointing.R_mount_antenna[pointing.active, 2, 0]
+    down = down[down > 0]
+    slant_m = scenario.platform.altitude_m / float(down.min()) if len(down) else 0.0
+    if slant_m > chirp.max_range_m:
+        message = (
+            f"at {scenario.platform.altitude_m:g} m the beam meets level ground {slant_m:.1f} m away, beyond the "
+            f"{chirp.max_range_m:.1f} m of unambiguous range; raise radar.samples_per_chirp, or lower "
+            "platform.altitude_m, radar.bandwidth_hz or the scan angles"
+        )
+        raise ScenarioError([Problem("radar.samples_per_chirp", message)])
+
+
+def check_track(track: Track, built: BuiltScene) -> None:
+    """Refuse a track that leaves the terrain."""
+    along = track.point(np.linspace(0.0, track.length_m, 200))
+    outside = np.isnan(built.ground_m(along))
+    if outside.any():
+        x, y = along[outside][0]
+        message = (
+            f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; move platform.start_m, shorten "
+            "platform.length_m, or enlarge the terrain"
+        )
+        raise ScenarioError([Problem("platform.start_m", message)])
+
+
+def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
+    """Refuse a flight without a pulse."""
+    if len(schedule) == 0:
+        start, end = schedule.trajectory.cruise_s()
+        message = (
+            f"no pulse falls into the sector during the {end - start:.3g} s of cruise at "
+            f"{scenario.radar.chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
+        )
+        raise ScenarioError([Problem("radar.scan", message)])
+
+
+def check_geometry(looks: Looks, schedule: PulseSchedule, built: BuiltScene, chirp: Chirp) -> None:
+    """Refuse a flight through the terrain, beams that leave it, and ground beyond the sampled ranges."""
+    low, high = built.scene.bounds_m
+    problems = []
+    pose = schedule.sample(SAMPLED_PULSES).true
+    top = float(max(high[2], pose.position_m[:, 2].max())) + 10.0
+    surface = built.caster.from_above(pose.position_m[:, :2], top)
+    clearance = pose.position_m[:, 2] - np.where(np.isnan(surface), -np.inf, surface)
+    if clearance.min() <= 0:
+        x, y, z = pose.position_m[np.argmin(clearance)]
+        message = (
+            f"the radar would be {-clearance.min():.1f} m under the surface at ({x:.1f}, {y:.1f}, {z:.1f}) m; "
+            "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"
+        )
+        problems.append(Problem("platform.altitude_m", message))
+    missed = np.isinf(looks.range_m) & ~_over_hole(looks, low, high)
+    if missed.any():
+        message = (
+            f"{missed.mean():.0%} of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m east "
+            f"and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten platform.length_m, or lower "
+            "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
+        )
+        problems.append(Problem("radar.scan", message))
+    elif np.isinf(looks.range_m).mean() > 0.5:
+        message = (
+            f"{np.isinf(looks.range_m).mean():.0%} of the beams fall into holes of the terrain, where it has no data; "
+            "move the track, or terrain.centre_lonlat_deg, to where it has"
+        )
+        problems.append(Problem("terrain", message))
+    lost = np.isfinite(looks.range_m) & (looks.range_m > chirp.max_range_m)
+    if lost.mean() > LOST_SHARE:
+        message = (
+            f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m of "
+            "unambiguous range; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
+        )
+        problems.append(Problem("radar.samples_per_chirp", message))
+    if problems:
+        raise ScenarioError(problems)
+
+
+def _over_hole(looks: Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " look"]:
+    """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
+    down = np.minimum(looks.direction[:, 2], -1e-6)
+    reach = (low[2] - looks.origin_m[:, 2]) / down
+    foot = looks.origin_m[:, :2] + reach[:, None] * looks.direction[:, :2]
+    return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
+
+
+def dem_grid(scenario: Scenario, looks: Looks, max_gap_m: float, place: Georeference | None) -> Grid:
+    """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it."""
+    spacing_m = scenario.dem.spacing_m
+    if not len(looks.hit_m):
+        raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
+    (west, south), (east, north) = looks.hit_m[:, :2].min(axis=0), looks.hit_m[:, :2].max(axis=0)
+    cells = (east - west + 2 * spacing_m) * (north - south + 2 * spacing_m) / spacing_m**2
+    if cells > MAX_DEM_CELLS:
+        enough = spacing_m * 1.05 * np.sqrt(cells / MAX_DEM_CELLS)
+        message = (
+            f"{spacing_m:g} m makes {cells:.3g} cells of {east - west:.0f} x {north - south:.0f} m, more than "
+            f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
+        )
+        raise ScenarioError([Problem("dem.spacing_m", message)])
+    centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
+    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
+    border = 2 * closing_cells(max_gap_m, spacing_m)
+    if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
+        message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"
+        raise ScenarioError([Problem("dem.max_gap_m", message)])
+    return grid

@@ -1,0 +1,106 @@
+"""Flying a prepared survey: what its sensor observes, block by block, and where that is placed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from sionna_radar.accuracy.truth import Tally
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.mapping.points import Points, locate
+from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.sensors.sensor import Observation, Sensor
+
+BLOCK_SIZE = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedBlock:
+    """A block of pulses and what the sensor observed; its echoes are not corrected for motion."""
+
+    pulses: Pulses
+    observation: Observation
+
+
+def fly(schedule: PulseSchedule, sensor: Sensor, block_size: int = BLOCK_SIZE) -> Iterator[ObservedBlock]:
+    """Yield a survey block by block, as the sensor observes it."""
+    for pulses in schedule.line_blocks(block_size):
+        yield ObservedBlock(pulses=pulses, observation=sensor.observe(pulses))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What a sensor brings home from a survey; the measured pose has no part in it.
+
+    echoes: sorted by pulse, not corrected for Doppler.
+    profiles: range profiles around them, where the scenario's map models whole echoes; else None.
+    lit: cells of the DEM that the beam reached.
+    paths: how many were traced.
+    rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
+    lost_to_rain: pulses without an echo because rain in front of the ground leaves it too little.
+    """
+
+    echoes: Echoes
+    profiles: Profiles | None
+    lit: Bool[np.ndarray, "row column"]
+    paths: int
+    rain_echoes: int
+    lost_to_rain: int = 0
+
+    @property
+    def behind_volume(self) -> bool:
+        """Whether its profiles are of ground behind a volume of rain."""
+        return self.profiles is not None and self.profiles.volume is not None
+
+
+@on_one_thread
+def record(
+    prepared: Prepared,
+    sensor: Sensor,
+    *,
+    block_size: int = BLOCK_SIZE,
+    progress: Progress = silent,
+    watch: Stopwatch | None = None,
+) -> Recording:
+    """Fly a prepared survey and return what the sensor observed, block by block."""
+    watch = watch or Stopwatch()
+    tally = Tally(prepared.truth(), prepared.receiver.chirp)
+    keeps_profiles = prepared.mapper.keeps_profiles
+    echoes, profiles, lost = [], [], 0
+    progress("tracing", 0, len(prepared))
+    for block in fly(prepared.flight, sensor, block_size):
+        pulses, seen = block.pulses, block.observation
+        echoes.append(seen.echoes)
+        if keeps_profiles and seen.profiles is not None:
+            profiles.append(seen.profiles)
+        with watch("map"):
+            tally.add(seen.paths, pulses)
+        if seen.through_volume:
+            lost += len(pulses) - len(np.unique(seen.echoes.pulse))
+        else:
+            tally.add_echoes(sensor.correct(seen.echoes, pulses.index, pulses.measured), seen.paths)
+        progress("tracing", int(pulses.index[-1]) + 1, len(prepared))
+    return Recording(
+        echoes=Echoes.concatenate(echoes),
+        profiles=Profiles.concatenate(profiles) if profiles else None,
+        lit=tally.lit(),
+        paths=tally.paths,
+        rain_echoes=tally.rain_echoes,
+        lost_to_rain=lost,
+    )
+
+
+def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = BLOCK_SIZE) -> Points:
+    """Correct and locate echoes by the poses that a schedule's navigation reports."""
+    located = []
+    for pulses in schedule.blocks(block_size):
+        own = echoes.of_pulses(pulses.index)
+        corrected = sensor.correct(own, pulses.index, pulses.measured)
+        located.append(locate(corrected, pulses.index, pulses.measured))
+    return Points.concatenate(located)

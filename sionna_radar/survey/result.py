@@ -1,0 +1,86 @@
+"""What a survey returns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.flight.pulses import PulseSchedule
+from sionna_radar.foundation.brief import Brief
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.points import Points
+from sionna_radar.scenario import Scenario
+from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.sensors.sensor import ChirpRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey(Brief):
+    """A finished survey, with what it was prepared with.
+
+    prepared: scene, flight, receiver and mapper, for whoever goes on from here.
+    paths: how many were traced.
+    points: the located echoes.
+    dem, truth, error: rasters on one grid; error is DEM minus truth.
+    lit: cells with a true height that the main beam reached.
+    dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
+    off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
+    chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
+    timing_s: seconds spent in each stage, and in all under `total`.
+    warnings: what spoils the result.
+    """
+
+    prepared: Prepared
+    paths: int
+    points: Points
+    dem: Raster
+    truth: Raster
+    error: Raster
+    lit: Bool[np.ndarray, "row column"]
+    dem_error: DemError
+    lit_error: DemError
+    off_wall_error: DemError | None
+    chirp: ChirpRecord | None
+    timing_s: dict[str, float]
+    peak_memory_mb: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario, as it was given."""
+        return self.prepared.scenario
+
+    @property
+    def schedule(self) -> PulseSchedule:
+        """The pulses."""
+        return self.prepared.flight
+
+    @property
+    def pulses(self) -> int:
+        """How many pulses were simulated."""
+        return len(self.prepared.flight)
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """The place of the local frame on the Earth; None for a survey that lies nowhere on it."""
+        return self.prepared.scene.scene.georeference
+
+    @property
+    def replaced(self) -> dict[str, str]:
+        """What the caller gave in place of parts of the scenario, by their keys in it."""
+        return self.prepared.custom.described()
+
+    def __repr__(self) -> str:
+        lit, description = self.lit_error, self.scenario.description
+        lines = [
+            f"Survey: {description or 'no description'}",
+            f"  {self.pulses:,} pulses, {len(self.points):,} echoes, DEM of {self.dem.grid.columns} x "
+            f"{self.dem.grid.rows} cells of {self.dem.grid.spacing_m:g} m",
+            f"  lit cells: RMS error {lit.rms_m:.3f} m, mean {lit.mean_m:+.3f} m, coverage {lit.coverage:.1%}"
+            if lit.count
+            else "  no cell of the DEM is filled where the main beam reached",
+        ]
+        lines += [f"  {key} replaced by {what}" for key, what in self.replaced.items()]
+        return "\n".join(lines + [f"  warning: {warning}" for warning in self.warnings])

@@ -1,0 +1,1 @@
+"""The sensors that a survey can carry: from pulses to echoes."""

@@ -1,0 +1,69 @@
+"""A range sensor of light on the radar's scan."""
+
+import numpy as np
+from jaxtyping import Int
+from scipy.constants import speed_of_light
+from scipy.special import ndtri
+
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
+from sionna_radar.survey.sensors.sensor import ChirpRecord, Observation, SensorInputs, register_sensor
+from sionna_radar.tracing.boresight import trace_boresights
+from sionna_radar.tracing.paths import VOLUME, Paths
+
+
+class Lidar:
+    """An ideal range sensor: the range along the beam axis, exact but for white noise and for what fills the air."""
+
+    def __init__(
+        self,
+        caster: RayCaster,
+        range_noise_m: float,
+        seed: int,
+        watch: Stopwatch | None = None,
+        receiver: LidarReceiver | None = None,
+    ) -> None:
+        self._caster, self._range_noise_m, self._seed = caster, range_noise_m, seed
+        self._watch, self._receiver = watch or Stopwatch(), receiver
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the echoes of a block of pulses; their power is one, and they have no noise to stand against."""
+        with self._watch("trace"):
+            paths = read = trace_boresights(pulses, self._caster)
+        if self._receiver is not None:
+            read = self._receiver.received(paths, pulses)
+            # What the beam lights is not what the lidar hears of it.
+            paths = Paths.concatenate([paths, read.rows(read.surface == VOLUME)])
+        range_m = read.delay_s * speed_of_light / 2
+        if self._range_noise_m:
+            uniform = pulse_uniforms(self._seed, Stream.LIDAR, read.pulse, 1)[:, 0]
+            range_m = range_m + self._range_noise_m * ndtri(np.maximum(uniform, 2.0**-54))
+        echoes = Echoes(
+            pulse=read.pulse,
+            number=np.zeros(len(read), dtype=np.int64),
+            range_m=range_m,
+            range_sigma_m=np.full(len(read), self._range_noise_m),
+            power=np.ones(len(read)),
+            snr_db=np.full(len(read), np.nan),
+        )
+        return Observation(paths=paths, echoes=echoes)
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return the echoes as they are: light has no Doppler shift to speak of."""
+        return echoes
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
+        """Return None: a lidar has no chirps."""
+        return None
+
+
+@register_sensor("lidar")
+def lidar(given: SensorInputs) -> Lidar:
+    """Return the lidar of a scenario."""
+    seed = given.engine.seed
+    receiver = lidar_receiver(given.lidar, given.weather, seed)
+    return Lidar(given.engine.caster, given.lidar.range_noise_m, seed, given.watch, receiver)

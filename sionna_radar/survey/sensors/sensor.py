@@ -1,0 +1,159 @@
+"""What every sensor offers, what it is built from, and how a scenario names one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Inexact, Int
+
+from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.expected_ground import ExpectedGround
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.pulses import Pose, Pulses, PulseSchedule
+from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.lidar import LidarTable
+from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.table import Table
+from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.signal.receiver import Receiver
+from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
+from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.tracer import Tracer, build_tracer
+
+Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """What a sensor makes of a block of pulses; of the measured pose it knows no more than rain asks for.
+
+    paths: what was lit.
+    echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
+    profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
+    through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
+    """
+
+    paths: Paths
+    echoes: Echoes
+    profiles: Profiles | None = None
+    through_volume: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChirpRecord:
+    """One chirp on its way through the processing, kept for a figure.
+
+    beat: samples of the beat signal, sqrt(W); real or complex (I/Q).
+    range_m: range axis of the spectrum, not corrected for Doppler.
+    power: calibrated power spectrum; threshold: what a cell must exceed; NaN where none is tested.
+    echo_range_m, echo_power: the echoes found, on the axis of the spectrum.
+    """
+
+    pulse: int
+    sample_time_s: Float[np.ndarray, " sample"]
+    beat: Inexact[np.ndarray, " sample"]
+    range_m: Float[np.ndarray, " cell"]
+    power: Float[np.ndarray, " cell"]
+    threshold: Float[np.ndarray, " cell"]
+    echo_range_m: Float[np.ndarray, " echo"]
+    echo_power: Float[np.ndarray, " echo"]
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """A sensor: it observes from the true pose, and corrects what it saw by the measured one."""
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the echoes of a block of pulses."""
+        ...
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return echoes of some pulses, sorted, with their ranges corrected for motion."""
+        ...
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
+        """Return the chirp of one pulse on its way through the processing; None for a sensor without chirps."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorInputs:
+    """What a sensor is built from; each takes what it needs.
+
+    engine: what tracing engines are built from; its `caster` casts rays against the scene.
+    receiver, detector: of the radar.
+    schedule: all pulses of the survey, for a sensor that looks about before it starts.
+    expected_ground: what is known of the ground beforehand; None for nothing.
+    weather, lidar: tables of the scenario.
+    custom_engine: builds an engine in place of the one that the scenario names.
+    watch: counts the time spent in each stage.
+    """
+
+    engine: EngineInputs
+    receiver: Receiver
+    detector: Detector
+    schedule: PulseSchedule
+    expected_ground: ExpectedGround | None
+    weather: WeatherTable
+    lidar: LidarTable
+    custom_engine: Callable[[EngineInputs], Engine] | None = None
+    watch: Stopwatch = field(default_factory=Stopwatch)
+
+    def tracer(self) -> Tracer:
+        """Return a new tracer of all that a radar sees."""
+        given = self.engine
+        engine = self.custom_engine(given) if self.custom_engine else build_engine(given.tracing, given)
+        return build_tracer(engine, given, self.weather)
+
+    def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
+        """Return the ranges in which a sweep's ground is searched; None for all."""
+        return None if self.expected_ground is None else self.expected_ground.window_m(pulses, sweep)
+
+
+def register_sensor(
+    name: str, parameters: type[Table] | None = None, *, brings_profiles: bool = False
+) -> Callable[[Builder], Builder]:
+    """Register a sensor, for `sensor` in a scenario.
+
+    Parameters
+    ----------
+    name:
+        What scenarios call it.
+    parameters:
+        Its table of parameters, `[sensor_parameters]`; without it there are none.
+    brings_profiles:
+        Whether its observations bring range profiles, which some DEM methods require.
+
+    Returns
+    -------
+    A decorator of what builds a `Sensor`: a class or a function, called with the parameters if there are any, and with
+    `SensorInputs`.
+
+    Raises
+    ------
+    PluginError
+        The name is taken, or the parameters are not a `Table`.
+
+    Examples
+    --------
+    >>> @register_sensor("altimeter")
+    ... class Altimeter:
+    ...     def __init__(self, given): ...
+    ...     def observe(self, pulses): ...
+    ...     def correct(self, echoes, pulse, measured):
+    ...         return echoes
+    ...     def record_chirp(self, pulses):
+    ...         return None
+
+    """
+    return SENSORS.register(name, parameters, brings_profiles=brings_profiles)
+
+
+def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:
+    """Return the sensor of a scenario."""
+    sensor: Sensor = SENSORS.entry(scenario.sensor)(scenario.sensor_parameters, given)
+    return sensor

@@ -1,0 +1,46 @@
+"""A scene of ours inside Sionna RT."""
+
+import numpy as np
+from jaxtyping import Int
+
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import mitsuba_mesh
+from sionna_radar.tracing.sionna.material import sionna_material
+from sionna_radar.tracing.sionna.pattern import SeparablePattern
+
+mi = load_mitsuba()
+
+import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen before it loads)
+
+
+class SionnaScene:
+    """A scene of ours inside Sionna RT.
+
+    pattern, receive_pattern: the antenna as it sends and as it receives.
+    shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
+    surface_of_shape: the reverse; -1 where there is none.
+    """
+
+    def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
+        # Sionna knows materials and objects by names from one list: those of the user's stay out of it.
+        materials = {
+            name: sionna_material(f"material-{number}", model)
+            for number, (name, model) in enumerate(scene.materials.items())
+        }
+        self.rt_scene = rt.Scene()
+        # Before the materials arrive, some of which are undefined at Sionna's default frequency.
+        self.rt_scene.frequency = carrier_hz
+        objects = [
+            rt.SceneObject(mi_mesh=mitsuba_mesh(s), name=f"surface-{i}", radio_material=materials[s.material])
+            for i, s in enumerate(scene.surfaces)
+        ]
+        self.rt_scene.edit(add=objects)
+        self.pattern = SeparablePattern(antenna)
+        # Sionna receives by the conjugate of the pattern: what is conjugated for its axes stays as it is.
+        self.receive_pattern = SeparablePattern(antenna, antenna.jones[1])
+        shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
+        self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
+        self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
+        self.surface_of_shape[shapes] = np.arange(len(shapes))

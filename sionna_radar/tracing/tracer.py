@@ -1,0 +1,65 @@
+"""All that a radar sees of a scene: an engine's surfaces, mirrors, point targets, and the weather before all."""
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
+from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.targets import trace_targets
+from sionna_radar.tracing.engine import Engine, EngineInputs
+from sionna_radar.tracing.paths import Paths
+
+
+class Tracer:
+    """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
+
+    Point targets keep the polarisation, as spheres and trihedral reflectors do (an odd number of bounces): a
+    cross-polar receiver does not see them, nor does a circular one of the same sense.
+
+    atmosphere: None for clear air.
+    seed: of the targets' fluctuations.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        scene: Scene,
+        antenna: Antenna,
+        chirp: Chirp,
+        caster: RayCaster,
+        *,
+        atmosphere: Atmosphere | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._engine, self._scene, self._antenna = engine, scene, antenna
+        self._chirp, self._caster = chirp, caster
+        self._atmosphere, self._seed = atmosphere, seed
+        self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses."""
+        paths = self._engine.trace(pulses)
+        if self._atmosphere is not None:
+            paths = self._atmosphere.with_volume(paths, pulses)
+        if len(self._mirrors):
+            paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+        if self._scene.targets and self._antenna.mirrored != 0:
+            targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
+            paths = Paths.concatenate([paths, targets])
+        return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
+
+
+def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
+    """Return all that a radar sees, the surfaces by an engine."""
+    return Tracer(
+        engine,
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.caster,
+        atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
+        seed=given.seed,
+    )
