@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
 from sionna_radar.scenario.navigation import NavigationTable
-from sionna_radar.survey.chain import BLOCK_SIZE
+from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.remapping import record_survey
-from sionna_radar.survey.sensors import TriangularRadar
+from sionna_radar.survey.sensors.radar import TriangularRadar
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if SMALL else {}

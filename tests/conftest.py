@@ -14,10 +14,11 @@ from sionna_radar.cli.app import main
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.taylor_array import taylor_cut
+from sionna_radar.scene.mesh import mesh_of
 from sionna_radar.scene.model import Scene, Surface
-from sionna_radar.scene.terrain import mesh_of
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 
 GAMMA = 0.01

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
 from sionna_radar.detection.detector import Detector, Spectra, build_detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns
+from sionna_radar.detection.ranging.estimator import EchoRuns
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise

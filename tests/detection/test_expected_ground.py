@@ -17,7 +17,8 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import SawtoothRadar, received
+from sionna_radar.survey.sensors import received
+from sionna_radar.survey.sensors.radar import SawtoothRadar
 
 KEY = "processing.expected_ground"
 SHORT = {"platform.length_m": 2.0, "tracing.paths_per_pulse": 32}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sionna_radar.flight.frames import whisk_broom_from_antenna
-from sionna_radar.flight.navigation import ErrorParts, GaussMarkov, InertialErrors, build_navigation
-from sionna_radar.flight.pulses import Navigation, PulseSchedule, schedule_pulses
+from sionna_radar.flight.navigation import ErrorParts, GaussMarkov, InertialErrors
+from sionna_radar.flight.pulses import Navigation, PulseSchedule, build_navigation, schedule_pulses
 from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.errors import ScenarioError

@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.detection.ranging.beam_profile import beam_profile, fit_echo
 from sionna_radar.mapping.beam import beam_nodes
-from sionna_radar.radar.antenna import taylor_cut
+from sionna_radar.radar.taylor_array import taylor_cut
 
 
 @pytest.mark.parametrize("width_deg", [2.0, 40.0, 45.0, 60.0])

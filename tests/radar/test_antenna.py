@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sionna_radar.radar.antenna import Antenna, Cut, build_antenna, measured_cut, taylor_cut
+from sionna_radar.radar.antenna import Antenna, Cut, build_antenna, measured_cut
+from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scenario.radar import AntennaTable
 
 

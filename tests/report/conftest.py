@@ -15,7 +15,8 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.survey.chain import ChirpRecord, Survey
+from sionna_radar.survey.result import Survey
+from sionna_radar.survey.sensors.sensor import ChirpRecord
 
 SIZE_M = 120.0
 EMPTY_PATCH = (slice(20, 32), slice(70, 90))

@@ -16,7 +16,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.survey import environment_figure, figures
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
 

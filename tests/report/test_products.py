@@ -19,7 +19,7 @@ from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.products import write_geotiff, write_products
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 KEYS = [
     "scenario",

@@ -13,7 +13,7 @@ import pytest
 from sionna_radar.report.quantities import readable
 from sionna_radar.report.survey.table import print_survey
 from sionna_radar.report.terminal import console, lines, number
-from sionna_radar.survey.chain import Survey
+from sionna_radar.survey.result import Survey
 
 MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"
 

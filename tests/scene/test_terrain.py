@@ -4,11 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import CRS, Transformer
 from scipy.special import j0
+from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
-from sionna_radar.scene.terrain import load_elevation, mesh_of
+from sionna_radar.scene.mesh import mesh_of
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)
 

@@ -10,7 +10,8 @@ import pytest
 import sionna_radar.studies.crosscheck
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, crosscheck, write
+from sionna_radar.studies.crosscheck import crosscheck, write
+from sionna_radar.studies.crosscheck_result import CrossCheck, Tolerances
 
 
 def small_hills(**tracing):

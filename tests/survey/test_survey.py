@@ -7,7 +7,7 @@ import pytest
 
 from sionna_radar import parse_scenario, run
 from sionna_radar.flight.pulses import Pose, PulseSchedule
-from sionna_radar.flight.scan import RotatingScan
+from sionna_radar.flight.scans.rotating import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.survey.preparation import prepare

@@ -8,15 +8,14 @@ import pytest
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scene.materials import build_materials
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.sensors import build_tracer
 from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
-from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
@@ -24,6 +23,7 @@ from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import SeparablePattern
+from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.kinds import Precipitation
 

@@ -9,9 +9,9 @@ import trimesh
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.sionna_slab import SionnaSlab
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.surfaces.models.sionna_slab import SionnaSlab
 from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
 from sionna_radar.surfaces.radar_material import RadarMaterial
 from sionna_radar.surfaces.rough_surface import (

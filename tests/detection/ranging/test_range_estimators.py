@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
 from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging.beam_profile import beam_profile
-from sionna_radar.detection.ranging.estimators import ESTIMATORS, EchoRuns
-from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.detection.ranging.estimator import EchoRuns
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scenario.processing import ProcessingTable
 
 CELL_M = 0.3

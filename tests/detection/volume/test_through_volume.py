@@ -11,9 +11,10 @@ from sionna_radar.detection.volume.detector import shows_volume
 from sionna_radar.detection.volume.end import Views
 from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.radar.equation import two_way_beam_sr
-from sionna_radar.survey.chain import record
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import SawtoothRadar, received
+from sionna_radar.survey.recording import record
+from sionna_radar.survey.sensors import received
+from sionna_radar.survey.sensors.radar import SawtoothRadar
 from sionna_radar.tracing.effects.atmosphere import build_weather
 from sionna_radar.weather.path import rain_clutter_power
 

@@ -15,9 +15,9 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.targets import trace_targets
-from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km

@@ -15,8 +15,8 @@ from sionna_radar.surfaces.permittivity import building_permittivity
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
-from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.tracer import Tracer
 
 C = 299_792_458.0
 WAVELENGTH_M = C / 77e9

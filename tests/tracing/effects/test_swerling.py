@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, expon, kstest
 
-from sionna_radar.flight.scan import RotatingScan
+from sionna_radar.flight.scans.rotating import RotatingScan
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.targets import trace_targets
-from sionna_radar.tracing.engine import Tracer
 from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.tracer import Tracer
 
 C = 299_792_458.0
 WAVELENGTH_M = C / 77e9

@@ -9,8 +9,9 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.radar.antenna import Antenna, taylor_cut
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
