@@ -44,7 +44,7 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
     echoes:
         Echoes of a block of pulses.
     pulse:
-        Sorted running numbers of the block's pulses.
+        Sorted indices of the block's pulses.
     measured:
         Their poses as the navigation system reports them.
 
