@@ -82,7 +82,7 @@ class Antenna:
 
     azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up.
     polarization: of the sent field on boresight: up (V), left (H), or circular to the right or left (RHCP, LHCP).
-    receives: the same polarisation ("co") or the orthogonal one ("cross"). Of a circular wave, "co" is the same
+    receives: the same polarization ("co") or the orthogonal one ("cross"). Of a circular wave, "co" is the same
         sense, each as seen along its own way, and a mirror returns the opposite one.
     axial_ratio_db: of the ellipse of a circular antenna, its major axis along V; 0 for a circle.
     """

@@ -1,4 +1,4 @@
-"""The materials of a scenario at its carrier and polarisation, how to add one, and where they do not hold."""
+"""The materials of a scenario at its carrier and polarization, how to add one, and where they do not hold."""
 
 import logging
 import re
@@ -37,7 +37,7 @@ def register_material(name: str, parameters: type[MaterialParameters]) -> Callab
 
     Returns
     -------
-    A decorator of what builds a `Backscatter` (or a `RadarMaterial`, which distinguishes polarisations): a class or a
+    A decorator of what builds a `Backscatter` (or a `RadarMaterial`, which distinguishes polarizations): a class or a
     function, called with the parameters, the carrier (Hz) and the channel, such as "VV".
 
     Raises

@@ -30,7 +30,7 @@ class UlabyDobsonBackscatter:
     All parameters are the user's: p1, p2 and p4 in dB, p3 and p5 per radian, p6 in radians.
     `min_incidence_rad` and `max_incidence_rad` bound the fit; beyond them the value at the nearer bound is
     held, because an exponential plus a cosine means nothing outside the angles it was fitted to. `source`
-    says where the parameters come from: document, band and polarisation.
+    says where the parameters come from: document, band and polarization.
     """
 
     p1: float
@@ -55,7 +55,7 @@ class UlabyDobsonBackscatter:
             )
             raise ValueError(message)
         if not self.source.strip():
-            message = "source is empty; say where the parameters come from (document, band, polarisation)"
+            message = "source is empty; say where the parameters come from (document, band, polarization)"
             raise ValueError(message)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

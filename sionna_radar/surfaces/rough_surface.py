@@ -2,7 +2,7 @@
 
 Four models of the same surface, each with the conditions it needs (`validity()` lists those that fail):
 
-| model | surface | polarisation |
+| model | surface | polarization |
 |---|---|---|
 | `GeometricalOptics` | very rough, gently sloping (stationary phase) | V = H |
 | `PhysicalOptics` | gently sloping, any height (Kirchhoff) | V and H differ by their Fresnel coefficient |

@@ -16,7 +16,7 @@ from sionna_radar.tracing.paths import Paths
 class Tracer:
     """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
 
-    Point targets keep the polarisation, as spheres and trihedral reflectors do (an odd number of bounces): a
+    Point targets keep the polarization, as spheres and trihedral reflectors do (an odd number of bounces): a
     cross-polar receiver does not see them, nor does a circular one of the same sense.
 
     atmosphere: None for clear air.

@@ -1,4 +1,4 @@
-"""The shape of falling drops, and what it does to the polarisation of rain's echo.
+"""The shape of falling drops, and what it does to the polarization of rain's echo.
 
 Drag flattens a drop by more the larger it is, and turbulence tilts its axis about the vertical. With v the axis across
 the line of sight in the vertical plane and h the horizontal one, a drop whose axis lies at the angle a from v in that
@@ -11,7 +11,7 @@ A sphere has D = 0: it returns a circular wave with the opposite sense alone, an
 D vanishes as the square of the sine between the line of sight and the axis: seen from above a drop is round.
 
 S_v and S_h come from spheroids at the carrier (`spheroid`), not from Rayleigh's limit: at 77 GHz drops of 2 mm have
-a backscatter minimum, and are two to three times as depolarising (in amplitude) as small ones of their shape would be.
+a backscatter minimum, and are two to three times as depolarizing (in amplitude) as small ones of their shape would be.
 Neglected: the oscillation of drops larger than a millimetre, scattering from drop to drop, and what the way through
 the rain does: 25 mm/h weaken H by 0.42 dB/km more than V at most (P.838-3), which over 100 m and back turns the sense
 of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB of it
@@ -37,9 +37,9 @@ AXIS_RATIO = np.polynomial.Polynomial([0.9951, 0.02510, -0.03644, 0.005303, -0.0
 # Huang, Bringi and Thurai 2008, J. Atmos. Oceanic Technol. 25, 1717-1723: canting angles of drops after an 80 m fall
 # about zero, with a standard deviation of 7 to 8 deg.
 CANTING_RAD = float(np.deg2rad(7.0))
-# Linear depolarisation of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
+# Linear depolarization of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
 # 731-739), some -17 dB for crystals of all attitudes and -12 to -14 dB where they melt. The paper was not at hand.
-SNOW_DEPOLARISATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
+SNOW_DEPOLARIZATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
 # Smaller drops return nothing to speak of, larger ones break up.
 SMALLEST_M, LARGEST_M = 0.2e-3, 7e-3
 NODES = 32
@@ -55,7 +55,7 @@ def axis_ratio(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DropPolarisation:
+class DropPolarization:
     """Moments of D over the mean power of T at rising angles between the line of sight and the vertical.
 
     mean: of D T* cos 2a; upright, slanted: of |D|^2 cos^2 2a and of |D|^2 sin^2 2a.
@@ -97,22 +97,22 @@ class DropPolarisation:
         return power
 
 
-def spheres() -> DropPolarisation:
-    """Return the polarisation of droplets, and of dust and smoke, which are taken for spheres."""
+def spheres() -> DropPolarization:
+    """Return the polarization of droplets, and of dust and smoke, which are taken for spheres."""
     none = np.zeros(len(ANGLES_RAD))
-    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
 
 
-def snow_polarisation(kind: Precipitation) -> DropPolarisation:
-    """Return the polarisation of snow, whose flakes tumble: the same from all sides, D by the linear depolarisation."""
-    level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARISATION_DB[kind] / 10))
+def snow_polarization(kind: Precipitation) -> DropPolarization:
+    """Return the polarization of snow, whose flakes tumble: the same from all sides, D by the linear depolarization."""
+    level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARIZATION_DB[kind] / 10))
     none = np.zeros(len(ANGLES_RAD), dtype=complex)
-    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
 
 
 @lru_cache(maxsize=8)
-def drop_polarisation(frequency_hz: float, drops: ExponentialDrops, temperature_k: float) -> DropPolarisation:
-    """Return the polarisation of rain's echo, drops canted by `CANTING_RAD` in each of two vertical planes."""
+def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_k: float) -> DropPolarization:
+    """Return the polarization of rain's echo, drops canted by `CANTING_RAD` in each of two vertical planes."""
     diameter, weights = _diameters()
     number = weights * drops.density_per_m4(diameter)
     common, split = _amplitudes(frequency_hz, temperature_k)
@@ -121,7 +121,7 @@ def drop_polarisation(frequency_hz: float, drops: ExponentialDrops, temperature_
     mean = number @ (split * np.conj(common)) / total / np.sin(LOOKS_RAD) ** 2
     power = number @ np.abs(split) ** 2 / total / np.sin(LOOKS_RAD) ** 4
     moments = np.array([_canted(angle, mean, power) for angle in ANGLES_RAD.tolist()])
-    return DropPolarisation(
+    return DropPolarization(
         angle_rad=ANGLES_RAD, mean=moments[:, 0], upright=moments[:, 1].real, slanted=moments[:, 2].real
     )
 
@@ -147,7 +147,7 @@ def _amplitudes(frequency_hz: float, temperature_k: float) -> Complex[np.ndarray
 def _canted(
     angle_rad: float, mean: Complex[np.ndarray, " look"], power: Float[np.ndarray, " look"]
 ) -> Complex[np.ndarray, " 3"]:
-    """Return the three moments of `DropPolarisation` at one angle, averaged over the drops' tilt."""
+    """Return the three moments of `DropPolarization` at one angle, averaged over the drops' tilt."""
     node, weight = np.polynomial.hermite_e.hermegauss(TILT_NODES)
     x, y = np.meshgrid(CANTING_RAD * node, CANTING_RAD * node)
     share = np.outer(weight, weight) / weight.sum() ** 2

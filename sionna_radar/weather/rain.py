@@ -103,9 +103,9 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
     """Return k and alpha of ITU-R P.838-3 (eqs. 2 to 5), 1 to 1000 GHz.
 
     elevation_rad: of the path above (or below) the horizontal.
-    tilt_rad: of the polarisation from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
+    tilt_rad: of the polarization from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
     """
-    # Drops are flattened, so polarisation matters only for what the path sees of their horizontal axis.
+    # Drops are flattened, so polarization matters only for what the path sees of their horizontal axis.
     mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
     k, alpha = rain_power_laws(frequency_hz, np.array([mix]))
     return RainPowerLaw(k=float(k[0]), alpha=float(alpha[0]))
@@ -116,7 +116,7 @@ def rain_attenuations_db_per_km(
 ) -> Float[np.ndarray, " n"]:
     """Return the one-way specific attenuation of rain (ITU-R P.838-3) for many ways of looking.
 
-    mix: cos^2(elevation) cos(2 tilt), what P.838-3 takes of the path and its polarisation; from -1 (level
+    mix: cos^2(elevation) cos(2 tilt), what P.838-3 takes of the path and its polarization; from -1 (level
         path, vertical field) over 0 (straight down) to 1 (level path, horizontal field).
     """
     require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
@@ -149,7 +149,7 @@ def rain_attenuation_db_per_km(
 def rain_reflectivity_per_m(frequency_hz: float, *, rain_rate_mm_per_h: float, temperature_k: float) -> float:
     """Return the radar cross-section of a cubic metre of rain (m2/m3), eta.
 
-    Mie's backscatter of water spheres, summed over Marshall-Palmer drops. One polarisation sent and the same
+    Mie's backscatter of water spheres, summed over Marshall-Palmer drops. One polarization sent and the same
     received; spheres send nothing into the other. At 94 GHz the echo from 250 m agrees with what radars
     measure in 3 to 10 mm/h, 19 dBZ with a spread of 1.5 dB (Hogan et al. 2003, J. Atmos. Oceanic Technol. 20,
     572); single showers differ by more. Real drops are flattened, which is neglected here.

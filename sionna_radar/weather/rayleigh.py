@@ -9,7 +9,7 @@ DB_PER_KM_PER_NEPER_PER_M = 10.0 * math.log10(math.e) * 1000.0
 
 
 def clausius_mossotti(permittivity: complex) -> complex:
-    """Return (eps - 1)/(eps + 2), the polarisability of a sphere over three times its volume."""
+    """Return (eps - 1)/(eps + 2), the polarizability of a sphere over three times its volume."""
     return (permittivity - 1.0) / (permittivity + 2.0)
 
 

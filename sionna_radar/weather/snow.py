@@ -160,8 +160,8 @@ def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
     return factor
 
 
-def _polarisability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
-    """Return the polarisability of a flake in units of a sphere's of its melted volume: that of its parts together."""
+def _polarizability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
+    """Return the polarizability of a flake in units of a sphere's of its melted volume: that of its parts together."""
     ice = clausius_mossotti(ice_permittivity(frequency_hz, min(temperature_k, MELTING_K)))
     frozen = ice * WATER_KG_PER_M3 / DENSITY_KG_PER_M3
     if kind is Precipitation.DRY_SNOW:
@@ -171,11 +171,11 @@ def _polarisability(frequency_hz: float, kind: Precipitation, temperature_k: flo
 
 
 def _backscatter_m2(
-    frequency_hz: float, falling: Flakes, polarisability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
+    frequency_hz: float, falling: Flakes, polarizability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
 ) -> Float[np.ndarray, "*shape node"]:
     wave_number = 2.0 * np.pi * frequency_hz / speed_of_light
     volume_m3 = falling.mass_kg / WATER_KG_PER_M3
-    point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarisability) ** 2 * volume_m3**2
+    point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarizability) ** 2 * volume_m3**2
     echo: Float[np.ndarray, "*shape node"] = point_m2 * form_factor(size * wave_number * falling.diameter_m)
     return echo
 
@@ -186,8 +186,8 @@ def snow_reflectivity_per_m(
     """Return the radar cross-section of a cubic metre of snowfall (m2/m3)."""
     _require_band(frequency_hz)
     falling = flakes(snowfall_mm_per_h, kind)
-    polarisability = _polarisability(frequency_hz, kind, temperature_k)
-    return float(np.sum(falling.count_per_m3 * _backscatter_m2(frequency_hz, falling, polarisability)))
+    polarizability = _polarizability(frequency_hz, kind, temperature_k)
+    return float(np.sum(falling.count_per_m3 * _backscatter_m2(frequency_hz, falling, polarizability)))
 
 
 def snow_attenuation_db_per_km(
@@ -205,12 +205,12 @@ def snow_attenuation_db_per_km(
         )
         return melting_factor(WETTEST_M) * rain
     falling = flakes(snowfall_mm_per_h, kind)
-    polarisability = _polarisability(frequency_hz, kind, temperature_k)
-    absorbed_m2 = 6 * np.pi * frequency_hz / speed_of_light * polarisability.imag * falling.mass_kg / WATER_KG_PER_M3
+    polarizability = _polarizability(frequency_hz, kind, temperature_k)
+    absorbed_m2 = 6 * np.pi * frequency_hz / speed_of_light * polarizability.imag * falling.mass_kg / WATER_KG_PER_M3
     # Scattered by an angle t, the phase is that of an extent sin(t / 2) as large looked at straight back.
     cosine, weight = np.polynomial.legendre.leggauss(ANGLES)
     size = np.sqrt((1.0 - cosine) / 2.0)[:, None]
-    scattered_m2 = (weight * (1.0 + cosine**2) / 4.0) @ _backscatter_m2(frequency_hz, falling, polarisability, size)
+    scattered_m2 = (weight * (1.0 + cosine**2) / 4.0) @ _backscatter_m2(frequency_hz, falling, polarizability, size)
     return DB_PER_KM_PER_NEPER_PER_M * float(np.sum(falling.count_per_m3 * (absorbed_m2 + scattered_m2)))
 
 
@@ -219,7 +219,7 @@ def snow_speeds(
 ) -> EchoSpeeds:
     """Return how fast the flakes fall that send the echo."""
     falling = flakes(snowfall_mm_per_h, kind)
-    echo_m2 = _backscatter_m2(frequency_hz, falling, _polarisability(frequency_hz, kind, temperature_k))
+    echo_m2 = _backscatter_m2(frequency_hz, falling, _polarizability(frequency_hz, kind, temperature_k))
     return weighted_speeds(falling.count_per_m3 * echo_m2, falling.speed_mps)
 
 

@@ -1,4 +1,4 @@
-"""Backscatter of a spheroid in both polarisations, by matching the fields at its boundary.
+"""Backscatter of a spheroid in both polarizations, by matching the fields at its boundary.
 
 Fields inside and outside are sums of vector spherical waves; their coefficients make the tangential fields agree on
 the boundary in the sense of least squares, for each order of the turn about the axis by itself. It is the method by
@@ -132,7 +132,7 @@ def _legendre(
 
 def _incident(
     boundary: _Boundary, turn: Float[np.ndarray, " turn"], look_rad: Float[np.ndarray, " look"]
-) -> Complex[np.ndarray, "polarisation look field node turn"]:
+) -> Complex[np.ndarray, "polarization look field node turn"]:
     """Return tangential E and curl E of plane waves, in the plane of the axis and across it, on the boundary."""
     x, sine = boundary.cosine[:, None], np.sqrt(1 - boundary.cosine[:, None] ** 2)
     c, s = np.cos(turn)[None], np.sin(turn)[None]
@@ -145,23 +145,23 @@ def _incident(
         ahead = np.array([np.sin(angle), 0.0, np.cos(angle)])
         down, left = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([0.0, 1.0, 0.0])
         wave = np.exp(1j * boundary.distance[:, None] * np.tensordot(ahead, out, 1))
-        for polarisation, (e, h) in enumerate(((down, left), (left, -down))):
+        for polarization, (e, h) in enumerate(((down, left), (left, -down))):
             for row, (vector, factor) in enumerate(((e, 1.0), (e, 1.0), (h, 1j), (h, 1j))):
                 axis = (along, phi)[row % 2]
-                field[polarisation, number, row] = factor * wave * np.tensordot(vector, axis, 1)
+                field[polarization, number, row] = factor * wave * np.tensordot(vector, axis, 1)
     return field
 
 
 def _far_field(
-    wave: Complex[np.ndarray, "kind n polarisation look"],
+    wave: Complex[np.ndarray, "kind n polarization look"],
     order: int,
     degrees: Int[np.ndarray, " n"],
     look_rad: Float[np.ndarray, " look"],
-) -> Complex[np.ndarray, "polarisation look"]:
-    """Return the amplitude back along each line of sight, each polarisation into itself."""
+) -> Complex[np.ndarray, "polarization look"]:
+    """Return the amplitude back along each line of sight, each polarization into itself."""
     _, share, slope = _legendre(order, degrees, -np.cos(look_rad))
     phase = (-1j) ** degrees[None, :] * (-1.0) ** order  # seen from behind: half a turn about the axis
-    m, n = np.moveaxis(wave, (0, 1), (0, 3))  # polarisation look n
+    m, n = np.moveaxis(wave, (0, 1), (0, 3))  # polarization look n
     vertical = (phase * (-1j * m[0] * 1j * share + n[0] * slope)).sum(axis=1)
     horizontal = -(phase * (-1j * m[1] * -slope + n[1] * 1j * share)).sum(axis=1)
     return np.stack([vertical, horizontal])

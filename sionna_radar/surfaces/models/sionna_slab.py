@@ -1,9 +1,9 @@
 """Sionna RT's ITU materials: where they are defined, and what they scatter back.
 
 Their diffuse model gives sigma0 = 4 S^2 R^2 cos^2 (1 - K), with S the scattering coefficient, R^2 the power that
-the slab reflects at that angle and polarisation, and K the share that turns cross-polar. The coefficients are
+the slab reflects at that angle and polarization, and K the share that turns cross-polar. The coefficients are
 Sionna's; the scattering matrix around them is ours (`RadarMaterial`), because Sionna's own keeps field components in
-the world's spherical basis: for a linearly polarised antenna that looks down at a scan angle it loses the co-polar
+the world's spherical basis: for a linearly polarized antenna that looks down at a scan angle it loses the co-polar
 echo, 3 dB straight down and 4.5 to 24 dB off nadir.
 """
 

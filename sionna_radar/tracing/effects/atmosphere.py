@@ -11,7 +11,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho
-from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
+from sionna_radar.tracing.effects.volume_polarization import volume_polarization
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
@@ -31,15 +31,15 @@ class Atmosphere:
         self._steps = int(np.ceil(chirp.max_range_m / self._step_m))
         volume = volume_of(weather)
         self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)
-        self._polarisation = None if volume is None else volume_polarisation(weather, antenna)
+        self._polarization = None if volume is None else volume_polarization(weather, antenna)
 
     def with_volume(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's diffuse paths and the echo of what fills the air in front of them."""
         if self._echo is None:
             return paths
         echo = self._echo.trace(pulses, paths)
-        if self._polarisation is not None:
-            echo = self._polarisation.received(echo, pulses)
+        if self._polarization is not None:
+            echo = self._polarization.received(echo, pulses)
         return Paths.concatenate([paths, echo])
 
     def through(self, paths: Paths, pulses: Pulses) -> Paths:

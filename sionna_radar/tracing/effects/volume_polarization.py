@@ -1,4 +1,4 @@
-"""What an antenna's polarisation makes of the echo of rain and snow: the share of it that comes back into its port."""
+"""What an antenna's polarization makes of the echo of rain and snow: the share of it that comes back into its port."""
 
 import dataclasses
 
@@ -9,14 +9,14 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.drop_shapes import DropPolarisation, drop_polarisation, snow_polarisation, spheres
+from sionna_radar.weather.drop_shapes import DropPolarization, drop_polarization, snow_polarization, spheres
 from sionna_radar.weather.drops import marshall_palmer
 
 # Rain that is told by a map alone: its rate changes the share little.
 TYPICAL_RATE_MM_PER_H = 10.0
 
 
-class VolumePolarisation:
+class VolumePolarization:
     """What fills the air as the ports of an antenna receive it; of several kinds, all together."""
 
     def __init__(self, weather: Weather, antenna: Antenna) -> None:
@@ -42,20 +42,20 @@ class VolumePolarisation:
         return self._moments.power(np.arccos(np.clip(ahead[:, 2], -1.0, 1.0)), sent, received)
 
 
-def _moments(weather: Weather) -> DropPolarisation:
+def _moments(weather: Weather) -> DropPolarization:
     """Return the moments of all kinds, each by its share of the reflectivity; droplets and dust are spheres."""
     kinds = []
     if weather.rains:
         rate = weather.rain_rate_mm_per_h or TYPICAL_RATE_MM_PER_H
-        drops = drop_polarisation(weather.carrier_hz, marshall_palmer(rate), weather.temperature_k)
+        drops = drop_polarization(weather.carrier_hz, marshall_palmer(rate), weather.temperature_k)
         kinds.append((weather.rain_echo(rate)[0], drops))
-    hydrometeors = [snow_polarisation(kind) for kind in weather.snowfall_mm_per_h]
+    hydrometeors = [snow_polarization(kind) for kind in weather.snowfall_mm_per_h]
     still = weather.still_echoes
     hydrometeors += [spheres()] * (len(still) - len(hydrometeors))
     kinds += [(level, moments) for (level, _), moments in zip(still, hydrometeors, strict=True)]
     share = np.array([level for level, _ in kinds])
     share /= share.sum()
-    return DropPolarisation(
+    return DropPolarization(
         angle_rad=kinds[0][1].angle_rad,
         mean=share @ np.stack([moments.mean for _, moments in kinds]),
         upright=share @ np.stack([moments.upright for _, moments in kinds]),
@@ -63,8 +63,8 @@ def _moments(weather: Weather) -> DropPolarisation:
     )
 
 
-def volume_polarisation(weather: Weather, antenna: Antenna) -> VolumePolarisation | None:
+def volume_polarization(weather: Weather, antenna: Antenna) -> VolumePolarization | None:
     """Return None for a linear antenna that receives what it sends: the reflectivity is that of its echo."""
     if not antenna.circular and antenna.receives == "co":
         return None
-    return VolumePolarisation(weather, antenna)
+    return VolumePolarization(weather, antenna)

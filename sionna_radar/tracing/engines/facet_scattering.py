@@ -1,4 +1,4 @@
-"""What a facet sends back to the radar, polarisation included: the scattering matrix of `RadarMaterial` in plain NumPy.
+"""What a facet sends back to the radar, polarization included: the scattering matrix of `RadarMaterial` in plain NumPy.
 
 With e the field that the antenna sends toward a facet and r the one that it receives, both unit vectors across the
 line of sight k, h = k x n / |k x n| across the plane of incidence and v = h x k in it, the facet's amplitude over
@@ -63,7 +63,7 @@ class FacetScattering:
                     amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
                 continue
             fields = self._fields(direction[own], normal[own], R_world_antenna)
-            amplitude[own] = _polarised(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
+            amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
         return amplitude
 
     def _fields(
@@ -89,7 +89,7 @@ def _is_plain(model: RadarMaterial) -> bool:
     return model.cross_polar == 0.0 and model.copolar_correlation is None and model.vertical is model.horizontal
 
 
-def _polarised(
+def _polarized(
     model: RadarMaterial,
     incidence_rad: Float[np.ndarray, " facet"],
     sent: Inexact[np.ndarray, "facet 2"],

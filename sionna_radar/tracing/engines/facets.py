@@ -9,7 +9,7 @@ Footprint: the directions where the outer envelope of the two-way pattern is abo
 With side lobes of -20 dB what lies outside holds less than 0.001 dB of the echo of a uniform surface, and
 less than 0.05 dB of it where everything outside is 20 dB brighter than all inside.
 
-Polarisation: a facet scatters by the whole matrix of its material, in its own plane of incidence; see
+Polarization: a facet scatters by the whole matrix of its material, in its own plane of incidence; see
 `facet_scattering`.
 
 Facets coarse against the beam or the range cell are divided until they are fine enough. With

@@ -26,7 +26,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
     A ray tube of solid angle W that meets the surface at incidence t illuminates the area r^2 W / cos t, so
     the scattered over the incident field, both at 1 m, is sqrt(sigma0(t) / (4 pi cos t) W). Sionna's own
     diffuse matrix keeps field components in the world's spherical basis, which is singular at the zenith and
-    loses half the power of a linearly polarised antenna that looks straight down; this one acts on the
+    loses half the power of a linearly polarized antenna that looks straight down; this one acts on the
     transverse field vector itself, by the matrix of `RadarMaterial`. With c = k x n, of size sin t, that is
 
         a_v + (a_h - a_v) / sin^2 t c c^T

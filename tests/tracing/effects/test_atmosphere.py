@@ -33,7 +33,7 @@ def power_db(paths):
 
 
 def test_a_point_target_loses_the_closed_form(pencil, chirp_of, surface_of, looking):
-    """Straight down the polarisation does not matter: P.838 at 90 deg of elevation, twice the way."""
+    """Straight down the polarization does not matter: P.838 at 90 deg of elevation, twice the way."""
     caster = RayCaster([surface_of(lambda x, y: 0 * x)])
     chirp, pulses = chirp_of(), looking(3)
     clear = trace_targets([Target(position_m=(0.0, 0.0, 0.0), rcs_m2=1.0)], pulses, pencil, chirp, caster)
