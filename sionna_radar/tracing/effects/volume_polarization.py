@@ -1,4 +1,4 @@
-"""What an antenna's polarization makes of the echo of rain and snow: the share of it that comes back into its port."""
+"""Polarization of the echo of rain and snow: the share of it that the antenna's receive port accepts."""
 
 import dataclasses
 
@@ -12,38 +12,38 @@ from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drop_shapes import DropPolarization, drop_polarization, snow_polarization, spheres
 from sionna_radar.weather.drops import marshall_palmer
 
-# Rain that is told by a map alone: its rate changes the share little.
+# Rain given by a map only: the rate hardly affects the share.
 TYPICAL_RATE_MM_PER_H = 10.0
 
 
 class VolumePolarization:
-    """What fills the air as the ports of an antenna receive it; of several kinds, all together."""
+    """The volume echo as received at the ports of an antenna; kinds of particles are combined."""
 
     def __init__(self, weather: Weather, antenna: Antenna) -> None:
         self._moments = _moments(weather)
         self._antenna = antenna
 
     def received(self, echo: Paths, pulses: Pulses) -> Paths:
-        """Return the echo of a linear, co-polar antenna as this one receives it."""
+        """Return the echo, given for a linear co-polar antenna, as received by this one."""
         share = self.share(pulses.true)[pulses.row_of(echo.pulse)]
         return dataclasses.replace(echo, gain=echo.gain * np.sqrt(share))
 
     def share(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
-        """Return the power received from the boresight's direction over that of a linear, co-polar antenna."""
+        """Return the power received from boresight relative to that of a linear co-polar antenna."""
         ahead = pose.boresight
         across = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))], axis=1)
         size = np.linalg.norm(across, axis=1, keepdims=True)
         # Straight down any horizontal axis will do.
         across = np.where(size > 1e-9, across / np.maximum(size, 1e-9), np.array([1.0, 0.0, 0.0]))
         within = np.cross(ahead, across)
-        own = pose.R_world_antenna[:, :, [2, 1]]  # axes of V and H
-        to_drops = np.stack([np.einsum("ni,nij->nj", axis, own) for axis in (within, across)], axis=1)
+        antenna_axes = pose.R_world_antenna[:, :, [2, 1]]  # axes of V and H
+        to_drops = np.stack([np.einsum("ni,nij->nj", axis, antenna_axes) for axis in (within, across)], axis=1)
         sent, received = (to_drops @ port for port in self._antenna.jones)
         return self._moments.power(np.arccos(np.clip(ahead[:, 2], -1.0, 1.0)), sent, received)
 
 
 def _moments(weather: Weather) -> DropPolarization:
-    """Return the moments of all kinds, each by its share of the reflectivity; droplets and dust are spheres."""
+    """Return the moments of all kinds, weighted by their reflectivity; droplets and dust are spheres."""
     kinds = []
     if weather.rains:
         rate = weather.rain_rate_mm_per_h or TYPICAL_RATE_MM_PER_H
@@ -64,7 +64,7 @@ def _moments(weather: Weather) -> DropPolarization:
 
 
 def volume_polarization(weather: Weather, antenna: Antenna) -> VolumePolarization | None:
-    """Return None for a linear antenna that receives what it sends: the reflectivity is that of its echo."""
+    """Return None for a linear co-polar antenna, for which the reflectivity is defined."""
     if not antenna.circular and antenna.receives == "co":
         return None
     return VolumePolarization(weather, antenna)
