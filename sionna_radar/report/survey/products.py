@@ -23,7 +23,7 @@ from sionna_radar.survey.result import Survey
 MARKER = "summary.json"
 
 
-def write_products(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Write the results into a directory, whole or not at all, and return the files.
 
     Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
