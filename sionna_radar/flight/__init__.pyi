@@ -5,6 +5,7 @@ from .pulses import Navigation as Navigation
 from .pulses import Pose as Pose
 from .pulses import Pulses as Pulses
 from .pulses import PulseSchedule as PulseSchedule
+from .pulses import antenna_pose as antenna_pose
 from .pulses import register_navigation as register_navigation
 from .scan import Pointing as Pointing
 from .scan import Scan as Scan
@@ -19,6 +20,7 @@ __all__ = [
     "Pulses",
     "Scan",
     "Trajectory",
+    "antenna_pose",
     "conical_from_antenna",
     "register_navigation",
     "register_scan",

@@ -42,6 +42,14 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
     OutputError
         The directory holds something else, or cannot be written; see `write_folder`.
 
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> files = write_survey(survey, Path("results"))
+    >>> [file.name for file in files if file.suffix == ".tif"]
+    ['dem.tif', 'error.tif', 'truth.tif']
+
     """
     return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))
 
