@@ -58,6 +58,12 @@ def crosscheck(
     ScenarioError, InputFileError
         The scenario cannot be flown, or has nothing but point targets to see.
 
+    Examples
+    --------
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> abs(check.mean_power_difference_db) < 0.1
+    True
+
     """
     progress("preparing", 0, 0)
     prepared = prepare(scenario)

@@ -66,7 +66,16 @@ class IncidenceBin:
 class CrossCheck(Brief):
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
+    tolerances: how far the engines may lie apart.
     correlation_m: distance over which errors of a DEM are correlated.
+    sionna, sionna_again, gamma, gamma_again: what each engine made of every pulse, with either seed.
+
+    Examples
+    --------
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> sorted(check.verdict())
+    ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
+
     """
 
     scenario: Scenario

@@ -73,9 +73,9 @@ def run(
 
     Examples
     --------
-    >>> survey = run(load_scenario("hills"))
-    >>> round(survey.lit_error.rms_m, 2)
-    0.12
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey.pulses, survey.warnings
+    (100, ())
 
     """
     custom = CustomParts(

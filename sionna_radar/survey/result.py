@@ -30,6 +30,15 @@ class Survey(Brief):
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
     warnings: what spoils the result.
+
+    Examples
+    --------
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey.error.height_m.shape == survey.dem.grid.shape
+    True
+    >>> survey.lit_error.rms_m < 0.2
+    True
+
     """
 
     prepared: Prepared
