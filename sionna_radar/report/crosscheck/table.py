@@ -1,4 +1,4 @@
-"""A cross-check as a table on the terminal."""
+"""The table of a cross-check, for the terminal."""
 
 from rich.table import Table
 
