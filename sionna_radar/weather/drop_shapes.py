@@ -1,22 +1,22 @@
-"""The shape of falling drops, and what it does to the polarization of rain's echo.
+"""The shape of falling drops, and its effect on the polarization of the rain echo.
 
-Drag flattens a drop by more the larger it is, and turbulence tilts its axis about the vertical. With v the axis across
+Drag flattens larger drops more, and turbulence tilts their axes about the vertical. With v the axis across
 the line of sight in the vertical plane and h the horizontal one, a drop whose axis lies at the angle a from v in that
-view sends back the matrix
+view has the scattering matrix
 
     T | 1 0 |  +  D | cos 2a   sin 2a |
       | 0 1 |       | sin 2a  -cos 2a |        T = (S_v + S_h) / 2,  D = (S_v - S_h) / 2 in the drop's own axes.
 
-A sphere has D = 0: it returns a circular wave with the opposite sense alone, and nothing in the other of V and H.
+A sphere has D = 0: it returns a circular wave only with the opposite sense, and V and H without cross-polar echo.
 D vanishes as the square of the sine between the line of sight and the axis: seen from above a drop is round.
 
 S_v and S_h come from spheroids at the carrier (`spheroid`), not from Rayleigh's limit: at 77 GHz drops of 2 mm have
 a backscatter minimum, and are two to three times as depolarizing (in amplitude) as small ones of their shape would be.
-Neglected: the oscillation of drops larger than a millimetre, scattering from drop to drop, and what the way through
-the rain does: 25 mm/h weaken H by 0.42 dB/km more than V at most (P.838-3), which over 100 m and back turns the sense
-of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB of it
-come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are those of
-their antennas' axial ratio (1 dB leaves 18.8 dB).
+Neglected: the oscillation of drops larger than a millimetre, multiple scattering, and the effect of propagation through
+the rain: at 25 mm/h H is attenuated by up to 0.42 dB/km more than V (P.838-3), which over 100 m and back reverses the
+sense of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB
+of it come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are due
+to the axial ratio of their antennas (1 dB gives 18.8 dB).
 """
 
 from dataclasses import dataclass
@@ -38,9 +38,9 @@ AXIS_RATIO = np.polynomial.Polynomial([0.9951, 0.02510, -0.03644, 0.005303, -0.0
 # about zero, with a standard deviation of 7 to 8 deg.
 CANTING_RAD = float(np.deg2rad(7.0))
 # Linear depolarization of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
-# 731-739), some -17 dB for crystals of all attitudes and -12 to -14 dB where they melt. The paper was not at hand.
+# 731-739), some -17 dB for crystals of all orientations and -12 to -14 dB where they melt. The paper was not at hand.
 SNOW_DEPOLARIZATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
-# Smaller drops return nothing to speak of, larger ones break up.
+# Smaller drops return a negligible echo, larger ones break up.
 SMALLEST_M, LARGEST_M = 0.2e-3, 7e-3
 NODES = 32
 LOOKS_RAD = np.deg2rad([20.0, 45.0, 70.0, 90.0])
@@ -72,14 +72,14 @@ class DropPolarization:
         sent: Inexact[np.ndarray, "n 2"],
         received: Inexact[np.ndarray, "n 2"],
     ) -> Float[np.ndarray, " n"]:
-        """Return the power received, over what spheres return to a linear antenna that receives as it sends.
+        """Return the power received, relative to that of spheres with a linear co-polar antenna.
 
         Parameters
         ----------
         angle_rad:
-            Between the line of sight and the vertical, up or down.
+            Angle between the line of sight and the vertical, up or down.
         sent, received:
-            Unit fields, along v and h, that the antenna sends as it sends and as it receives.
+            Unit fields, along v and h, of the antenna's transmit and receive ports, both as if transmitting.
 
         """
         angle = np.minimum(angle_rad, np.pi - angle_rad)
@@ -98,13 +98,13 @@ class DropPolarization:
 
 
 def spheres() -> DropPolarization:
-    """Return the polarization of droplets, and of dust and smoke, which are taken for spheres."""
+    """Return the polarization of droplets, dust and smoke, all taken as spheres."""
     none = np.zeros(len(ANGLES_RAD))
     return DropPolarization(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
 
 
 def snow_polarization(kind: Precipitation) -> DropPolarization:
-    """Return the polarization of snow, whose flakes tumble: the same from all sides, D by the linear depolarization."""
+    """Return the polarization of snow, whose flakes tumble: equal in all directions, D from linear depolarization."""
     level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARIZATION_DB[kind] / 10))
     none = np.zeros(len(ANGLES_RAD), dtype=complex)
     return DropPolarization(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
@@ -117,7 +117,7 @@ def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_
     number = weights * drops.density_per_m4(diameter)
     common, split = _amplitudes(frequency_hz, temperature_k)
     total = number @ np.abs(common) ** 2
-    # Divided by what they vanish with, so that what is left is smooth in the angle.
+    # Divided by the factors with which they vanish, so that the rest is smooth in the angle.
     mean = number @ (split * np.conj(common)) / total / np.sin(LOOKS_RAD) ** 2
     power = number @ np.abs(split) ** 2 / total / np.sin(LOOKS_RAD) ** 4
     moments = np.array([_canted(angle, mean, power) for angle in ANGLES_RAD.tolist()])
@@ -127,7 +127,7 @@ def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_
 
 
 def _diameters() -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-    """Return the nodes of integrals over the diameter and their weights, in share of the span."""
+    """Return the nodes of integrals over the diameter and their weights, as shares of the span."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     return SMALLEST_M + (LARGEST_M - SMALLEST_M) * (1 + nodes) / 2, weights / 2
 
@@ -152,7 +152,7 @@ def _canted(
     x, y = np.meshgrid(CANTING_RAD * node, CANTING_RAD * node)
     share = np.outer(weight, weight) / weight.sum() ** 2
     axis = np.stack([np.tan(x), np.tan(y), np.ones_like(x)]) / np.sqrt(1 + np.tan(x) ** 2 + np.tan(y) ** 2)
-    # The line of sight lies in the plane of x and z; the drop's axis seen along v and h.
+    # The line of sight lies in the x-z plane; components of the drop's axis along v and h.
     along_v = axis[2] * np.sin(angle_rad) - axis[0] * np.cos(angle_rad)
     along_h = axis[1]
     turned = (along_v + 1j * along_h) ** 2  # sin^2 of the angle to the axis, times exp(2 j a)
