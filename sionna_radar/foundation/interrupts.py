@@ -43,7 +43,7 @@ def held_back() -> Iterator[None]:
 
 
 @contextmanager
-def interrupts_told() -> Iterator[None]:
+def interrupts_reported() -> Iterator[None]:
     """Run the whole program: an interrupt ends it with one line on standard error and exit code 128 + signal."""
     _received.clear()
     for number in SIGNALS:
