@@ -295,7 +295,7 @@ def test_an_ascii_grid_takes_its_crs_from_the_scenario(tmp_path):
         load(path)
     with pytest.raises(ScenarioError, match=r"terrain\.crs: 'EPSG:9' is no"):
         load(path, crs="EPSG:9")
-    with pytest.raises(ScenarioError, match=r"terrain\.crs: .* has no place"):
+    with pytest.raises(ScenarioError, match=r"terrain\.crs: .* does not contain"):
         load(path, crs="EPSG:4326")
 
 
@@ -440,7 +440,7 @@ def test_rasters_that_are_no_terrain(tmp_path):
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_a_raster_without_a_place(tmp_path):
     path = write(tmp_path / "a.tif", np.zeros((9, 9)), None, crs=None)
-    assert "does not say where on the Earth" in str(refusal(path, crs=UTM))
+    assert "is not georeferenced" in str(refusal(path, crs=UTM))
 
 
 def test_a_crs_that_is_no_map(tmp_path):
