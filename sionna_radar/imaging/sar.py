@@ -143,8 +143,8 @@ class BackProjection:
         range_rate = -(away[use] @ pose.velocity_mps[row]) / range_m[use]
         phase = phase_polynomial(2 * range_m[use] / speed_of_light, range_rate, self._chirp)
         place = phase.frequency_hz * (self._chirp.duration_s * ZERO_PADDING)
-        told = (place >= 0) & (place < len(spectrum) - 1)
-        use, place, constant = use[told], place[told], phase.constant[told]
+        covered = (place >= 0) & (place < len(spectrum) - 1)
+        use, place, constant = use[covered], place[covered], phase.constant[covered]
         below = place.astype(np.int64)
         share = place - below
         value = spectrum[below] * (1 - share) + spectrum[below + 1] * share

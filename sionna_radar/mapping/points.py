@@ -15,7 +15,7 @@ from sionna_radar.foundation.columns import Columns
 class Points(Columns):
     """Located echoes, one row each, in the order of the echoes.
 
-    pulse, number: running number of the pulse, and of the echo in it.
+    pulse, number: index of the pulse, and of the echo in it.
     position_m: world frame (local ENU), shape (point, 3).
     origin_m: where the radar was, as measured, shape (point, 3).
     range_m, range_sigma_m: slant range and its standard deviation.

@@ -51,21 +51,21 @@ def step_surface(
         Widest gap, within a part, that is filled between cells supported by echoes.
 
     """
-    coarse, heard, level_m = _coarse(sightings, points, grid)
+    coarse, supported, level_m = _coarse(sightings, points, grid)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
-    height, alone, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), heard.copy()
+    height, refined, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), supported.copy()
     for number in np.unique(part):
         inside = part == number
         window = _window(inside)
-        filled[window] |= inside[window] & closed((heard & inside)[window], gap_m, grid.spacing_m)
+        filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
         own = whole == number
         if own.sum() >= FEWEST_PULSES:
             mapped = refine(sightings.rows(own), grid.cut(*window)).height_m
             height[window] = np.where(inside[window], mapped, height[window])
-            alone |= inside
-    spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
-    for number in np.unique(part[~alone]):
+            refined |= inside
+    spread_m = max(_spread((coarse - height)[refined & supported]), level_m / 2)
+    for number in np.unique(part[~refined]):
         inside = part == number
         height[inside] = _plane(coarse, inside, spread_m, points, grid)
     return Heightfield(grid=grid, height_m=height), filled
@@ -75,7 +75,7 @@ def _coarse(
     sightings: Sightings, points: Points, grid: Grid
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"], float]:
     """Return heights of the cells by levels, block by block, whether echoes support them, and the widest level."""
-    height, heard = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
+    height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     widest = sightings.profiles.cell_m
     axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
     for row in range(0, grid.rows, BLOCK_CELLS):
@@ -94,9 +94,9 @@ def _coarse(
             core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
             inner = slice(row - rows.start, None), slice(column - columns.start, None)
             height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-            heard[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
             widest = max(widest, float(level[1] - level[0]))
-    return height, heard, widest
+    return height, supported, widest
 
 
 def _block(
@@ -113,8 +113,8 @@ def _block(
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
     against = evidence_against(sightings, grid, base_m, level_m, in_view)
     chosen = choose_levels(against)
-    heard = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
-    return base_m + level_m[chosen], heard
+    supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
+    return base_m + level_m[chosen], supported
 
 
 def lowest_in_view_m(
@@ -171,8 +171,8 @@ def _whole_part(sightings: Sightings, part: Int[np.ndarray, "row column"], grid:
     place = pose.position_m + range_m[:, None] * pose.boresight
     reach_m = range_m * sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
     row, column, inside = grid.cell_of(place)
-    alone = inside & (_to_border_m(part, grid)[row, column] > reach_m)
-    return np.where(alone, part[row, column], -1)
+    within_one = inside & (_to_border_m(part, grid)[row, column] > reach_m)
+    return np.where(within_one, part[row, column], -1)
 
 
 def _plane(

@@ -139,16 +139,16 @@ class Antenna:
         axial ratio r it is (r^2 - 1) / (r^2 + 1) in the same sense and 2 r / (r^2 + 1) in the opposite one; the first
         bounds its rain rejection (the integrated cancellation ratio).
         """
-        sent, received = self.jones
-        return complex(sent @ received)
+        transmitted, received = self.jones
+        return complex(transmitted @ received)
 
     def fields(
         self, direction: Float[np.ndarray, "n 3"]
     ) -> tuple[Inexact[np.ndarray, "n 3"], Inexact[np.ndarray, "n 3"]]:
         """Return the transmit and the receive field toward unit vectors, all in the antenna's frame."""
         if not self.circular:
-            sent, received = ("VH"[int(port[1])] for port in self.jones)
-            return self.field(direction, sent), self.field(direction, received)
+            transmitted, received = ("VH"[int(port[1])] for port in self.jones)
+            return self.field(direction, transmitted), self.field(direction, received)
         axes = np.stack([self.field(direction, p) for p in "VH"])
         sent_field, received_field = (np.tensordot(port, axes, 1) for port in self.jones)
         return sent_field, received_field

@@ -78,7 +78,7 @@ def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     for index, target in enumerate(scenario.targets):
         ground = float(height[index])
         if not np.isfinite(ground):
-            message = f"{target.position_m} is outside the terrain; move it or enlarge the terrain"
+            message = f"{target.position_m} is beyond the terrain; move it or enlarge the terrain"
             raise ScenarioError([Problem(f"targets.{index}.position_m", message)])
         position = (*target.position_m, ground + target.height_m)
         targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm), swerling=target.swerling))

@@ -58,13 +58,13 @@ class LidarReceiver:
         row = pulses.row_of(paths.pulse)
         ground_m[row] = paths.delay_s * (speed_of_light / 2)
         cosine[row] = np.cos(paths.incidence_rad)
-        heard = self.detects_ground(ground_m, cosine)
+        ground_seen = self.detects_ground(ground_m, cosine)
         before_m = self.nearest_in_air_m(pulses)
         # Particles behind the ground are not seen.
         in_air = before_m < ground_m
-        read_air = in_air if self.table.returns == "first" else in_air & ~heard
+        read_air = in_air if self.table.returns == "first" else in_air & ~ground_seen
         range_m = np.where(read_air, before_m, ground_m)
-        read = read_air | heard
+        read = read_air | ground_seen
         surface = np.full(len(pulses), VOLUME)
         surface[row] = paths.surface
         incidence = np.full(len(pulses), np.nan)
@@ -124,8 +124,8 @@ class LidarReceiver:
         area_m2 = np.pi / 4 * width_m**2
         back = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm)
         echo = np.pi * back / area_m2[:, None] * self.left(range_m)[:, None]
-        heard = echo >= self.threshold(range_m)[:, None]
-        per_m = area_m2 * np.trapezoid(heard * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
+        detectable = echo >= self.threshold(range_m)[:, None]
+        per_m = area_m2 * np.trapezoid(detectable * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
         steps = (per_m[1:] + per_m[:-1]) / 2 * np.diff(range_m)
         return range_m, np.concatenate([[0.0], np.cumsum(steps)])
 

@@ -67,12 +67,12 @@ def register_material(name: str, parameters: type[MaterialParameters]) -> Callab
 
 def channel_of(radar: RadarTable) -> Channel:
     """Return the polarization channel of a radar: received first, then transmitted."""
-    sent = radar.antenna.polarization
-    if sent in ("RHCP", "LHCP"):
+    transmitted = radar.antenna.polarization
+    if transmitted in ("RHCP", "LHCP"):
         return "same" if radar.antenna.receive_polarization == "co" else "opposite"
     if radar.antenna.receive_polarization == "co":
-        return "VV" if sent == "V" else "HH"
-    return "HV" if sent == "V" else "VH"
+        return "VV" if transmitted == "V" else "HH"
+    return "HV" if transmitted == "V" else "VH"
 
 
 def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:

@@ -69,7 +69,7 @@ class DropPolarization:
     def power(
         self,
         angle_rad: Float[np.ndarray, " n"],
-        sent: Inexact[np.ndarray, "n 2"],
+        transmitted: Inexact[np.ndarray, "n 2"],
         received: Inexact[np.ndarray, "n 2"],
     ) -> Float[np.ndarray, " n"]:
         """Return the power received, relative to that of spheres with a linear co-polar antenna.
@@ -78,7 +78,7 @@ class DropPolarization:
         ----------
         angle_rad:
             Angle between the line of sight and the vertical, up or down.
-        sent, received:
+        transmitted, received:
             Unit fields, along v and h, of the antenna's transmit and receive ports, both as if transmitting.
 
         """
@@ -86,7 +86,7 @@ class DropPolarization:
         mean, upright, slanted = (
             np.interp(angle, self.angle_rad, moment) for moment in (self.mean, self.upright, self.slanted)
         )
-        (v, h), (rv, rh) = sent.T, received.T
+        (v, h), (rv, rh) = transmitted.T, received.T
         kept, opposed, exchanged = rv * v + rh * h, rv * v - rh * h, rv * h + rh * v
         power: Float[np.ndarray, " n"] = (
             np.abs(kept) ** 2

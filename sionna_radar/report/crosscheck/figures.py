@@ -91,8 +91,8 @@ def dems(check: CrossCheck) -> Figure:
     filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
     heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
     reach = _limit(rasters[2].height_m.ravel())
-    apart, alone = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
-    speckle = f"RMS {apart},\nspeckle alone {alone}"
+    engines, seeds = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
+    speckle = f"RMS {engines},\nspeckle alone {seeds}"
     titles = "DEM of the Sionna engine", "DEM of the gamma engine", f"Difference, gamma minus Sionna\n{speckle}"
     styles = [(HEIGHTS, heights, "Height (m)")] * 2 + [(ERRORS, Normalize(-reach, reach), "Difference (m)")]
     for axes, raster, title, style in zip(figure.subplots(1, 3), rasters, titles, styles, strict=True):

@@ -1,4 +1,4 @@
-"""The figure of a survey's surroundings: the true surface, the flight over it, and where its beam meets the ground."""
+"""The figure of a survey's environment: the true surface, the flight over it, and where its beam meets the ground."""
 
 import numpy as np
 from jaxtyping import Float

@@ -38,8 +38,8 @@ class VolumePolarization:
         within = np.cross(ahead, across)
         antenna_axes = pose.R_world_antenna[:, :, [2, 1]]  # axes of V and H
         to_drops = np.stack([np.einsum("ni,nij->nj", axis, antenna_axes) for axis in (within, across)], axis=1)
-        sent, received = (to_drops @ port for port in self._antenna.jones)
-        return self._moments.power(np.arccos(np.clip(ahead[:, 2], -1.0, 1.0)), sent, received)
+        transmitted, received = (to_drops @ port for port in self._antenna.jones)
+        return self._moments.power(np.arccos(np.clip(ahead[:, 2], -1.0, 1.0)), transmitted, received)
 
 
 def _moments(weather: Weather) -> DropPolarization:

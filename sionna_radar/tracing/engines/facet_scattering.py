@@ -81,8 +81,8 @@ class FacetScattering:
         across /= np.linalg.norm(across, axis=1)[:, None]
         axes = np.stack([np.cross(across, direction), across], axis=1)
         ahead = direction @ R_world_antenna
-        sent, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
-        return np.einsum("fai,fi->fa", axes, sent), np.einsum("fai,fi->fa", axes, received)
+        transmitted, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
+        return np.einsum("fai,fi->fa", axes, transmitted), np.einsum("fai,fi->fa", axes, received)
 
 
 def _is_plain(model: RadarMaterial) -> bool:
@@ -92,15 +92,15 @@ def _is_plain(model: RadarMaterial) -> bool:
 def _polarized(
     model: RadarMaterial,
     incidence_rad: Float[np.ndarray, " facet"],
-    sent: Inexact[np.ndarray, "facet 2"],
+    transmitted: Inexact[np.ndarray, "facet 2"],
     received: Inexact[np.ndarray, "facet 2"],
     signs: Sequence[Float[np.ndarray, " facet"]],
 ) -> Complex[np.ndarray, " facet"]:
     parts = model.parts(incidence_rad)
-    (sent_v, sent_h), (received_v, received_h) = sent.T, received.T
-    kept = parts.vertical * (sent_v * received_v) + parts.horizontal * (sent_h * received_h)
-    opposed = sent_h * received_h - sent_v * received_v
-    exchanged = sent_h * received_v + sent_v * received_h
+    (transmitted_v, transmitted_h), (received_v, received_h) = transmitted.T, received.T
+    kept = parts.vertical * (transmitted_v * received_v) + parts.horizontal * (transmitted_h * received_h)
+    opposed = transmitted_h * received_h - transmitted_v * received_v
+    exchanged = transmitted_h * received_v + transmitted_v * received_h
     amplitude: Complex[np.ndarray, " facet"] = (
         kept + 1j * (signs[0] * parts.opposed) * opposed + signs[1] * parts.exchanged * exchanged
     )
