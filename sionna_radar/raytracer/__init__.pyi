@@ -1,4 +1,6 @@
-from .backend import BackendReport as BackendReport, describe_backend as describe_backend, load_mitsuba as load_mitsuba
+from .backend import BackendReport as BackendReport
+from .backend import describe_backend as describe_backend
+from .backend import load_mitsuba as load_mitsuba
 
 __all__ = [
     "BackendReport",

@@ -1,11 +1,22 @@
 from .chain import run as run
-from .preparation import CustomParts as CustomParts, Prepared as Prepared, prepare as prepare
-from .recording import Recording as Recording, fly as fly, place as place, record as record
-from .remapping import RecordedSurvey as RecordedSurvey, record_survey as record_survey
+from .preparation import CustomParts as CustomParts
+from .preparation import Prepared as Prepared
+from .preparation import prepare as prepare
+from .recording import Recording as Recording
+from .recording import fly as fly
+from .recording import place as place
+from .recording import record as record
+from .remapping import RecordedSurvey as RecordedSurvey
+from .remapping import record_survey as record_survey
 from .result import Survey as Survey
 from .sensors.lidar import Lidar as Lidar
-from .sensors.radar import SawtoothRadar as SawtoothRadar, TriangularRadar as TriangularRadar
-from .sensors.sensor import ChirpRecord as ChirpRecord, Observation as Observation, Sensor as Sensor, SensorInputs as SensorInputs, register_sensor as register_sensor
+from .sensors.radar import SawtoothRadar as SawtoothRadar
+from .sensors.radar import TriangularRadar as TriangularRadar
+from .sensors.sensor import ChirpRecord as ChirpRecord
+from .sensors.sensor import Observation as Observation
+from .sensors.sensor import Sensor as Sensor
+from .sensors.sensor import SensorInputs as SensorInputs
+from .sensors.sensor import register_sensor as register_sensor
 
 __all__ = [
     "ChirpRecord",
