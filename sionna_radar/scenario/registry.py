@@ -76,7 +76,7 @@ class Registry:
         self._entries: dict[str, Entry] = {}
 
     def register(
-        self, name: str, parameters: type[Table] | None = None, *, brings_profiles: bool = False
+        self, name: str, parameters: type[Any] | None = None, *, brings_profiles: bool = False
     ) -> Callable[[Builder], Builder]:
         """Return a decorator that registers what builds a part.
 
@@ -95,6 +95,12 @@ class Registry:
             The name is taken, or the table would let a misspelt key pass.
 
         """
+        if parameters is not None and not issubclass(parameters, self.base):
+            message = (
+                f"{self.kind} {name!r}: its parameters {parameters.__name__} are not a "
+                f"{self.base.__module__}.{self.base.__name__}; derive them from it"
+            )
+            raise PluginError(message)
 
         def add(build: Builder) -> Builder:
             origin = _origin(build)
@@ -106,12 +112,6 @@ class Registry:
         return add
 
     def _add(self, entry: Entry) -> None:
-        if entry.parameters is not None and not issubclass(entry.parameters, self.base):
-            message = (
-                f"{self.kind} {entry.name!r}: its parameters {entry.parameters.__name__} are not a "
-                f"{self.base.__module__}.{self.base.__name__}; derive them from it"
-            )
-            raise PluginError(message)
         taken = self._entries.get(entry.name)
         if taken is None and entry.name in self._ours and entry.origin != PACKAGE:
             taken = self.entry(entry.name)
