@@ -1,4 +1,4 @@
-"""What a scenario may say of a surface: `[materials.NAME]`, selected by `model`.
+"""The surfaces of a scenario: `[materials.NAME]`, selected by `model`.
 
 Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
 made of and how rough it is; the rough-surface models have both, the others take them from the same keys.

@@ -110,7 +110,7 @@ class Prepared(Brief):
 
     scenario: as it was given; local: with all positions in local metres.
     scene: what the radar can see.
-    antenna, flight, receiver: the radar, its pulses, and what it makes of paths.
+    antenna, flight, receiver: the radar, its pulses, and its receiver.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
