@@ -4,6 +4,7 @@ from .grid import PixelGrid as PixelGrid
 from .grid import ground_pixels as ground_pixels
 from .resolution import azimuth_resolution_m as azimuth_resolution_m
 from .resolution import ground_range_resolution_m as ground_range_resolution_m
+from .resolution import half_power_width as half_power_width
 from .resolution import real_aperture_resolution_m as real_aperture_resolution_m
 from .resolution import slant_range_resolution_m as slant_range_resolution_m
 from .sar import BackProjection as BackProjection
@@ -22,6 +23,7 @@ __all__ = [
     "azimuth_resolution_m",
     "ground_pixels",
     "ground_range_resolution_m",
+    "half_power_width",
     "real_aperture_resolution_m",
     "slant_range_resolution_m",
     "to_ground",

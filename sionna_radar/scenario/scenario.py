@@ -164,7 +164,7 @@ class Scenario(Table):
                 "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
             )
         needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
-        if needs_profiles and not SENSORS.entry(self.sensor).brings_profiles:
+        if needs_profiles and not SENSORS.entry(self.sensor).provides_profiles:
             raise refuse(
                 "dem.method",
                 f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",

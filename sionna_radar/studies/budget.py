@@ -155,7 +155,7 @@ def navigation_budget(
     Raises
     ------
     ScenarioError, InputFileError
-        The scenario cannot be flown, see `prepare`, or its sensor brings no whole echoes for `dem.method` to model.
+        The scenario cannot be flown, see `prepare`, or its sensor returns no whole echoes for `dem.method` to model.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Two engines compared over one survey: the electromagnetic one and the paper's facets.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
-|gain|^2 over its paths, that is before they interfere, so it bears no speckle and the engines must agree
+|gain|^2 over its paths, that is before they interfere, so it is free of speckle and the engines must agree
 closely. The DEMs are made of speckled echoes, and each engine draws its own speckle: two seeds of ONE engine
 already differ. So each engine flies with two seeds, all four cross pairs are compared with the two pairs of one
 engine, and `speckle_test` gives the probability that speckle alone makes such a difference. The noise of the

@@ -21,7 +21,7 @@ class Tolerances:
     """How far the engines may lie apart.
 
     mean_power_db: size of the difference of the mean power over all pulses.
-    p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within. It bears the
+    p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within. It includes the
         sampling of the Sionna engine, which meets an edge of a building with a few hundred rays; where two seeds of
         that engine differ by more, that is the tolerance.
     dem_false_alarm_probability: how rarely speckle alone may be called a difference of the DEMs.

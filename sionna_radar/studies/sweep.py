@@ -148,8 +148,8 @@ class Sweep(Brief):
 
     def __repr__(self) -> str:
         head = f"Sweep of {self.source}: {len(self.cases)} cases x {self.repeat} seeds, RMS error of lit cells"
-        told = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
-        rows = [f"  {label(c.setting)}: {result}" for c, result in told]
+        results = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
+        rows = [f"  {label(c.setting)}: {result}" for c, result in results]
         more = len(self.cases) - len(rows)
         return "\n".join([head, *rows, *([f"  and {more} more"] if more else [])])
 

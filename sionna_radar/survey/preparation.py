@@ -110,7 +110,7 @@ class Prepared(Brief):
 
     scenario: as it was given; local: with all positions in local metres.
     scene: what the radar can see.
-    antenna, flight, receiver: the radar, its pulses, and what it makes of paths.
+    antenna, flight, receiver: the radar, its pulses, and its receiver.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
@@ -283,7 +283,7 @@ def _reference_echo(
     """Return the echo of level ground at the flight's height, over the sent power: what `radar.snr_db` counts from."""
     return plane_echo(
         antenna,
-        # The noise is set against the co-polar echo, whatever the receiver's polarisation.
+        # The noise is set against the co-polar echo, whatever the receiver's polarization.
         as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
         chirp.wavelength_m,
         scenario.platform.altitude_m,
