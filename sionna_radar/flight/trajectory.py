@@ -210,7 +210,7 @@ def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_g
         level = start_ground + platform.altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
     # The ground is averaged over follow_length_m, as by a flight controller, then splined. Toward the ends of the
-    # track the average narrows and stays centred: a one-sided one would lag on a slope.
+    # track the average narrows and stays centred: a one-sided one would be biased on a slope.
     step = platform.follow_length_m / 10
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
     half = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))

@@ -52,7 +52,7 @@ class DemMethod(Protocol):
 
     @property
     def profiles(self) -> Literal["unused", "optional", "required"]:
-        """Whether the method uses range profiles; if they are required, the sensor must provide them."""
+        """How the method uses range profiles; if they are required, the sensor must provide them."""
         ...
 
     def __call__(self, given: MapInputs) -> Raster:

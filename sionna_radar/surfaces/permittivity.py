@@ -151,7 +151,7 @@ def _require(field: str, value: float, lowest: float, highest: float, remedy: st
 def _ghz_inside(frequency_hz: float, name: str) -> float:
     """Return the frequency in GHz, refusing one outside the band the formula is published for."""
     source = SOURCES[name]
-    remedy = f"{source.document} is not valid beyond: give a measured complex permittivity instead"
+    remedy = f"{source.document} is not valid there: give a measured complex permittivity instead"
     lowest, highest = source.published_hz
     if frequency_hz <= lowest:
         message = f"frequency_hz = {frequency_hz:g} must be positive; give the carrier in hertz"

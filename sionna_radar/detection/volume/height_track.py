@@ -105,15 +105,15 @@ def _neighbours(
     """Return the log-probability of each cell given the other pulses of the line; uniform where they give none."""
     count, cells = evidence.shape
     top, down = heights.top_m[rows], heights.down[rows]
-    seen_from_above = down >= LEAST_DOWN
-    if seen_from_above.sum() < 2:
+    looks_down = down >= LEAST_DOWN
+    if looks_down.sum() < 2:
         return np.full(evidence.shape, -np.log(cells))
     range_m = np.arange(cells) * cell_m
     low = float(np.min(top - np.maximum(down, LEAST_DOWN) * range_m[-1]))
     step_m = cell_m * HEIGHT_STEPS_PER_CELL
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
-    for row in np.flatnonzero(seen_from_above):
+    for row in np.flatnonzero(looks_down):
         most = evidence[row].max()
         at = (top[row] - height) / (down[row] * cell_m)
         likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - most), left=0.0, right=0.0)
@@ -127,7 +127,7 @@ def _neighbours(
         backward[step] = _moved(backward[step + 1], likelihood[step + 1], decay[step])
     both = forward * backward
     out = np.full(evidence.shape, -np.log(cells))
-    for row in np.flatnonzero(seen_from_above):
+    for row in np.flatnonzero(looks_down):
         prior = np.interp(top[row] - down[row] * range_m, height, both[row])
         out[row] = np.log(np.maximum(prior / max(prior.sum(), 1e-300), 1e-30))
     return out

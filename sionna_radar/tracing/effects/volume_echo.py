@@ -47,8 +47,8 @@ class VolumeEcho:
 
     wind_mps: toward east, north and up. Non-uniform rain drifts with it, unchanged.
     cell_m: width of a cell.
-    cell_power: mean received over transmitted power of each cell, filled with the reference reflectivity of
-        the rain map, without propagation loss.
+    cell_power: mean received over transmitted power of each cell, filled at the volume's reference
+        reflectivity, without propagation loss.
     """
 
     def __init__(
