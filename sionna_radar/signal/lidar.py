@@ -35,7 +35,7 @@ from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr,
 
 # Reflectivity of the target for which `clear_range_m` is given.
 CLEAR_REFLECTIVITY = 0.1
-# Numbers of drop diameters and of range steps, both logarithmically spaced.
+# Drop diameters, and number of range steps, both logarithmically spaced.
 DROPS_M = np.geomspace(0.1e-3, 8e-3, 200)
 STEPS = 200
 
