@@ -3,9 +3,9 @@
 1. The evidence of all echoes for and against every height of every cell (`evidence`), and the heights that agree
    best with it and with each other (`levels`), give a coarse map that may have jumps. What this map shows in plain
    view is then known not to be occluded, and the map is computed once more.
-2. It is split into parts where neighbours differ by more than a step. A part that alone fills enough main lobes is mapped from
-   their whole echoes (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights scatter
-   about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
+2. It is split into parts where neighbours differ by more than a step. A part that alone fills enough main lobes is
+   mapped from their whole echoes (`refinement`). This shows how far coarse heights scatter; a smaller part whose
+   heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 """
 
 import numpy as np
