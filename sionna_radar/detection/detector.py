@@ -11,7 +11,7 @@ from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
 from sionna_radar.detection.ranging.estimator import EchoSpans, RangeEstimator, build_range_estimator, span_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
@@ -129,7 +129,7 @@ class Detector:
         if not self.processing.doppler_correction:
             return echoes
         shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
-        return replace(echoes, range_m=echoes.range_m - shift[np.searchsorted(pulse, echoes.pulse)])
+        return replace(echoes, range_m=echoes.range_m - shift[rows_of(pulse, echoes.pulse)])
 
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
         """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""

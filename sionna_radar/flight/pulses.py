@@ -146,6 +146,11 @@ def build_navigation(
     return system
 
 
+def rows_of(index: Int[np.ndarray, " pulse"], wanted: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Return where pulses, by their indices in the survey, stand in a sorted column of indices."""
+    return np.searchsorted(index, wanted)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pulses:
     """A block of pulses.
@@ -180,7 +185,7 @@ class Pulses:
 
     def row_of(self, pulse: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return the rows of the block that hold pulses given by their indices."""
-        return np.searchsorted(self.index, pulse)
+        return rows_of(self.index, pulse)
 
     @property
     def line(self) -> Int[np.ndarray, " pulse"]:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
 
 
@@ -59,7 +59,7 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         Their poses as the navigation system reports them.
 
     """
-    row = np.searchsorted(pulse, echoes.pulse)
+    row = rows_of(pulse, echoes.pulse)
     origin = measured.position_m[row]
     return Points(
         pulse=echoes.pulse,

@@ -30,7 +30,7 @@ Sources read while this was written:
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -38,7 +38,6 @@ from scipy.constants import speed_of_light
 
 Polarization = Literal["V", "H"]
 Correlation = Literal["gaussian", "exponential"]
-FresnelAngle = Literal["transition", "incidence", "nadir"]
 
 # The series in the roughness needs about (2 k s)^2 terms; far above this height geometrical optics is valid.
 MAX_RELATIVE_HEIGHT = 20.0
@@ -119,7 +118,7 @@ def fresnel_reflection(
 
     Signs as in Fung and others (1992): at nadir V is (sqrt(eps) - 1)/(sqrt(eps) + 1), H its negative.
     """
-    _check_polarization(polarization)
+    check_polarization(polarization)
     refracted = np.sqrt(permittivity - (1.0 - cosine**2) + 0j)
     incident = permittivity * cosine if polarization == "V" else cosine
     coefficient: Complex[np.ndarray, " n"] = (incident - refracted) / (incident + refracted)
@@ -149,7 +148,7 @@ class GeometricalOptics:
     polarization: Polarization = "V"
 
     def __post_init__(self) -> None:
-        _check_polarization(self.polarization)
+        check_polarization(self.polarization)
         if self.surface.rms_slope is None:
             message = (
                 "surface.correlation = 'exponential' has no rms slope; "
@@ -161,7 +160,7 @@ class GeometricalOptics:
         """Return the radar cross-section per unit of surface area."""
         slope = self.surface.rms_slope
         assert slope is not None  # guaranteed by __post_init__
-        lit, cosine = _lit_cosine(incidence_rad)
+        lit, cosine = lit_cosine(incidence_rad)
         mirror = abs(fresnel_reflection(self.surface.permittivity, np.ones(1), "V")[0]) ** 2
         tangent_squared = 1.0 / cosine**2 - 1.0
         value = mirror * np.exp(-tangent_squared / (2.0 * slope**2)) / (2.0 * slope**2 * cosine**4)
@@ -184,11 +183,11 @@ class SmallPerturbation:
     polarization: Polarization = "V"
 
     def __post_init__(self) -> None:
-        _check_polarization(self.polarization)
+        check_polarization(self.polarization)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
-        lit, cosine = _lit_cosine(incidence_rad)
+        lit, cosine = lit_cosine(incidence_rad)
         surface = self.surface
         k = surface.wavenumber
         coupling = self._coupling(cosine)
@@ -231,18 +230,18 @@ class PhysicalOptics:
     polarization: Polarization = "V"
 
     def __post_init__(self) -> None:
-        _check_polarization(self.polarization)
-        _check_series(self.surface)
+        check_polarization(self.polarization)
+        check_series(self.surface)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
-        lit, cosine = _lit_cosine(incidence_rad)
+        lit, cosine = lit_cosine(incidence_rad)
         surface = self.surface
         reflection = fresnel_reflection(surface.permittivity, cosine, self.polarization)
         field = 2.0 * reflection / cosine  # Fung and others 1992, eqs. 44 and 45 (their sign is immaterial)
         total = np.zeros_like(cosine)
-        for order, spectrum in _spectra(surface, cosine):
-            total += spectrum * _poisson(order, 4.0 * (surface.relative_height * cosine) ** 2)
+        for order, spectrum in spectra(surface, cosine):
+            total += spectrum * poisson(order, 4.0 * (surface.relative_height * cosine) ** 2)
         return np.where(lit, 0.5 * surface.wavenumber**2 * np.abs(field) ** 2 * total, 0.0)
 
     def validity(self) -> list[str]:
@@ -250,121 +249,11 @@ class PhysicalOptics:
         return _gentle_surface_violations(self.surface)
 
 
-@dataclass(frozen=True, kw_only=True)
-class IntegralEquation:
-    """Single-scattering integral-equation model (IEM) of Fung, Li and Chen (1992), co-polar backscatter.
-
-    `fresnel_angle` is the angle of the Fresnel coefficient: that of "incidence" (slightly rough
-    surfaces), "nadir" (very rough ones, far from grazing, where it grows without bound), or "transition",
-    which goes from the first to the second as the roughness grows and back to the first toward grazing
-    (Wu, Chen, Shi and Fung 2001).
-    """
-
-    surface: RoughSurface
-    polarization: Polarization = "V"
-    fresnel_angle: FresnelAngle = "transition"
-
-    def __post_init__(self) -> None:
-        _check_polarization(self.polarization)
-        _check_series(self.surface)
-        if self.fresnel_angle not in get_args(FresnelAngle):
-            message = f"fresnel_angle = {self.fresnel_angle!r} is unknown; use 'transition', 'incidence' or 'nadir'"
-            raise ValueError(message)
-
-    def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the radar cross-section per unit of surface area."""
-        lit, cosine = _lit_cosine(incidence_rad)
-        surface = self.surface
-        kirchhoff, complementary = self._fields(cosine)
-        cross = 2.0 * np.real(kirchhoff * np.conj(complementary))
-        depth = (surface.relative_height * cosine) ** 2
-        total = np.zeros_like(cosine)
-        # With a = (k s cos)^2, |2^n f e^-a + F|^2 a^n e^-2a / n! is multiplied out, so that each factor is a
-        # Poisson weight and none overflows however rough the surface.
-        for order, spectrum in _spectra(surface, cosine):
-            total += spectrum * (
-                np.abs(kirchhoff) ** 2 * _poisson(order, 4.0 * depth)
-                + cross * np.exp(-depth) * _poisson(order, 2.0 * depth)
-                + np.abs(complementary) ** 2 * np.exp(-depth) * _poisson(order, depth)
-            )
-        # Near grazing the H terms cancel; rounding must not leave a negative power.
-        return np.where(lit, 0.5 * surface.wavenumber**2 * np.maximum(total, 0.0), 0.0)
-
-    def _fields(self, cosine: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-        """Return the Kirchhoff and complementary field coefficients (Fung and others 1992)."""
-        eps = self.surface.permittivity
-        reflection = self._reflection(cosine)
-        sine_squared = 1.0 - cosine**2
-        tangent_squared = sine_squared / cosine**2
-        common = sine_squared / cosine * (1.0 + reflection) ** 2
-        if self.polarization == "V":
-            bracket = (1.0 - 1.0 / eps) * (1.0 + tangent_squared / eps)
-            return 2.0 * reflection / cosine, common * bracket
-        return -2.0 * reflection / cosine, -common * (eps - 1.0) / cosine**2
-
-    def _reflection(self, cosine: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-        eps = self.surface.permittivity
-        at_incidence = fresnel_reflection(eps, cosine, self.polarization)
-        at_nadir = fresnel_reflection(eps, np.ones_like(cosine), self.polarization)
-        match self.fresnel_angle:
-            case "incidence":
-                return at_incidence
-            case "nadir":
-                return at_nadir
-        return at_incidence + (at_nadir - at_incidence) * self._share_of_nadir(cosine)
-
-    def _share_of_nadir(self, cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return 1 - S / S0 of Wu and others (2001): 0 for a smooth surface or at grazing, 1 for a very rough one.
-
-        S is the share of the complementary field in the backscatter when the coefficient is the nadir one, S0
-        its limit for a vanishing roughness.
-        """
-        surface, eps = self.surface, self.surface.permittivity
-        nadir = complex(fresnel_reflection(eps, np.ones(1), "V")[0])
-        sine_squared = 1.0 - cosine**2
-        refracted = np.sqrt(eps - sine_squared + 0j)
-        # Both fields use the reflection at nadir, which cancels in the ratio.
-        complementary = 8.0 * nadir * sine_squared * (cosine + refracted) / (cosine * refracted)
-        kirchhoff = 2.0 / cosine
-        cross = np.real(complementary) * kirchhoff
-        depth = (surface.relative_height * cosine) ** 2
-        # The sums of depth^n / n! spectrum over (1, 2^n, 4^n), each by exp(-depth), as Poisson weights.
-        alone, once, twice = np.zeros((3, len(cosine)))
-        for order, spectrum in _spectra(surface, cosine):
-            alone += spectrum * _poisson(order, depth)
-            once += spectrum * _poisson(order, 2.0 * depth)
-            twice += spectrum * _poisson(order, 4.0 * depth)
-        share = np.abs(complementary) ** 2 / 4.0 * alone
-        limit = np.abs(complementary + 4.0 * kirchhoff) ** 2
-        whole = share + cross * once + kirchhoff**2 * np.exp(depth) * twice
-        # Where the spectrum has underflown there is no backscatter to share.
-        return 1.0 - np.divide(limit * alone / 4.0, whole, out=np.ones_like(whole), where=whole > 0)
-
-    def _exceeds_incidence_limit(self) -> bool:
-        surface = self.surface
-        return surface.relative_height * surface.relative_length > math.sqrt(abs(surface.permittivity))
-
-    def validity(self) -> list[str]:
-        """Return the violated conditions, in words; empty if the model is valid (limits: SMRT)."""
-        surface = self.surface
-        violated = []
-        if surface.relative_height >= 3.0:
-            violated.append(f"k s = {surface.relative_height:.3g} must be below 3: the surface is too rough")
-        if self.fresnel_angle == "incidence" and self._exceeds_incidence_limit():
-            product = surface.relative_height * surface.relative_length
-            limit = math.sqrt(abs(surface.permittivity))
-            violated.append(
-                f"k s k L = {product:.3g} must be below |sqrt(eps)| = {limit:.3g} "
-                "for a Fresnel coefficient at the angle of incidence"
-            )
-        return violated
-
-
 def _wavenumber(frequency_hz: float) -> float:
     return 2.0 * math.pi * frequency_hz / float(speed_of_light)
 
 
-def _lit_cosine(
+def lit_cosine(
     incidence_rad: Float[np.ndarray, " n"],
 ) -> tuple[np.ndarray, Float[np.ndarray, " n"]]:
     """Return which angles are short of grazing, and the cosines bounded away from zero."""
@@ -372,7 +261,7 @@ def _lit_cosine(
     return cosine > _GRAZING_COSINE, np.maximum(cosine, _GRAZING_COSINE)
 
 
-def _spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator[tuple[int, Float[np.ndarray, " n"]]]:
+def spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator[tuple[int, Float[np.ndarray, " n"]]]:
     """Yield the orders of the roughness series with their spectra at the Bragg frequency 2 k sin."""
     bragg = 2.0 * surface.wavenumber * np.sqrt(1.0 - cosine**2)
     mean = 4.0 * surface.relative_height**2
@@ -381,19 +270,21 @@ def _spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator
         yield order, surface.spectrum(order, bragg)
 
 
-def _poisson(order: int, mean: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def poisson(order: int, mean: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return exp(-mean) mean^order / order!, without overflow."""
     weight: Float[np.ndarray, " n"] = np.exp(order * np.log(mean) - mean - math.lgamma(order + 1.0))
     return weight
 
 
-def _check_polarization(polarization: str) -> None:
+def check_polarization(polarization: str) -> None:
+    """Raise ValueError for a polarization that is neither V nor H."""
     if polarization not in ("V", "H"):
         message = f"polarization = {polarization!r} is unknown; use 'V' or 'H'"
         raise ValueError(message)
 
 
-def _check_series(surface: RoughSurface) -> None:
+def check_series(surface: RoughSurface) -> None:
+    """Raise ValueError for a surface that is too rough for a series in its roughness."""
     if surface.relative_height > MAX_RELATIVE_HEIGHT:
         message = (
             f"rms_height_m = {surface.rms_height_m:g} gives k s = {surface.relative_height:.3g}, "

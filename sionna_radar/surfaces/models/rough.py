@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sionna_radar.scenario.materials import IntegralEquation, Kirchhoff, PhysicalOptics, RoughTable, SmallPerturbation
+from sionna_radar.surfaces import integral_equation as integral_equation_model
 from sionna_radar.surfaces import rough_surface
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import register_material
@@ -32,7 +33,9 @@ def small_perturbation(table: SmallPerturbation, carrier_hz: float, channel: Cha
 @register_material("integral_equation", IntegralEquation)
 def integral_equation(table: IntegralEquation, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows the integral-equation model."""
-    return _rough(rough_surface.IntegralEquation, table, carrier_hz, channel, fresnel_angle=table.fresnel_angle)
+    return _rough(
+        integral_equation_model.IntegralEquation, table, carrier_hz, channel, fresnel_angle=table.fresnel_angle
+    )
 
 
 def _rough(
