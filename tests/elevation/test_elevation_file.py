@@ -7,11 +7,11 @@ import pytest
 import rasterio
 from pyproj import CRS, Transformer
 from rasterio import Affine
+from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.elevation import cutout
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario.terrain import RasterTerrain
-from sionna_radar.scene.terrain import load_elevation
 
 UTM = "EPSG:32632"
 WEST, NORTH = 450_000.0, 5_000_100.0

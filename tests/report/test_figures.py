@@ -11,6 +11,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from surveys import make_survey
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid, Raster
@@ -44,11 +45,9 @@ def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) 
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_text_keeps_apart_on_small_and_large_ground(
-    survey_of: Callable[..., Survey], draw: Callable[[Survey], Figure]
-) -> None:
+def test_text_keeps_apart_on_small_and_large_ground(draw: Callable[[Survey], Figure]) -> None:
     for size_m in (100.0, 2000.0):
-        figure = draw(survey_of(size_m=size_m, height_m=700.0, sampling="iq"))
+        figure = draw(make_survey(size_m=size_m, height_m=700.0, sampling="iq"))
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
 
@@ -105,10 +104,10 @@ def test_boresight_meets_a_slope_where_geometry_says() -> None:
     assert np.isnan(hits[3:]).all()
 
 
-def test_power_is_in_watts_only_when_the_sent_power_is_known(survey_of: Callable[..., Survey]) -> None:
-    physical = survey_of(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
+def test_power_is_in_watts_only_when_the_sent_power_is_known() -> None:
+    physical = make_survey(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
     assert "(dBW)" in figures.chirp(physical).axes[1].get_ylabel()
-    assert "rel. to sent" in figures.chirp(survey_of()).axes[1].get_ylabel()
+    assert "rel. to sent" in figures.chirp(make_survey()).axes[1].get_ylabel()
 
 
 def test_a_notebook_shows_a_figure(survey: Survey) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import rasterio
 from rasterio import Affine
+from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.build import build_scene
 from sionna_radar.scene.ground_cover import NO_CLASS, classes_at
-from sionna_radar.scene.terrain import load_elevation
 from sionna_radar.survey.preparation import prepare
 
 EVERYWHERE = (-500.0, -500.0, 500.0, 500.0)

@@ -11,6 +11,7 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
+from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.georeference import Georeference, MapCells
@@ -19,7 +20,6 @@ from sionna_radar.report.survey.products import write_products
 from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scene.map_positions import in_local_frame
-from sionna_radar.scene.terrain import load_elevation
 from sionna_radar.survey.chain import run
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.

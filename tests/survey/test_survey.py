@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from beams import make_antenna, plane_power
 from sionna_radar import parse_scenario, run
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scans.rotating import RotatingScan
@@ -181,11 +182,11 @@ def test_a_wrong_pose_moves_the_points_by_its_error():
     np.testing.assert_allclose(moved - right, np.tile(error, (len(right), 1)), atol=1e-9)
 
 
-def test_a_scan_and_an_antenna_of_ones_own(antenna_of):
+def test_a_scan_and_an_antenna_of_ones_own():
     down = RotatingScan(
         mode="fixed", incidence_rad=0.0, half_swath_rad=np.pi, rotation_rad_s=0.0, start_rad=0.0, stabilised=True
     )
-    survey = run(scenario_of(platform__length_m=3.0), antenna=antenna_of(1.0, 1.0), scan=down)
+    survey = run(scenario_of(platform__length_m=3.0), antenna=make_antenna(1.0, 1.0), scan=down)
     assert survey.pulses == 108  # 0.3 s of 360 chirps a second
     assert survey.replaced == {
         "radar.antenna": "sionna_radar.radar.antenna.Antenna, half-power beam 1 x 1 deg",
@@ -262,20 +263,20 @@ def test_iq_sampling_reaches_twice_as_far():
         prepare(scenario_of(radar__sampling="real", **keys))
 
 
-def test_the_reference_echo_sets_the_noise(plane_power_of):
+def test_the_reference_echo_sets_the_noise():
     ready = prepare(scenario_of(terrain={"kind": "flat", "size_m": [400.0, 400.0]}))
-    echo = plane_power_of(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
+    echo = plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
     assert 10 * np.log10(echo / ready.noise_power_w) == pytest.approx(30.0, abs=0.02)
 
 
-def test_the_received_level_is_that_of_the_transmitter(plane_power_of):
+def test_the_received_level_is_that_of_the_transmitter():
     """10 dBm over a plane: the mean power of the beat is the radar equation's, and the noise k T F B."""
     radar = {"transmit_power_dbm": 10.0, "noise_figure_db": 15.0, "scan": {"mode": "fixed", "incidence_deg": 45.0}}
     keys = {"terrain": {"kind": "flat", "size_m": [600.0, 600.0]}, "platform__length_m": 30.0}
     ready = prepare(scenario_of(radar=radar, **keys))
     pulses = ready.schedule.pulses(np.arange(len(ready.schedule)))
     beat = received(build_tracer(ready).trace(pulses), pulses, ready)
-    echo = 0.01 * plane_power_of(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
+    echo = 0.01 * plane_power(ready.antenna, 50.0, 45.0, gamma=1.32e-3)
     noise = 10 ** ((-173.975 + 15 - 30) / 10) * 1024 * 360 / 2
     # Speckle: 1080 pulses of fluctuating power leave 3 %.
     assert np.mean(beat**2) == pytest.approx(echo + noise, rel=0.12)
