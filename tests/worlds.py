@@ -4,7 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.scenario.bases import TerrainParameters
+from sionna_radar.scene.landscape import TerrainInputs, build_landscape
 from sionna_radar.scene.mesh import mesh_of
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
@@ -38,3 +41,11 @@ def make_scene(*surfaces: Surface, gamma: float = GAMMA, targets: tuple = ()) ->
         ground_material="ground",
         georeference=None,
     )
+
+
+def load_ground(
+    terrain: TerrainParameters, window_m: tuple[float, float, float, float]
+) -> tuple[Raster, Georeference | None]:
+    """Return the heights of a terrain within a window, and its place on the Earth."""
+    land = build_landscape(terrain, TerrainInputs(window_m=window_m, carrier_hz=77e9, channel="VV"))
+    return land.heights, land.georeference

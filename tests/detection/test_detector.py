@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.detector import Detector, Spectra, build_detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimator import EchoRuns
+from sionna_radar.detection.ranging.estimator import EchoRuns, build_range_estimator
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
@@ -110,7 +109,9 @@ def test_estimators_on_a_known_shape():
         row=np.array([0]), start=np.array([8]), stop=np.array([34]), peak=np.array([20]),
     )  # fmt: skip
     for name in ("peak", "centroid", "model_fit"):  # the leading edge counts on speckle; without a beam a fit is a mean
-        assert ESTIMATORS[name](runs).range_m[0] == pytest.approx(0.3 * 20.3, abs=2e-3)
+        assert build_range_estimator(ProcessingTable(ranging=name))(runs).range_m[0] == pytest.approx(
+            0.3 * 20.3, abs=2e-3
+        )
 
 
 def beats(chirp, ranges_m, powers, noise=1e-4):

@@ -19,7 +19,6 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import received
 from sionna_radar.survey.sensors.radar import SawtoothRadar
 
 KEY = "processing.expected_ground"
@@ -157,27 +156,27 @@ def test_a_stronger_target_off_the_ground_is_refused_in_clear_air():
 def in_rain():
     """Spectra of hills through rain, and where their ground is."""
     ready = prepare(load_scenario("hills", SHORT | {"weather.rain_rate_mm_per_h": 4.0}))
-    sensor = SawtoothRadar(ready)
-    pulses = ready.schedule.pulses(np.arange(len(ready.schedule)))
-    power = ready.detector.analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    sensor = SawtoothRadar(ready.sensor_inputs())
+    pulses = ready.flight.pulses(np.arange(len(ready.flight)))
+    power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
     return ready, sensor.through[0], pulses, power
 
 
 def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
     ready, through, pulses, power = in_rain()
-    free = through.find(power, pulses, ready.chirp).echoes
+    free = through.find(power, pulses, ready.receiver.chirp).echoes
     assert len(free) == len(pulses)
     # A bird 30 dB over the rain and 25 m in front of the ground, in one pulse after another.
     stride = ready.detector.analyser.zero_padding
     bird_m = free.range_m - 25.0
-    cell = np.rint(bird_m / ready.chirp.range_resolution_m).astype(int)
+    cell = np.rint(bird_m / ready.receiver.chirp.range_resolution_m).astype(int)
     struck = power.copy()
     for step in (-1, 0, 1):
         struck[np.arange(len(pulses)), stride * cell + step] = 1e3 * through.volume.background[cell]
-    found = through.find(struck, pulses, ready.chirp).echoes
+    found = through.find(struck, pulses, ready.receiver.chirp).echoes
     assert np.median(found.range_m - bird_m) < 5.0
     window = np.column_stack([free.range_m - 15.0, free.range_m + 15.0])
-    found = through.find(struck, pulses, ready.chirp, window).echoes
+    found = through.find(struck, pulses, ready.receiver.chirp, window).echoes
     assert len(found) == len(pulses)
     assert np.abs(found.range_m - free.range_m).max() < 0.3
 
@@ -186,11 +185,11 @@ def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
 def test_behind_rain_there_is_no_ground_where_it_is_expected_wrongly(offset_m):
     """The rain ends elsewhere, and that is heard: the likeliest of the expected ranges is still none."""
     ready, through, pulses, power = in_rain()
-    ground_m = through.find(power, pulses, ready.chirp).echoes.range_m
+    ground_m = through.find(power, pulses, ready.receiver.chirp).echoes.range_m
     window = ground_m[:, None] + offset_m + np.array([-10.0, 10.0])
-    assert len(through.find(power, pulses, ready.chirp, window).echoes) == 0
+    assert len(through.find(power, pulses, ready.receiver.chirp, window).echoes) == 0
     nowhere = np.tile([30.0, 20.0], (len(pulses), 1))
-    assert len(through.find(power, pulses, ready.chirp, nowhere).echoes) == 0
+    assert len(through.find(power, pulses, ready.receiver.chirp, nowhere).echoes) == 0
 
 
 @pytest.mark.parametrize("rate", [0.0, 4.0])
@@ -205,9 +204,9 @@ def test_a_survey_without_ground_where_it_is_expected_says_so(small, tmp_path, r
 
 def test_an_altimeter_s_window_around_the_ground_changes_nothing():
     ready, through, pulses, power = in_rain()
-    window = expected(ready.antenna, tolerance_m=20.0).window_m(pulses, ready.chirp)
+    window = expected(ready.antenna, tolerance_m=20.0).window_m(pulses, ready.receiver.chirp)
     assert np.all(np.isfinite(window))
-    free, told = (through.find(power, pulses, ready.chirp, one).echoes for one in (None, window))
+    free, told = (through.find(power, pulses, ready.receiver.chirp, one).echoes for one in (None, window))
     np.testing.assert_array_equal(told.pulse, free.pulse)
     np.testing.assert_allclose(told.range_m, free.range_m, atol=0.05)
 

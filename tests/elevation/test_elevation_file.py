@@ -7,11 +7,11 @@ import pytest
 import rasterio
 from pyproj import CRS, Transformer
 from rasterio import Affine
-from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.elevation import cutout
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario.terrain import RasterTerrain
+from worlds import load_ground
 
 UTM = "EPSG:32632"
 WEST, NORTH = 450_000.0, 5_000_100.0
@@ -54,7 +54,7 @@ def write_plane(path, *, transform=None, rows=100, columns=120, crs=UTM, surface
 
 
 def load(path, window=EVERYWHERE, **fields):
-    return load_elevation(RasterTerrain(kind="raster", path=path, **fields), window)
+    return load_ground(RasterTerrain(kind="raster", path=path, **fields), window)
 
 
 def absolute(raster, georeference):
@@ -312,7 +312,7 @@ def test_an_srtm_tile_has_its_posts_on_whole_arc_seconds(tmp_path):
     lat = 46 - (600 + np.array([5.0, 8.5, 6.75])) / 1200
     x, y = Transformer.from_crs(4326, CRS(place.crs_wkt), always_xy=True).transform(lon, lat)
     terrain = RasterTerrain(kind="raster", path=path, centre_lonlat_deg=centre, spacing_m=2.0)
-    fine, fine_place = load_elevation(terrain, (-100.0, -1500.0, 1500.0, 100.0))
+    fine, fine_place = load_ground(terrain, (-100.0, -1500.0, 1500.0, 100.0))
     got = fine.at(np.column_stack([x, y]) - place.origin_m[:2]) + fine_place.origin_m[2]
     np.testing.assert_allclose(got, np.array([3, 5.5, 7.25]) + 2 * np.array([5, 8.5, 6.75]), atol=2e-4)
     assert not raster.filled.all()

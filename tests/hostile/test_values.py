@@ -132,13 +132,12 @@ def test_deep_and_endless_values_are_refused(text, tmp_path):
 
 @pytest.mark.parametrize("name", ["surface-0", "surface-1", "a.b", "[/x]", "material-0", ""])
 def test_any_name_of_a_material_is_flown(name):
-    from sionna_radar.survey.sensors import build_tracer
 
     keys = {"materials": {name: {"model": "constant_gamma", "gamma_db": -20.0}}, "terrain.material": name}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         ready = prepare(parse_scenario(with_keys(keys)))
-        paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(2)))
+        paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(2)))
     assert len(paths) > 100
 
 

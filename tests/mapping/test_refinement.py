@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sionna_radar.mapping.surface_map import seen_cells
 
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
@@ -12,6 +11,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
 from sionna_radar.mapping.refinement import mean_ranges, refine
+from sionna_radar.mapping.seen import seen_cells
 from sionna_radar.mapping.smoothing import Heights, smooth
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)

@@ -172,7 +172,7 @@ def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("no_figures")
 def test_a_geotiff_says_what_made_it(survey: Survey, tmp_path: Path) -> None:
     described = survey.scenario.model_copy(update={"description": "H\u00fcgel [/x]\0 <&> \x01"})
-    write_products(replace(survey, scenario=described), tmp_path / "out")
+    write_products(replace(survey, prepared=replace(survey.prepared, scenario=described)), tmp_path / "out")
     for name, quantity in {"dem": "DEM height", "truth": "true height", "error": "DEM minus truth"}.items():
         with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
             tags = file.tags()

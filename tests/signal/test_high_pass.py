@@ -12,7 +12,6 @@ from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer, received
 from sionna_radar.tracing.paths import Paths
 
 CORNER_HZ = 30e3
@@ -94,13 +93,13 @@ def test_it_spares_the_converter_and_changes_no_calibrated_spectrum():
     for order in (0, 2):
         filtered = {"radar.receiver": {"high_pass_corner_hz": 60e3, "high_pass_order": order}} if order else {}
         ready = prepare(survey(**filtered))
-        pulses = ready.schedule.pulses(np.arange(20))
-        paths = build_tracer(ready).trace(pulses)
+        pulses = ready.flight.pulses(np.arange(20))
+        paths = ready.sensor_inputs().tracer().trace(pulses)
         leak = echoes_at([0.6] * len(pulses), [3e-5] * len(pulses))
         object.__setattr__(leak, "pulse", pulses.index)
         for name, seen in (("rain", paths), ("leakage", Paths.concatenate([leak, paths]))):
-            beat = received(seen, pulses, ready)
-            spread[name, order] = np.max(np.abs(beat)) / np.sqrt(ready.noise_power_w)
+            beat = ready.receiver.beat(seen, pulses)
+            spread[name, order] = np.max(np.abs(beat)) / np.sqrt(ready.receiver.noise_power_w)
             spectra[name, order] = ready.detector.analyser.power(beat)
     gained_db = {name: 20 * np.log10(spread[name, 0] / spread[name, 2]) for name in ("rain", "leakage")}
     assert gained_db["rain"] > 10

@@ -10,7 +10,6 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.studies.plan_check import check_plan
 from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
-from sionna_radar.survey.chain import grid_dem
 from sionna_radar.survey.remapping import record_survey
 
 LIDAR = {"sensor": "lidar"}
@@ -50,7 +49,7 @@ def test_the_radar_covers_what_it_planned():
     scenario = planned_scenario(plan)
     scenario = parse_scenario(scenario.model_dump(mode="json", exclude_none=True) | base)
     survey = record_survey(scenario)
-    dem = grid_dem(survey.points(None), survey.ready)
+    dem = survey.prepared.mapper.map(survey.points(None), None, survey.prepared.measured)
     x, y = dem.grid.centres_m.T
     inside = ((np.abs(x) < 20) & (np.abs(y) < 15)).reshape(dem.grid.shape)
     assert inside.sum() > 1000

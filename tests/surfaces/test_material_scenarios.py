@@ -78,7 +78,7 @@ def test_the_receiver_chooses_the_channel(sent, channels):
         assert material.channel == channel
         values.append(material.sigma0(angle)[0])
         # The noise is set against the co-polar echo, so both channels have the same.
-        values.append(prepare(scenario).noise_power_w)
+        values.append(prepare(scenario).receiver.noise_power_w)
     weaker = material.horizontal.sigma0(angle)[0]
     assert 10 * math.log10(values[2] / weaker) == pytest.approx(-13.0)
     assert values[1] == values[3]

@@ -11,7 +11,6 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
-from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.georeference import Georeference, MapCells
@@ -21,6 +20,7 @@ from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey.chain import run
+from worlds import load_ground
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.
 WEST, NORTH = 450_000.37, 5_000_100.61
@@ -176,9 +176,9 @@ def test_a_world_that_lies_nowhere_takes_no_map_coordinates(scene: str) -> None:
 def test_heights_become_metres_above_their_datum(
     tmp_path: Path, crs: str, stated: dict[str, object], vertical: str | None, metres: float
 ) -> None:
-    plain, _ = load_elevation(scenario_over(write_file(tmp_path / "a.tif")).terrain, EVERYWHERE)
+    plain, _ = load_ground(scenario_over(write_file(tmp_path / "a.tif")).terrain, EVERYWHERE)
     scenario = scenario_over(write_file(tmp_path / "b.tif", crs=crs), terrain=stated)
-    raster, place = load_elevation(scenario.terrain, EVERYWHERE)
+    raster, place = load_ground(scenario.terrain, EVERYWHERE)
     assert place is not None
     told = georeference(place)
     assert told is not None
@@ -194,7 +194,7 @@ def test_heights_become_metres_above_their_datum(
 def test_a_vertical_crs_is_one(tmp_path: Path, stated: str, why: str) -> None:
     scenario = scenario_over(write_file(tmp_path / "a.tif"), terrain={"vertical_crs": stated})
     with pytest.raises(ScenarioError, match=rf"terrain.vertical_crs.*{why}"):
-        load_elevation(scenario.terrain, EVERYWHERE)
+        load_ground(scenario.terrain, EVERYWHERE)
 
 
 @pytest.mark.usefixtures("no_figures")

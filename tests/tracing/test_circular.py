@@ -16,7 +16,6 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
 from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
@@ -228,7 +227,7 @@ def test_rain_of_a_survey_is_rejected():
     levels = []
     for antenna in ({}, {"polarization": "RHCP", "axial_ratio_db": 1.0}):
         ready = prepare(load_scenario("hills", {**weather, "radar.antenna": {"beamwidth_deg": 2.0, **antenna}}))
-        paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(20)))
+        paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(20)))
         levels.append(np.sum(np.abs(paths.gain[paths.surface == VOLUME]) ** 2))
     # The ellipse's major axis is V's and flat drops return more of H: a part of what leaks is taken back.
     assert -19.8 < 10 * np.log10(levels[1] / levels[0]) < -18.8

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging.beam_profile import beam_profile
-from sionna_radar.detection.ranging.estimator import EchoRuns
+from sionna_radar.detection.ranging.estimator import EchoRuns, build_range_estimator
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scenario.processing import ProcessingTable
@@ -16,6 +15,8 @@ from sionna_radar.scenario.processing import ProcessingTable
 CELL_M = 0.3
 BORESIGHT_M = 70.7
 ECHOES = 150
+NAMES = ("peak", "centroid", "leading_edge", "model_fit")
+ESTIMATORS = {name: build_range_estimator(ProcessingTable(ranging=name)) for name in NAMES}
 
 
 def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoRuns:

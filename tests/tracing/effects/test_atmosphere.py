@@ -137,6 +137,7 @@ def test_clear_air_hands_the_very_paths_on(plane, pencil):
 
 def test_the_receivers_noise_does_not_know_the_weather():
     clear, rainy = (
-        prepare(load_scenario("roof_edge", {"weather.rain_rate_mm_per_h": rate})).noise_power_w for rate in (0.0, 50.0)
+        prepare(load_scenario("roof_edge", {"weather.rain_rate_mm_per_h": rate})).receiver.noise_power_w
+        for rate in (0.0, 50.0)
     )
     assert clear == rainy

@@ -91,12 +91,12 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     start = {"platform.start_m": [-40.0, 0.0], "platform.length_m": 80.0}
     targets = [{"position_m": p.tolist(), "rcs_dbsm": 3.0} for p in place]
     ready = prepare(load_scenario(scene, {"targets": targets, "radar.antenna.beamwidth_deg": 40.0} | start))
-    pulses = ready.schedule.sample(30)
-    scene_targets = ready.built.scene.targets
-    top = float(ready.built.scene.bounds_m[1, 2]) + 10
-    surface = ready.built.caster.from_above(place, top)
+    pulses = ready.flight.sample(30)
+    scene_targets = ready.scene.scene.targets
+    top = float(ready.scene.scene.bounds_m[1, 2]) + 10
+    surface = ready.scene.caster.from_above(place, top)
     np.testing.assert_allclose([t.position_m[2] for t in scene_targets], surface, atol=0.02)
-    paths = trace_targets(scene_targets, pulses, ready.antenna, ready.chirp, ready.built.caster)
+    paths = trace_targets(scene_targets, pulses, ready.antenna, ready.receiver.chirp, ready.scene.caster)
     assert len(paths) > 0.9 * 40 * 30  # but for those in true shadow or behind the antenna
     row = np.searchsorted(pulses.index, paths.pulse)
     away = paths.hit_m - pulses.true.position_m[row]

@@ -15,7 +15,6 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.tracing.engines.beam import BeamEngine
@@ -243,7 +242,7 @@ def rain_over_a_platform(material: dict, **antenna):
         },
     )
     ready = prepare(scenario)
-    paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(16)))
+    paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(16)))
     rain = paths.surface == VOLUME
     return paths.delay_s[rain], paths.gain[rain], paths.gain[~rain]
 
