@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.flight.pulses import PulseSchedule
+from sionna_radar.flight.pulses import PulseSchedule, schedule_pulses
 from sionna_radar.flight.trajectory import plan_track, plan_trajectory
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points

@@ -118,7 +118,7 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"radar__scan__stabilised": 1}, "radar.scan.stabilised", "1 is refused"),
         ({"radar__scan__side": "left"}, "radar.scan.side", "set mode = 'side_looking'"),
         ({"radar__scan__side": "up"}, "radar.scan.side", "'up' is refused"),
-        ({"tracing__engine": "magic"}, "tracing.engine", "'magic' is refused"),
+        ({"tracing__engine": "magic"}, "tracing.engine", "'magic' is unknown; give one of sionna, gamma, path_solver"),
         ({"tracing__paths_per_pulse": 1}, "tracing.paths_per_pulse", "1 is refused"),
         ({"processing__window": "haan"}, "processing.window", "not a window of scipy"),
         ({"processing__cfar__kind": "XY"}, "processing.cfar.kind", "'XY' is refused"),

@@ -11,13 +11,13 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from surveys import make_survey
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.survey import environment_figure, figures
 from sionna_radar.survey.result import Survey
+from surveys import make_survey
 
 DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
 
