@@ -14,13 +14,9 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_sensor
-from sionna_radar.tracing.paths import VOLUME
-from sionna_radar.weather.drop_shapes import drop_polarisation
-from sionna_radar.weather.drops import marshall_palmer
+from sionna_radar import load_scenario, prepare, run
+from sionna_radar.tracing import VOLUME
+from sionna_radar.weather import drop_polarisation, marshall_palmer
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 GROUNDS = ["mountain"] if SMALL else ["rolling_hills", "mountain", "city"]
@@ -46,9 +42,9 @@ def in_rain(ground, rate, antenna):
 # Received power of ground and rain, means over pulses spread over the survey. The rain is that from half the range of
 # the ground on, so that the few metres in front of the antenna do not rule the number.
 def levels_db(scenario):
-    ready = prepare(scenario)
-    pulses = ready.schedule.sample(30 if SMALL else 300)
-    paths = build_sensor(ready).tracer.trace(pulses)
+    prepared = prepare(scenario)
+    pulses = prepared.flight.sample(30 if SMALL else 300)
+    paths = prepared.build_sensor().tracer.trace(pulses)
     power, rain = np.abs(paths.gain.astype(complex)) ** 2, paths.surface == VOLUME
     far = paths.delay_s > 0.5 * np.median(paths.delay_s[~rain])
     return 10 * np.log10(power[~rain].sum() / len(pulses)), 10 * np.log10(power[rain & far].sum() / len(pulses))

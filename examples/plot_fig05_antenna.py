@@ -12,8 +12,8 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar.radar.antenna import build_antenna
-from sionna_radar.scenario.radar import AntennaTable
+from sionna_radar.radar import build_antenna
+from sionna_radar.scenario import AntennaTable
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, ORANGE = "#0072b2", "#d55e00"  # safe for colour-blind readers

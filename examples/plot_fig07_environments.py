@@ -15,9 +15,8 @@ from matplotlib.colors import LightSource, Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from sionna_radar import load_scenario
-from sionna_radar.scene.terrain import load_elevation
-from sionna_radar.survey.preparation import prepare
+from sionna_radar import load_scenario, prepare
+from sionna_radar.scene import TerrainInputs, build_landscape
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 SUN = LightSource(azdeg=315, altdeg=45)
@@ -33,7 +32,7 @@ figure = Figure(figsize=(11.5, 4.9), layout="constrained")
 
 # %%
 # Four boxes on flat ground, as scenes/buildings.toml places them, coloured by the height of each face.
-scene = prepare(load_scenario("buildings")).built.scene
+scene = prepare(load_scenario("buildings")).scene.scene
 boxes = [surface for surface in scene.surfaces if surface.name.startswith("building")]
 heights = Normalize(0, 10)
 left = figure.add_subplot(1, 2, 1, projection="3d", computed_zorder=False)
@@ -60,7 +59,9 @@ figure.colorbar(ScalarMappable(heights, "viridis"), ax=left, label="Height of th
 # %%
 # The mountains of scenes/jacksboro.toml: posts 3 arc seconds apart, in a local frame of metres.
 scenario = load_scenario("jacksboro")
-raster, place = load_elevation(scenario.terrain, (-1800.0, -1800.0, 1800.0, 1800.0))
+window_m = (-1800.0, -1800.0, 1800.0, 1800.0)
+land = build_landscape(scenario.terrain, TerrainInputs(window_m=window_m, carrier_hz=77e9, channel="VV"))
+raster, place = land.heights, land.georeference
 step = 2 if SMALL else 1
 x, y = np.meshgrid(raster.grid.x_m[::step], raster.grid.y_m[::step])
 z = raster.height_m[::step, ::step] + (place.origin_m[2] if place else 0.0)

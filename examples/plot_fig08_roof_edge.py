@@ -12,10 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario, run
-from sionna_radar.report.maps import colour_bar, finish_map
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
+from sionna_radar import load_scenario, prepare, run
+from sionna_radar.report import colour_bar, finish_map
 
 BLUE, ORANGE, RED = "#0072b2", "#e69f00", "#d55e00"  # safe for colour-blind readers
 
@@ -30,15 +28,15 @@ record = survey.chirp
 
 # %%
 # Where the rays of that chirp meet roof and ground.
-ready = prepare(scenario)
-pulses = ready.schedule.pulses(np.array([record.pulse]))
-paths = build_tracer(ready).trace(pulses)
+prepared = prepare(scenario)
+pulses = prepared.flight.pulses(np.array([record.pulse]))
+paths = prepared.sensor_inputs().tracer().trace(pulses)
 power = np.abs(paths.gain) ** 2
 on_roof = power[paths.hit_m[:, 2] > 1.0].sum() / power.sum()
 # Rays are drawn in proportion to the two-way gain and bear nearly equal powers; the gain tells the beam's shape.
 ray = paths.hit_m - pulses.true.position_m
 ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-gain_db = 20 * np.log10(ready.antenna.gain(ray @ pulses.true.R_world_antenna[0]) / ready.antenna.peak_gain)
+gain_db = 20 * np.log10(prepared.antenna.gain(ray @ pulses.true.R_world_antenna[0]) / prepared.antenna.peak_gain)
 strong = gain_db > -20
 print(f"{on_roof:.0%} of the chirp's power comes from the roof")
 

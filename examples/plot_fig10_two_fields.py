@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from sionna_radar import load_scenario, run
-from sionna_radar.report.maps import colour_bar, finish_map
+from sionna_radar.report import colour_bar, finish_map
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 SEEDS = range(1, 3 if SMALL else 9)

@@ -10,9 +10,8 @@ and 30 deg is 6.2 kHz, or 5.2 m of range; it is corrected with the measured velo
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.radar.chirp import build_chirp
-from sionna_radar.survey.preparation import prepare
+from sionna_radar import load_scenario, prepare
+from sionna_radar.radar import build_chirp
 
 COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#cc79a7")  # safe for colour-blind readers
 STYLES = ("-", "--", "-.", (0, (6, 2)), ":")
@@ -73,6 +72,6 @@ figure.savefig("fig11_doppler.png", dpi=150, bbox_inches="tight")
 
 # %%
 # The survey's own pulses: what their boresights see of the flight at 10 m/s.
-pulses = prepare(scenario).schedule.sample(180)
+pulses = prepare(scenario).flight.sample(180)
 rate_mps = pulses.true.boresight_range_rate_mps
 print(f"hills: range rates {rate_mps.min():.2f} to {rate_mps.max():.2f} m/s")

@@ -17,9 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.shadow import shadowed
-from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
-from sionna_radar.survey.preparation import prepare
+from sionna_radar.accuracy import shadowed
+from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 METHOD = {"processing.ranging": "peak", "platform.length_m": 15.0 if SMALL else 100.0}
@@ -30,10 +29,10 @@ SHADOW = ListedColormap(["#cc79a7"])
 # %%
 def hidden(survey):
     """Cells that the scan passes over without seeing them."""
-    scenario, ready = survey.scenario, prepare(survey.scenario)
+    scenario, caster = survey.scenario, survey.prepared.scene.caster
     track = survey.schedule.trajectory.position(np.array(survey.schedule.trajectory.cruise_s()))
     angles = np.deg2rad([scenario.radar.scan.incidence_deg, scenario.radar.scan.half_swath_deg])
-    return shadowed(survey.truth, ready.built.caster, track, *angles)
+    return shadowed(survey.truth, caster, track, *angles)
 
 
 surveys = [run(load_scenario("hills", METHOD)), run(load_scenario("hills", METHOD | STEEPER))]

@@ -14,16 +14,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.edges import half_footprint_m, near_walls
-from sionna_radar.accuracy.shadow import shadowed
-from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
-from sionna_radar.survey.preparation import prepare
+from sionna_radar import load_scenario, prepare, run
+from sionna_radar.accuracy import half_footprint_m, near_walls, shadowed
+from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 BLUE, RED = "#0072b2", "#d55e00"  # safe for colour-blind readers
 SEEDS = (1,) if SMALL else (1, 2, 3, 4, 5)
-CASTER = prepare(load_scenario("buildings")).built.caster
+CASTER = prepare(load_scenario("buildings")).scene.caster
 
 
 # %%

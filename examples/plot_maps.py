@@ -16,7 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
+from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 LENGTH = {"platform.length_m": 10.0} if SMALL else {}

@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.scenario.navigation import NavigationTable
-from sionna_radar.survey.remapping import record_survey
+from sionna_radar.scenario import NavigationTable
+from sionna_radar.survey import record_survey
 
 small = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 size = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if small else {}

@@ -11,20 +11,17 @@ Each stage is a plain function or object that a script can use alone.
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.mapping.points import locate
-from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import add_noise
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
+from sionna_radar import load_scenario, prepare
+from sionna_radar.mapping import locate
+from sionna_radar.signal import add_noise, synthesise
 
-ready = prepare(load_scenario("roof_edge"))
-pulses = ready.schedule.pulses(np.array([0]))
-print(f"{len(ready.schedule)} pulses scheduled; the first looks along {pulses.true.boresight[0].round(3)}")
+prepared = prepare(load_scenario("roof_edge"))
+pulses = prepared.flight.pulses(np.array([0]))
+print(f"{len(prepared)} pulses scheduled; the first looks along {pulses.true.boresight[0].round(3)}")
 
 # %%
 # Tracing: where the rays of the beam meet the roof and the ground, and how strongly they come back.
-paths = build_tracer(ready).trace(pulses)
+paths = prepared.sensor_inputs().tracer().trace(pulses)
 power_db = 20 * np.log10(np.abs(paths.gain))
 figure = Figure(figsize=(6, 4), layout="constrained")
 axes = figure.add_subplot()
@@ -35,21 +32,21 @@ figure.savefig("paths.png")
 
 # %%
 # Synthesis: every path adds a tone at its range; noise follows.
-clean = synthesise(paths, pulses, ready.chirp)
-beat = add_noise(clean, ready.noise_power_w, ready.scenario.seed, pulses.index)
+clean = synthesise(paths, pulses, prepared.receiver.chirp)
+beat = add_noise(clean, prepared.receiver.noise_power_w, prepared.scenario.seed, pulses.index)
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.add_subplot()
-axes.plot(1e3 * ready.chirp.sample_time_s, 1e6 * beat[0], linewidth=0.7)
+axes.plot(1e3 * prepared.receiver.chirp.sample_time_s, 1e6 * beat[0], linewidth=0.7)
 axes.set(xlabel="Time in the chirp (ms)", ylabel="Beat signal (1e-6)", title="Beat signal")
 figure.savefig("beat.png")
 
 # %%
 # Detection: spectrum, CFAR threshold, echoes with their range corrected for Doppler.
-spectra = ready.detector.spectra(beat)
-echoes = ready.detector.echoes(spectra, pulses.index, pulses.measured)
+spectra = prepared.detector.spectra(beat)
+echoes = prepared.detector.echoes(spectra, pulses.index, pulses.measured)
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.add_subplot()
-range_m = ready.detector.analyser.range_m
+range_m = prepared.detector.analyser.range_m
 axes.plot(range_m, 10 * np.log10(spectra.power[0]), linewidth=0.8, label="spectrum")
 axes.plot(range_m, 10 * np.log10(spectra.threshold[0]), linewidth=0.8, label="CFAR threshold")
 axes.plot(echoes.range_m, 10 * np.log10(echoes.power), "v", label="echoes")

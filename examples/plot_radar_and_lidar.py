@@ -14,8 +14,7 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.survey.chain import run
+from sionna_radar import load_scenario, run
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"platform.length_m": 3.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}

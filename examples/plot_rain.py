@@ -16,11 +16,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.report.maps import colour_bar, empty_patch, finish_map, show_raster
-from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_sensor, received
+from sionna_radar import load_scenario, prepare, run
+from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RATES = [0.0, 10.0] if SMALL else [0.0, 4.0, 10.0, 25.0]
@@ -36,15 +33,15 @@ def in_rain(rate, **changes):
 # %%
 # What the beam hears in one turn of the antenna: power times range squared, and where the ground is found in it.
 def one_turn(scenario):
-    ready = prepare(scenario)
-    sensor = build_sensor(ready)
-    turns = list(ready.schedule.line_blocks(1))
+    prepared = prepare(scenario)
+    sensor = prepared.build_sensor()
+    turns = list(prepared.flight.line_blocks(1))
     pulses = turns[len(turns) // 2]
-    analyser = ready.detector.analyser
-    power = analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    analyser = prepared.detector.analyser
+    power = analyser.power(prepared.receiver.beat(sensor.tracer.trace(pulses), pulses))
     echoes = sensor.observe(pulses).echoes
     where = np.searchsorted(pulses.index, echoes.pulse)
-    level_db = 10 * np.log10(np.maximum(power * analyser.range_m**2, 1e-30) / ready.transmit_power_w)
+    level_db = 10 * np.log10(np.maximum(power * analyser.range_m**2, 1e-30) / prepared.receiver.transmit_power_w)
     return np.rad2deg(pulses.scan_rad), analyser.range_m, level_db, where, echoes.range_m
 
 

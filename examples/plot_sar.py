@@ -14,20 +14,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from sionna_radar import load_scenario
-from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.imaging.aperture import whole_beam
-from sionna_radar.imaging.grid import ground_pixels
-from sionna_radar.imaging.resolution import (
+from sionna_radar import load_scenario, prepare
+from sionna_radar.detection import SpectrumAnalyser
+from sionna_radar.imaging import (
+    BackProjection,
+    SideLooking,
     azimuth_resolution_m,
+    ground_pixels,
     ground_range_resolution_m,
     half_power_width,
     real_aperture_resolution_m,
+    to_ground,
+    whole_beam,
 )
-from sionna_radar.imaging.sar import BackProjection
-from sionna_radar.imaging.slar import SideLooking, to_ground
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer, received
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 WINDOW = "hann"
@@ -39,28 +38,28 @@ scenario = load_scenario("slar", overrides)
 
 # %%
 # The survey: what the radar receives, block by block, with the measured poses of its pulses.
-ready = prepare(scenario)
-tracer = build_tracer(ready)
-track = ready.schedule.sample(2).measured
+prepared = prepare(scenario)
+tracer = prepared.sensor_inputs().tracer()
+track = prepared.flight.sample(2).measured
 start_east = track.position_m[0, 0]
 length = track.position_m[1, 0] - start_east
 
 # %%
 # Both images grow from the same pulses. The ends of the track are left out: their aperture is not flown whole.
 margin = 2.0
-aperture = whole_beam(ready.antenna)
+aperture = whole_beam(prepared.antenna)
 step = 0.04 if SMALL else 0.02
 pixels = ground_pixels(
     track, "right", 0.0, np.arange(margin, length - margin, step), np.arange(22.0, 35.0, 0.3 if SMALL else 0.15)
 )
-slar = SideLooking(SpectrumAnalyser(ready.chirp, WINDOW, 4), step_m=0.1)
-sar = BackProjection(ready.chirp, pixels, aperture, WINDOW)
+slar = SideLooking(SpectrumAnalyser(prepared.receiver.chirp, WINDOW, 4), step_m=0.1)
+sar = BackProjection(prepared.receiver.chirp, pixels, aperture, WINDOW)
 # A third image, of a line through the lone reflector, is fine enough to measure its width.
 east, north = scenario.targets[-1].position_m
 line = ground_pixels(track, "right", 0.0, east - start_east + np.linspace(-0.15, 0.15, 101), np.array([-north]))
-reflector = BackProjection(ready.chirp, line, aperture, WINDOW)
-for pulses in ready.schedule.blocks(64):
-    beats = received(tracer.trace(pulses), pulses, ready)
+reflector = BackProjection(prepared.receiver.chirp, line, aperture, WINDOW)
+for pulses in prepared.flight.blocks(64):
+    beats = prepared.receiver.beat(tracer.trace(pulses), pulses)
     slar.add(beats, pulses.measured)
     sar.add(beats, pulses.measured)
     reflector.add(beats, pulses.measured)
@@ -70,10 +69,10 @@ focused = sar.image()
 # %%
 # How fine they are: in theory, and the lone reflector as measured.
 range_m = float(np.hypot(north, scenario.platform.altitude_m))
-coarse = real_aperture_resolution_m(ready.antenna.azimuth, range_m)
-theory = azimuth_resolution_m(aperture, ready.chirp.wavelength_m)
+coarse = real_aperture_resolution_m(prepared.antenna.azimuth, range_m)
+theory = azimuth_resolution_m(aperture, prepared.receiver.chirp.wavelength_m)
 fine = half_power_width(line.along_m, reflector.image().power[0])
-ground = ground_range_resolution_m(ready.chirp, WINDOW, np.deg2rad(scenario.radar.scan.incidence_deg))
+ground = ground_range_resolution_m(prepared.receiver.chirp, WINDOW, np.deg2rad(scenario.radar.scan.incidence_deg))
 print(f"along the track: real aperture {coarse:.2f} m, focused {1e3 * fine:.1f} mm (theory {1e3 * theory:.1f} mm)")
 print(f"across the track, on the ground: {ground:.2f} m")
 

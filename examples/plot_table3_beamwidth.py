@@ -15,7 +15,8 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar.studies.sweep import Axis, fly_sweep, label, plan_sweep
+from sionna_radar import fly_sweep, plan_sweep
+from sionna_radar.studies import Axis, label
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
 COLOURS = {"peak": "#0072b2", "centroid": "#d55e00"}  # safe for colour-blind readers

@@ -1,10 +1,10 @@
 """
-The triangular sweep: range and velocity without an outside velocity
-====================================================================
+The triangular sweep: range and velocity without a navigation system
+=======================================================================
 
 Motion shifts the echo of a rising sweep one way and that of a falling one the other. The mean of both is the range,
-their difference tells the range rate, and no navigation system is asked. A sawtooth must be told the velocity, and an
-error of it shifts every range. With SIONNA_RADAR_SMALL=1 in the environment the flight is a short one.
+their difference gives the range rate, without any navigation system. A sawtooth needs the velocity, and an error of
+it shifts every range. With SIONNA_RADAR_SMALL=1 in the environment the flight is a short one.
 """
 
 # %%
@@ -14,10 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
-from sionna_radar.scenario.navigation import NavigationTable
-from sionna_radar.survey.recording import BLOCK_SIZE
-from sionna_radar.survey.remapping import record_survey
-from sionna_radar.survey.sensors.radar import TriangularRadar
+from sionna_radar.scenario import NavigationTable
+from sionna_radar.survey import TriangularRadar, record_survey
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if SMALL else {}
@@ -25,7 +23,7 @@ BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "0.55"  # safe for colour-blind reade
 NAMES = {
     "raw": ("Sawtooth, not corrected", GREY, ":"),
     "sawtooth": ("Sawtooth, corrected by the measured velocity", BLUE, "--"),
-    "triangle": ("Triangle, told no velocity", ORANGE, "-"),
+    "triangle": ("Triangle, without a velocity", ORANGE, "-"),
 }
 CHANGES = {
     "raw": {"processing.doppler_correction": False},
@@ -41,28 +39,28 @@ surveys = {name: record_survey(load_scenario("hills", SIZE | changes)) for name,
 def range_error_m(name):
     survey = surveys[name]
     points = survey.points(None)
-    true = survey.ready.schedule.pulses(points.pulse).true
-    return points.range_m - survey.ready.built.caster.cast(true.position_m, true.boresight).distance_m
+    true = survey.prepared.flight.pulses(points.pulse).true
+    return points.range_m - survey.prepared.scene.caster.cast(true.position_m, true.boresight).distance_m
 
 
 errors_m = {name: range_error_m(name) for name in surveys}
 for name, error in errors_m.items():
-    told = f"range {error.mean():+.3f} m, standard deviation {error.std():.3f} m; "
-    print(f"{NAMES[name][0]}: {told}DEM {surveys[name].lit_error(None).rms_m:.3f} m RMS")
+    words = f"range {error.mean():+.3f} m, standard deviation {error.std():.3f} m; "
+    print(f"{NAMES[name][0]}: {words}DEM {surveys[name].lit_error(None).rms_m:.3f} m RMS")
 
 # %%
-# The range rate of every pulse, as its pair of sweeps tells it, beside that of still ground on the beam axis.
-ready = surveys["triangle"].ready
-radar = TriangularRadar(ready)
-scan_deg, told_mps, true_mps = [], [], []
-for pulses in ready.schedule.blocks(BLOCK_SIZE):
+# The range rate of every pulse, as its pair of sweeps gives it, beside that of still ground on the beam axis.
+prepared = surveys["triangle"].prepared
+radar = TriangularRadar(prepared.sensor_inputs())
+scan_deg, measured_mps, true_mps = [], [], []
+for pulses in prepared.flight.blocks(256):
     pairs = radar.detect(radar.tracer.trace(pulses), pulses)
     rows = np.searchsorted(pulses.index, pairs.echoes.pulse)
     scan_deg.append(np.rad2deg(pulses.scan_rad[rows]))
-    told_mps.append(pairs.range_rate_mps)
+    measured_mps.append(pairs.range_rate_mps)
     true_mps.append(pulses.true.boresight_range_rate_mps[rows])
-scan_deg, told_mps, true_mps = (np.concatenate(column) for column in (scan_deg, told_mps, true_mps))
-off_mps = told_mps - true_mps
+scan_deg, measured_mps, true_mps = (np.concatenate(column) for column in (scan_deg, measured_mps, true_mps))
+off_mps = measured_mps - true_mps
 print(f"range rate: {off_mps.mean():+.3f} m/s, standard deviation {off_mps.std():.3f} m/s a pulse")
 
 # %%
@@ -82,7 +80,7 @@ rms_m = {name: [rms_with(name, error) for error in wrong_mps] for name in survey
 figure = Figure(figsize=(12.5, 4.4), layout="constrained")
 left, middle, right = figure.subplots(1, 3)
 order = np.argsort(scan_deg)
-left.plot(scan_deg, told_mps, ls="", marker="o", ms=2.5, mew=0, alpha=0.5, color=ORANGE, label="Pair of sweeps")
+left.plot(scan_deg, measured_mps, ls="", marker="o", ms=2.5, mew=0, alpha=0.5, color=ORANGE, label="Pair of sweeps")
 left.plot(scan_deg[order], true_mps[order], color="black", lw=1.4, label="Truth, on the beam axis")
 reach = 1.1 * np.abs(off_mps).max()
 middle_mps = float(np.median(true_mps))

@@ -13,12 +13,10 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario
-from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer, received
-from sionna_radar.tracing.effects.atmosphere import build_weather, rain_map_of
-from sionna_radar.weather.volume import volume_of
+from sionna_radar import load_scenario, prepare
+from sionna_radar.scenario import WeatherTable
+from sionna_radar.tracing import build_weather, rain_map_of
+from sionna_radar.weather import volume_of
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 FREQUENCIES_HZ = np.geomspace(10e9, 150e9, 8 if SMALL else 60)
@@ -80,12 +78,12 @@ KINDS = {
 PULSES = 40 if SMALL else 400
 for (name, keys), colour in zip(KINDS.items(), ("#56b4e9", "#d55e00"), strict=True):
     scenario = load_scenario("hills", {"weather": keys, **FLIGHT})
-    ready = prepare(scenario)
-    pulses = ready.schedule.pulses(np.arange(min(PULSES, len(ready.schedule))))
-    analyser = ready.detector.analyser
-    power = analyser.power(received(build_tracer(ready).trace(pulses), pulses, ready)).mean(axis=0)
+    prepared = prepare(scenario)
+    pulses = prepared.flight.pulses(np.arange(min(PULSES, len(prepared))))
+    analyser = prepared.detector.analyser
+    power = analyser.power(prepared.receiver.beat(prepared.sensor_inputs().tracer().trace(pulses), pulses)).mean(axis=0)
     range_m = analyser.range_m
-    level_db = 10 * np.log10(power * range_m**2 / ready.transmit_power_w + 1e-30)
+    level_db = 10 * np.log10(power * range_m**2 / prepared.receiver.transmit_power_w + 1e-30)
     seen.plot(range_m, level_db, color=colour, label=name)
     pose = pulses.true
     along_m = pose.position_m[0, :2] + range_m[:, None] * pose.boresight[0, :2]

@@ -1,11 +1,10 @@
-"""The data flow one way: no stage knows a later one, and only two of them know Sionna."""
+"""The house: rooms in one order, no circles, and the ray tracer known to few."""
 
 import ast
 import os
-import pydoc
 import subprocess
 import sys
-from importlib.metadata import version
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -14,48 +13,44 @@ import sionna_radar
 
 PACKAGE = Path(sionna_radar.__file__).parent
 
-# Each may import itself and what stands before it. The radar comes after the scene, whose backscatter its radar
-# equation integrates.
-ORDER = (
-    ("errors", "decibel", "input_file", "interrupts", "linear_algebra"),
-    ("georeference", "progress", "randomness", "raster", "stopwatch"),
-    ("weather",),
-    ("scenario",),
-    ("flight",),
-    ("scene",),
-    ("radar",),
-    ("tracing",),
-    ("signal",),
-    ("detection",),
-    ("imaging",),
-    ("mapping", "speckle_test"),
-    ("limits", "expected_ground"),
-    ("preparation",),
-    ("sensors",),
-    ("notes",),
-    ("survey",),
-    ("remapping",),
-    ("planning",),
-    ("plan_check",),
-    ("report", "crosscheck", "sweep", "budget", "image"),
+# Each room may import its own parts and what stands before it. The radar comes after the scene, whose backscatter its
+# radar equation integrates; only the accuracy of a map, and what comes after it, knows the truth.
+ROOMS = (
+    "foundation",
+    "raytracer",
+    "elevation",
+    "weather",
+    "scenario",
+    "surfaces",
+    "flight",
+    "scene",
+    "radar",
+    "tracing",
+    "signal",
+    "detection",
+    "mapping",
+    "accuracy",
+    "imaging",
+    "survey",
+    "studies",
+    "report",
+    "cli",
 )
-RANK = {name: rank for rank, names in enumerate(ORDER) for name in names}
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
+KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/models/sionna_slab.py", "scene", "tracing")
 
 
-def stage(module: str) -> str:
-    """Return the part of the package that a dotted module belongs to."""
-    return module.split(".")[1] if "." in module else ""
+def name_of(path: Path) -> str:
+    """Return the dotted name of a module within the package; a package's own file has the name of the package."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def sources(*folders: str) -> list[Path]:
-    return sorted(
-        path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0].removesuffix(".py") in folders
-    )
+MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py")) if name_of(path)}
 
 
 def imports(path: Path) -> set[str]:
-    """Return all modules that a file imports, those inside functions too."""
+    """Return all modules that a file imports, those inside functions too, and what it takes from them."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -66,33 +61,102 @@ def imports(path: Path) -> set[str]:
     return found
 
 
+def known(path: Path) -> set[str]:
+    """Return the modules of the package that a file imports."""
+    ours = {module.removeprefix("sionna_radar.") for module in imports(path) if module.startswith("sionna_radar.")}
+    found = {module for module in ours if module in MODULES}
+    # Of `from room.part import name` the part counts, not the room that it is in.
+    return {module for module in found if not any(other.startswith(f"{module}.") for other in found)}
+
+
+GRAPH = {name: known(path) - {name} for name, path in MODULES.items()}
+
+
+def circles(graph: Mapping[str, set[str]]) -> Iterator[str]:
+    """Yield a circle of a graph, if there is one."""
+    done: set[str] = set()
+
+    def visit(name: str, way: tuple[str, ...]) -> Iterator[str]:
+        if name in way:
+            yield " -> ".join((*way[way.index(name) :], name))
+        elif name not in done:
+            for other in graph.get(name, ()):
+                yield from visit(other, (*way, name))
+            done.add(name)
+
+    for name in graph:
+        yield from visit(name, ())
+
+
+def within(package: str) -> dict[str, set[str]]:
+    """Return what the parts of a package, files and packages, import of one another."""
+    depth = package.count(".") + 2 if package else 1
+    parts: dict[str, set[str]] = {}
+    for name, others in GRAPH.items():
+        if package and not name.startswith(f"{package}."):
+            continue
+        own = ".".join(name.split(".")[:depth])
+        inside = {".".join(o.split(".")[:depth]) for o in others if not package or o.startswith(f"{package}.")}
+        parts.setdefault(own, set()).update(inside - {own})
+    return parts
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_no_module_imports_a_later_room(name):
+    room = name.split(".")[0]
+    if room == "__main__":
+        return
+    for other in GRAPH[name]:
+        assert ROOMS.index(other.split(".")[0]) <= ROOMS.index(room), f"{name} imports {other}"
+
+
+def test_every_module_is_in_a_room():
+    assert {name.split(".")[0] for name in MODULES} == {*ROOMS, "__main__"}
+
+
+def test_no_circle_between_files():
+    assert list(circles(GRAPH)) == []
+
+
+@pytest.mark.parametrize("package", ["", *sorted({name.rpartition(".")[0] for name in MODULES} - {""})])
+def test_no_circle_between_the_parts_of_a_package(package):
+    assert list(circles(within(package))) == []
+
+
+def test_a_circle_is_found():
+    assert list(circles({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == ["a -> b -> c -> a"]
+
+
+def test_modules_keep_to_one_subject():
+    """Seldom over 400 lines, and none over 430."""
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()}
+    assert {name: length for name, length in lengths.items() if length > 430} == {}
+    assert sum(length > 400 for length in lengths.values()) <= 2
+
+
+def test_studies_neither_write_nor_draw():
+    for name, path in MODULES.items():
+        if name.startswith("studies"):
+            tops = {module.split(".")[0] for module in imports(path)}
+            assert not tops & {"matplotlib", "rasterio", "laspy", "json", "rich"}, name
+
+
+def test_no_map_knows_the_truth():
+    """Neither detection nor mapping reads the true pose, or traces."""
+    for name, path in MODULES.items():
+        if name.split(".")[0] in ("detection", "mapping"):
+            assert not any(other.startswith("tracing.") for other in GRAPH[name]), name
+            assert ".true." not in path.read_text(encoding="utf-8"), name
+
+
 def knows_the_ray_tracer(path: Path) -> bool:
     return any(module.split(".")[0] in RAY_TRACING for module in imports(path))
 
 
-@pytest.mark.parametrize("name", RANK)
-def test_no_stage_imports_a_later_one(name):
-    for path in sources(name):
-        for module in imports(path):
-            if module.startswith("sionna_radar."):
-                # What has no place in ORDER (the command line, benches) stands above all stages.
-                rank = RANK.get(stage(module), len(ORDER))
-                assert rank <= RANK[name], f"{path.relative_to(PACKAGE)} imports {module}"
-
-
-def test_stages_of_equal_rank_are_one_stage():
-    """Foundations know nothing of each other but errors."""
-    for name in ORDER[0]:
-        for path in sources(name):
-            known = {stage(m) for m in imports(path) if m.startswith("sionna_radar.")}
-            assert known <= {name, "errors"}, path
-
-
-def test_only_scene_and_tracing_know_the_ray_tracer():
-    for path in sorted(PACKAGE.rglob("*.py")):
-        if path.relative_to(PACKAGE).parts[0] in ("scene", "tracing"):
-            continue
-        assert not knows_the_ray_tracer(path), path.relative_to(PACKAGE)
+def test_few_know_the_ray_tracer():
+    for path in MODULES.values():
+        if not str(path.relative_to(PACKAGE).as_posix()).startswith(KNOW_THE_RAY_TRACER):
+            assert not knows_the_ray_tracer(path), path.relative_to(PACKAGE)
 
 
 def run(code: str, **environment: str) -> str:
@@ -106,7 +170,7 @@ def loaded_by(statement: str) -> set[str]:
     return {module.split(".")[0] for module in run(f"import sys; {statement}; print(' '.join(sys.modules))").split()}
 
 
-# Stops at the first import of the ray tracer, and tells whether the library was chosen by then.
+# Stops at the first import of the ray tracer, and reports whether the library was chosen by then.
 CHOSEN_BEFORE = """
 import importlib, os, sys
 
@@ -130,10 +194,14 @@ for module in {modules}:
 
 def test_every_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads():
     """Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported; an old library ends the process."""
-    modules = [f"sionna_radar.tracing.{path.stem}" for path in filter(knows_the_ray_tracer, sources("tracing"))]
+    modules = [
+        f"sionna_radar.{name}"
+        for name, path in MODULES.items()
+        if name.startswith("tracing.") and knows_the_ray_tracer(path)
+    ]
     assert len(modules) >= 5
-    told = run(CHOSEN_BEFORE.format(tracers=sorted(RAY_TRACING), modules=modules)).splitlines()
-    assert told == [f"{module} True" for module in modules]
+    reported = run(CHOSEN_BEFORE.format(tracers=sorted(RAY_TRACING), modules=modules)).splitlines()
+    assert reported == [f"{module} True" for module in modules]
 
 
 def test_the_ray_tracer_works_with_the_libllvm_that_was_chosen():
@@ -146,8 +214,9 @@ def test_importing_the_package_loads_neither_numpy_nor_the_ray_tracer():
 
 
 def test_what_does_not_trace_loads_no_ray_tracer():
-    paths = [p.relative_to(PACKAGE).with_suffix("") for p in sorted(PACKAGE.rglob("*.py"))]
-    modules = [".".join(("sionna_radar", *p.parts)) for p in paths if p.parts[0] != "tracing" and p.stem[0] != "_"]
+    """Nor do the engines' names: each engine loads what it needs when it is built."""
+    names = [n for n in MODULES if not n.startswith(("tracing.engines", "tracing.sionna")) and n != "__main__"]
+    modules = [f"sionna_radar.{name}" for name in [*names, "tracing.engines.ours"]]
     code = f"""
 import importlib, sys
 for module in {modules}:
@@ -157,16 +226,3 @@ for module in {modules}:
             sys.exit(module + " loads " + name)
 """
     assert run(code) == ""
-
-
-def test_the_packages_names_are_found():
-    for name in sionna_radar.__all__:
-        assert getattr(sionna_radar, name).__name__ == name
-    with pytest.raises(AttributeError, match="nothing_here"):
-        sionna_radar.nothing_here  # noqa: B018
-
-
-def test_the_package_tells_of_itself():
-    assert sionna_radar.__version__ == version("sionna-radar")
-    assert {*sionna_radar.__all__, "__version__"} <= set(dir(sionna_radar))
-    assert "load_scenario" in pydoc.render_doc(sionna_radar, renderer=pydoc.plaintext)

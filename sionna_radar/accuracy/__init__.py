@@ -1,1 +1,5 @@
 """How far a DEM lies from the truth; the only part of the processing that knows it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

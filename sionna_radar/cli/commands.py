@@ -56,7 +56,7 @@ def run_command(
 
 def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> None:
     from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.survey.products import MARKER, write_products
+    from sionna_radar.report.survey.products import MARKER, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.recording import BLOCK_SIZE
@@ -67,7 +67,7 @@ def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> Non
         lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
         suffix="",
         marker=MARKER,
-        write=lambda survey, folder: write_products(survey, folder, coordinates),
+        write=lambda survey, folder: write_survey(survey, folder, coordinates),
         show=print_survey,
     )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:

@@ -93,11 +93,13 @@ def scenes() -> None:
 
 
 def doctor() -> None:
-    """Report Python, the ray tracer's variant, libLLVM and where it was found, and the GPU; trace one ray."""
+    """Report Python, the ray tracer's variant, libLLVM, the GPU and installed plug-ins; trace one ray."""
     import platform
 
     from sionna_radar.raytracer.backend import describe_backend
     from sionna_radar.report.survey.summary import versions
+    from sionna_radar.scenario.parts import custom_parts
+    from sionna_radar.scenario.registry import load_plugins
 
     backend = describe_backend()
     rows = {
@@ -114,6 +116,10 @@ def doctor() -> None:
     }
     for name, value in rows.items():
         typer.echo(f"{name:16}{value}")
+    for origin, names in custom_parts().items():
+        typer.echo(f"{'plug-in':16}{origin}: {', '.join(names)}")
+    for problem in load_plugins():
+        typer.echo(f"{'plug-in':16}{problem}")
     typer.echo("one ray traced: all is well")
 
 

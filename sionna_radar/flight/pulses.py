@@ -67,6 +67,33 @@ class Navigation(Protocol):
         ...
 
 
+def antenna_pose(
+    trajectory: Trajectory,
+    time_s: Float[np.ndarray, " pulse"],
+    R_body_antenna: Float[np.ndarray, "pulse 3 3"],
+    lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
+) -> Pose:
+    """Return the true pose of an antenna, for navigation systems that add their errors to it.
+
+    Parameters
+    ----------
+    trajectory, time_s:
+        Motion of the navigation system, and when.
+    R_body_antenna:
+        Antenna in the platform.
+    lever_arm_m:
+        From the navigation system to the antenna: nose, right, down.
+
+    """
+    motion = body_motion(trajectory, time_s)
+    position_m, velocity_mps = antenna_place(motion, lever_arm_m)
+    return Pose(
+        position_m=position_m,
+        velocity_mps=velocity_mps,
+        R_world_antenna=world_from_body(motion.euler_rad) @ R_body_antenna,
+    )
+
+
 def register_navigation(name: str, parameters: type[NavigationParameters]) -> Callable[[Builder], Builder]:
     """Register a navigation system, for `platform.navigation.kind` in a scenario.
 
@@ -89,11 +116,23 @@ def register_navigation(name: str, parameters: type[NavigationParameters]) -> Ca
 
     Examples
     --------
+    >>> from sionna_radar.flight import Pose, antenna_pose
+    >>> from sionna_radar.scenario import NavigationParameters
     >>> class Drift(NavigationParameters):
-    ...     drift_mps: float = 0.1
+    ...     east_mps: float = 0.1
     >>> @register_navigation("drift", Drift)
     ... class DriftingGps:
-    ...     def __init__(self, parameters, trajectory, chirp_rate_hz, seed): ...
+    ...     def __init__(self, parameters, trajectory, chirp_rate_hz, seed):
+    ...         self.parameters = parameters
+    ...     def measure(self, index, time_s, trajectory, R_body_antenna):
+    ...         pose = antenna_pose(trajectory, time_s, R_body_antenna, self.parameters.lever_arm_m)
+    ...         pose.position_m[:, 0] += self.parameters.east_mps * time_s
+    ...         return pose
+    >>> table = {"kind": "drift", "east_mps": 0.5}
+    >>> prepared = prepare(load_scenario("hills", {"platform.navigation": table, "platform.length_m": 10.0}))
+    >>> last = prepared.flight.sample(2)
+    >>> bool((last.measured.position_m - last.true.position_m)[1, 0] > 0.2)
+    True
 
     """
     return NAVIGATIONS.register(name, parameters)

@@ -73,11 +73,25 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
 
     Examples
     --------
-    >>> class Sine(ScanParameters):
-    ...     amplitude_deg: float = 30.0
-    >>> @register_scan("sine", Sine)
-    ... class SineScan:
-    ...     def __init__(self, parameters): ...
+    >>> import numpy as np
+    >>> from sionna_radar.flight import Pointing, whisk_broom_from_antenna
+    >>> from sionna_radar.scenario import ScanParameters
+    >>> class Nodding(ScanParameters):
+    ...     amplitude_deg: float = 20.0
+    >>> @register_scan("nodding", Nodding)
+    ... class NoddingScan:
+    ...     stabilised, incidence_rad, period_s = True, float(np.deg2rad(45.0)), 0.5
+    ...     def __init__(self, parameters):
+    ...         self.amplitude_rad = np.deg2rad(parameters.amplitude_deg)
+    ...     def point(self, time_s):
+    ...         angle = self.amplitude_rad * np.sin(2 * np.pi * time_s / self.period_s)
+    ...         axes = whisk_broom_from_antenna(self.incidence_rad, angle)
+    ...         return Pointing(axes, angle, np.ones(len(time_s), dtype=bool))
+    ...     def spacing_m(self, height_m, speed_mps, chirp_rate_hz):
+    ...         return speed_mps * self.period_s
+    >>> scan = {"mode": "nodding", "amplitude_deg": 10.0}
+    >>> len(prepare(load_scenario("hills", {"radar.scan": scan, "platform.length_m": 10.0})))
+    360
 
     """
     return SCANS.register(name, parameters)

@@ -5,7 +5,17 @@ from dataclasses import dataclass
 
 
 class RadarError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base of every error this package raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     load_scenario("no_such_scene")
+    ... except RadarError as error:
+    ...     print(type(error).__name__)
+    InputFileError
+
+    """
 
 
 @dataclass(frozen=True)
@@ -20,7 +30,20 @@ class Problem:
 
 
 class ScenarioError(RadarError, ValueError):
-    """A scenario that cannot be simulated, with every problem found in it."""
+    """A scenario that cannot be simulated, with every problem found in it.
+
+    problems: each with the dotted key of its field, what is wrong, and the remedy.
+    source: where the scenario came from.
+
+    Examples
+    --------
+    >>> try:
+    ...     load_scenario("hills", {"radar.snr_db": -1000})
+    ... except ScenarioError as error:
+    ...     print(error.problems[0])
+    radar.snr_db: -1000 is refused: it must be at least -100
+
+    """
 
     def __init__(self, problems: Iterable[Problem], source: str = "scenario") -> None:
         self.problems = tuple(problems)

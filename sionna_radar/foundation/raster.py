@@ -97,7 +97,21 @@ def _cells_over(low_m: float, high_m: float, spacing_m: float) -> tuple[int, int
 
 @dataclass(frozen=True, kw_only=True)
 class Raster:
-    """Heights on a grid; an empty cell is NaN."""
+    """Heights on a grid.
+
+    grid: west and south are the centres of the first cells, in metres; rows go north.
+    height_m: heights in metres, shape (row, column); an empty cell is NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.foundation import Grid
+    >>> grid = Grid(west_m=0.0, south_m=0.0, spacing_m=2.0, columns=2, rows=2)
+    >>> raster = Raster(grid=grid, height_m=np.array([[1.0, 2.0], [3.0, 4.0]]))
+    >>> float(raster.at(np.array([[1.0, 1.0]]))[0])
+    2.5
+
+    """
 
     grid: Grid
     height_m: Float[np.ndarray, "row column"]

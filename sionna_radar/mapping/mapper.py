@@ -81,6 +81,7 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
 
     Examples
     --------
+    >>> import numpy as np
     >>> @register_dem_method("highest_point")
     ... class HighestPoint:
     ...     profiles = "unused"
@@ -89,6 +90,9 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     ...         row, column, inside = given.grid.cell_of(given.points.position_m)
     ...         np.fmax.at(height_m, (row[inside], column[inside]), given.points.position_m[inside, 2])
     ...         return Raster(grid=given.grid, height_m=height_m)
+    >>> overrides = {"dem.method": "highest_point", "platform.length_m": 10.0}
+    >>> run(load_scenario("hills", overrides)).lit_error.rms_m < 1.0
+    True
 
     """
     return DEM_METHODS.register(name, parameters)

@@ -15,8 +15,18 @@ from sionna_radar.foundation.columns import Columns
 class Points(Columns):
     """Located echoes, one row each, in the order of the echoes.
 
-    position_m: world frame (local ENU).
-    origin_m: where the radar was, as measured.
+    pulse, number: running number of the pulse, and of the echo in it.
+    position_m: world frame (local ENU), shape (point, 3).
+    origin_m: where the radar was, as measured, shape (point, 3).
+    range_m, range_sigma_m: slant range and its standard deviation.
+    power, snr_db: of the echo's strongest cell; see `Echoes`.
+
+    Examples
+    --------
+    >>> points = run(load_scenario("hills", {"platform.length_m": 10.0})).points
+    >>> points.position_m.shape == (len(points), 3)
+    True
+
     """
 
     pulse: Int[np.ndarray, " point"]

@@ -1,1 +1,5 @@
 """The radar: its sweep, its antenna, and the radar equation."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -208,10 +208,19 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
     Examples
     --------
-    >>> class Dish(AntennaParameters):
-    ...     diameter_m: float = 0.1
-    >>> @register_antenna("dish", Dish)
-    ... def dish(parameters): ...
+    >>> import numpy as np
+    >>> from sionna_radar.radar import Antenna, Cut
+    >>> from sionna_radar.scenario import AntennaParameters
+    >>> class Horn(AntennaParameters):
+    ...     exponent: float = 200.0
+    >>> @register_antenna("horn", Horn)
+    ... def horn(parameters):
+    ...     cut = Cut(np.sqrt(1 - np.linspace(-1, 1, 4001) ** 2) ** (parameters.exponent / 2))
+    ...     return Antenna(cut, cut, parameters.polarization, parameters.receive_polarization)
+    >>> antenna = {"kind": "horn", "exponent": 500.0}
+    >>> prepared = prepare(load_scenario("hills", {"radar.antenna": antenna, "platform.length_m": 10.0}))
+    >>> bool(np.rad2deg(prepared.antenna.beamwidths_rad[0]) > 5)
+    True
 
     """
     return ANTENNAS.register(name, parameters)

@@ -1,1 +1,5 @@
 """What a survey leaves behind: figures, rasters, point clouds and numbers."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,6 +1,5 @@
 """Scenarios: what is flown, over what, with which radar."""
 
-from sionna_radar.scenario.loading import load_scenario, parse_scenario, shipped_scenarios, to_toml
-from sionna_radar.scenario.scenario import Scenario
+import lazy_loader
 
-__all__ = ["Scenario", "load_scenario", "parse_scenario", "shipped_scenarios", "to_toml"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

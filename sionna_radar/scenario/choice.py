@@ -74,7 +74,6 @@ class ParametersOf:
             self._check, serialization=core_schema.simple_ser_schema("any")
         )
 
-    # Not `ValidationInfo`, a protocol that the checks of types in the tests cannot ask about.
     def _check(self, value: Any, info: Any) -> Table | None:
         name = info.data.get(self.name)
         if name is None:  # it is refused already

@@ -17,7 +17,7 @@ class LidarTable(Table):
     least_reflectivity: of the weakest target that is reported, however near it is.
     returns: the first or the last one of a pulse is its range.
     pulse_ns, divergence_mrad, aperture_mm: length of the pulse, full width of the beam and its width at the lidar.
-    near_range_m: nearer than that nothing is heard; from there on the receiver sees the whole beam.
+    near_range_m: nothing closer is detected; from there on the receiver sees the whole beam.
     ground_reflectivity: Lambertian, of the ground at the wavelength.
     """
 

@@ -39,7 +39,14 @@ def scenes_directory() -> Path:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """Return the shipped scenarios by name."""
+    """Return the files of the shipped scenarios by name.
+
+    Examples
+    --------
+    >>> "hills" in shipped_scenarios()
+    True
+
+    """
     return {path.stem: path for path in sorted(scenes_directory().glob("*.toml"))}
 
 
@@ -60,6 +67,11 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
         The file is missing, unreadable or not TOML.
     ScenarioError
         The scenario is wrong; every problem is listed with its dotted key, value and remedy.
+
+    Examples
+    --------
+    >>> load_scenario("hills", {"radar.antenna.beamwidth_deg": 4.0}).radar.antenna.beamwidth_deg
+    4.0
 
     """
     path, overrides = find_scenario(path_or_name), overrides or {}
@@ -101,10 +113,27 @@ def find_scenario(path_or_name: str | Path) -> Path:
 def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenario:
     """Validate a scenario given as nested tables; all problems are reported at once.
 
+    Parameters
+    ----------
+    data:
+        The tables, as in a TOML file: degrees, dB and metres.
+    source:
+        What an error calls the scenario.
+
     Raises
     ------
     ScenarioError
         The scenario is wrong; every problem is listed with its dotted key, value and remedy.
+
+    Examples
+    --------
+    >>> tables = {
+    ...     "terrain": {"kind": "flat"},
+    ...     "platform": {"altitude_m": 30.0, "speed_mps": 5.0},
+    ...     "radar": {"snr_db": 30.0},
+    ... }
+    >>> parse_scenario(tables).platform.altitude_m
+    30.0
 
     """
     try:
@@ -114,5 +143,22 @@ def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenari
 
 
 def to_toml(scenario: Scenario) -> str:
-    """Return the resolved scenario as TOML that loads to an equal scenario."""
+    """Return the resolved scenario as TOML that loads to an equal scenario.
+
+    Parameters
+    ----------
+    scenario:
+        The scenario; its parameters of custom parts are written, too.
+
+    Raises
+    ------
+    TypeError
+        A custom part has parameters that TOML cannot hold.
+
+    Examples
+    --------
+    >>> "altitude_m = 50.0" in to_toml(load_scenario("hills"))
+    True
+
+    """
     return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))

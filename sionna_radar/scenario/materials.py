@@ -1,4 +1,4 @@
-"""What a scenario may say of a surface: `[materials.NAME]`, selected by `model`.
+"""The surfaces of a scenario: `[materials.NAME]`, selected by `model`.
 
 Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
 made of and how rough it is; the rough-surface models have both, the others take them from the same keys.
@@ -99,7 +99,7 @@ class ConstantGamma(EmpiricalTable):
 class Lambertian(EmpiricalTable):
     """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
 
-    model: Literal["lambertian"]
+    model: Literal["lambertian"] = "lambertian"
     nadir_sigma0_db: Level
 
 
@@ -109,7 +109,7 @@ class UlabyDobson(EmpiricalTable):
     None is shipped: those published could not be read for this band (see `scene.measured_backscatter`).
     """
 
-    model: Literal["ulaby_dobson"]
+    model: Literal["ulaby_dobson"] = "ulaby_dobson"
     p1: Real
     p2: Real
     p3: Real
@@ -135,7 +135,7 @@ class UlabyDobson(EmpiricalTable):
 class MeasuredTable(EmpiricalTable):
     """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db."""
 
-    model: Literal["table"]
+    model: Literal["table"] = "table"
     path: InputPath
 
 
@@ -155,7 +155,7 @@ class RoughTable(SurfaceTable):
 class Kirchhoff(RoughTable):
     """Geometrical optics: very rough, gently sloping."""
 
-    model: Literal["kirchhoff"]
+    model: Literal["kirchhoff"] = "kirchhoff"
 
     @model_validator(mode="after")
     def _has_slopes(self) -> Kirchhoff:
@@ -170,13 +170,13 @@ class Kirchhoff(RoughTable):
 class PhysicalOptics(RoughTable):
     """Kirchhoff's scalar series: gently sloping, any height."""
 
-    model: Literal["physical_optics"]
+    model: Literal["physical_optics"] = "physical_optics"
 
 
 class SmallPerturbation(RoughTable):
     """First-order Bragg scattering of a slightly rough surface."""
 
-    model: Literal["small_perturbation"]
+    model: Literal["small_perturbation"] = "small_perturbation"
 
 
 class IntegralEquation(RoughTable):
@@ -186,7 +186,7 @@ class IntegralEquation(RoughTable):
     toward grazing.
     """
 
-    model: Literal["integral_equation"]
+    model: Literal["integral_equation"] = "integral_equation"
     fresnel_angle: Literal["transition", "incidence", "nadir"] = "transition"
 
 
@@ -197,7 +197,7 @@ class SionnaItu(MaterialParameters):
     own loses 4.5 to 24 dB of the co-polar echo off nadir.
     """
 
-    model: Literal["sionna_itu"]
+    model: Literal["sionna_itu"] = "sionna_itu"
     itu_type: str
     scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
     xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0

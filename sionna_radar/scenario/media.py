@@ -16,7 +16,7 @@ Fraction = Annotated[Real, Field(ge=0, le=1)]
 class Soil(Table):
     """Unfrozen moist soil; water_fraction is by volume, specific_gravity that of the dry grains."""
 
-    kind: Literal["soil"]
+    kind: Literal["soil"] = "soil"
     temperature_c: Real
     sand_percent: Percent
     clay_percent: Percent
@@ -28,21 +28,21 @@ class Soil(Table):
 class Water(Table):
     """Pure liquid water."""
 
-    kind: Literal["water"]
+    kind: Literal["water"] = "water"
     temperature_c: Real
 
 
 class Ice(Table):
     """Pure ice."""
 
-    kind: Literal["ice"]
+    kind: Literal["ice"] = "ice"
     temperature_c: Real
 
 
 class DrySnow(Table):
     """Dry snow: absorption only, no scattering by its grains."""
 
-    kind: Literal["dry_snow"]
+    kind: Literal["dry_snow"] = "dry_snow"
     temperature_c: Real
     density_g_cm3: Positive
 
@@ -50,7 +50,7 @@ class DrySnow(Table):
 class WetSnow(Table):
     """Wet snow; liquid_fraction is by volume."""
 
-    kind: Literal["wet_snow"]
+    kind: Literal["wet_snow"] = "wet_snow"
     temperature_c: Real
     dry_density_g_cm3: Positive
     liquid_fraction: Fraction
@@ -59,7 +59,7 @@ class WetSnow(Table):
 class Vegetation(Table):
     """Leaves and stalks themselves, not a canopy; water_fraction is by mass."""
 
-    kind: Literal["vegetation"]
+    kind: Literal["vegetation"] = "vegetation"
     temperature_c: Real
     water_fraction: NonNegative
 
@@ -67,7 +67,7 @@ class Vegetation(Table):
 class Asphalt(Table):
     """A dry asphalt road; the number of the mix is its largest grain in millimetres."""
 
-    kind: Literal["asphalt"]
+    kind: Literal["asphalt"] = "asphalt"
     mix: Literal["AC11DS", "SMA8S", "SMA11S"]
 
 

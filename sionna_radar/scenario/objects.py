@@ -1,4 +1,4 @@
-"""What stands in a scene besides the ground: `[[buildings]]` and `[[targets]]`."""
+"""Objects in a scene besides the ground: `[[buildings]]` and `[[targets]]`."""
 
 from typing import Annotated
 

@@ -106,7 +106,7 @@ def _flatten(table: Mapping[str, Any], prefix: str, flat: dict[str, Any], path: 
 def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     """Put values at dotted keys into nested tables; None takes the key out.
 
-    Raises ScenarioError for a key that leads nowhere.
+    Raises ScenarioError for a key that does not lead to a value.
     """
     for key, value in overrides.items():
         _set_dotted(data, key, value)
@@ -124,7 +124,7 @@ def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:
         else:
             node[int(last)] = value
     elif not isinstance(node, dict):
-        problem = Problem(shown(key)[1:-1], "leads through a value that is not a table; check the key")
+        problem = Problem(shown(key)[1:-1], "passes through a value that is not a table; check the key")
         raise ScenarioError([problem], "overrides")
     elif value is None:
         node.pop(last, None)

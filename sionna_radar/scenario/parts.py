@@ -12,7 +12,7 @@ from sionna_radar.scenario.bases import (
     ScanParameters,
     TerrainParameters,
 )
-from sionna_radar.scenario.registry import Registry
+from sionna_radar.scenario.registry import PACKAGE, Registry
 
 RANGE_ESTIMATORS = Registry(
     "range estimator",
@@ -86,3 +86,14 @@ MATERIALS = Registry(
     },
     MaterialParameters,
 )
+ALL = (DEM_METHODS, RANGE_ESTIMATORS, MATERIALS, SCANS, ANTENNAS, NAVIGATIONS, SENSORS, ENGINES, TERRAINS)
+
+
+def custom_parts() -> dict[str, list[str]]:
+    """Return the names of all parts that are not this package's own, by where they come from."""
+    found: dict[str, list[str]] = {}
+    for registry in ALL:
+        for name, origin in registry.known().items():
+            if origin != PACKAGE:
+                found.setdefault(origin, []).append(name)
+    return found

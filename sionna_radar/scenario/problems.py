@@ -65,7 +65,7 @@ def nearest(word: str, known: Sequence[str]) -> str:
 
 
 def unknown(word: object, known: Sequence[str]) -> str:
-    """Return what to say of a word that is none of those known."""
+    """Return the message for a word that is not a known one."""
     return f"{shown(word)} is unknown; give one of {', '.join(known)}.{nearest(str(word), known)}"
 
 
@@ -100,7 +100,7 @@ def _problem(error: Mapping[str, Any], model: type[BaseModel]) -> Problem:
 
 
 def _key(location: Sequence[str | int]) -> list[str]:
-    """Return the key of a place as it stands in the file, without what pydantic adds to it."""
+    """Return the key of a location as it appears in the file, without what pydantic adds to it."""
     key = [shown(part)[1:-1] if isinstance(part, str) else str(part) for part in location]
     first = 1
     if key[:1] == ["materials"]:
@@ -111,7 +111,7 @@ def _key(location: Sequence[str | int]) -> list[str]:
 
 
 def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
-    """Return a question for the key that a misspelt or misplaced one may stand for; empty if there is none."""
+    """Return a question that suggests the key meant by a misspelt or misplaced one; empty if there is none."""
     *place, last = error["loc"]
     tables: list[type[BaseModel]] = [model]
     for part in place:

@@ -31,14 +31,14 @@ class Entry:
     parameters: the table of its parameters; None for a part without any.
     build: returns the part, from its parameters if it has any, and from what the seam hands it besides.
     origin: where it comes from, in words.
-    brings_profiles: of a sensor: whether its observations bring range profiles.
+    provides_profiles: of a sensor: whether its observations have range profiles.
     """
 
     name: str
     parameters: type[Table] | None
     build: Callable[..., Any]
     origin: str
-    brings_profiles: bool = False
+    provides_profiles: bool = False
 
     def __call__(self, parameters: Table | None, *given: Any) -> Any:
         """Return the part."""
@@ -76,7 +76,7 @@ class Registry:
         self._entries: dict[str, Entry] = {}
 
     def register(
-        self, name: str, parameters: type[Table] | None = None, *, brings_profiles: bool = False
+        self, name: str, parameters: type[Any] | None = None, *, provides_profiles: bool = False
     ) -> Callable[[Builder], Builder]:
         """Return a decorator that registers what builds a part.
 
@@ -86,7 +86,7 @@ class Registry:
             What scenarios call it.
         parameters:
             The table of its parameters; what is decorated is called with one first.
-        brings_profiles:
+        provides_profiles:
             See `Entry`.
 
         Raises
@@ -95,23 +95,23 @@ class Registry:
             The name is taken, or the table would let a misspelt key pass.
 
         """
+        if parameters is not None and not issubclass(parameters, self.base):
+            message = (
+                f"{self.kind} {name!r}: its parameters {parameters.__name__} are not a "
+                f"{self.base.__module__}.{self.base.__name__}; derive them from it"
+            )
+            raise PluginError(message)
 
         def add(build: Builder) -> Builder:
             origin = _origin(build)
             self._add(
-                Entry(name=name, parameters=parameters, build=build, origin=origin, brings_profiles=brings_profiles)
+                Entry(name=name, parameters=parameters, build=build, origin=origin, provides_profiles=provides_profiles)
             )
             return build
 
         return add
 
     def _add(self, entry: Entry) -> None:
-        if entry.parameters is not None and not issubclass(entry.parameters, self.base):
-            message = (
-                f"{self.kind} {entry.name!r}: its parameters {entry.parameters.__name__} are not a "
-                f"{self.base.__module__}.{self.base.__name__}; derive them from it"
-            )
-            raise PluginError(message)
         taken = self._entries.get(entry.name)
         if taken is None and entry.name in self._ours and entry.origin != PACKAGE:
             taken = self.entry(entry.name)
@@ -141,7 +141,7 @@ class Registry:
         return dict.fromkeys(self._ours, PACKAGE) | others
 
     def unknown(self, name: object) -> str:
-        """Return what to say of a name that is not registered."""
+        """Return the message for a name that is not registered."""
         known = self.known()
         said = ", ".join(own for own, origin in known.items() if origin == PACKAGE)
         said += "".join(f", {own} (from {origin})" for own, origin in known.items() if origin != PACKAGE)

@@ -54,6 +54,20 @@ class Scenario(Table):
     "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
     CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
     Headings count from the grid north of the map.
+
+    Raises ScenarioError, with every problem, for values that do not fit.
+
+    Examples
+    --------
+    >>> from sionna_radar.scenario import FlatTerrain, Platform, RadarTable
+    >>> scenario = Scenario(
+    ...     terrain=FlatTerrain(size_m=(200.0, 200.0)),
+    ...     platform=Platform(altitude_m=30.0, speed_mps=5.0, length_m=20.0),
+    ...     radar=RadarTable(snr_db=30.0),
+    ... )
+    >>> scenario.radar.carrier_hz
+    77000000000.0
+
     """
 
     description: str = ""
@@ -151,7 +165,7 @@ class Scenario(Table):
                 "rain that differs from place to place does not act on a lidar; remove it, or lidar.wavelength_nm",
             )
         needs_profiles = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
-        if needs_profiles and not SENSORS.entry(self.sensor).brings_profiles:
+        if needs_profiles and not SENSORS.entry(self.sensor).provides_profiles:
             raise refuse(
                 "dem.method",
                 f"{method!r} models whole echoes, and sensor = {self.sensor!r} has none; set 'smooth' or 'linear'",

@@ -58,3 +58,18 @@ class Table(BaseModel):
 
         # Tables inside tables are validated by pydantic itself, which so collects the problems of all of them.
         __init__.__pydantic_base_init__ = True
+
+
+class Parameters(Table):
+    """Parameters of a custom part: a frozen pydantic model that refuses unknown keys, as the scenario's own tables do.
+
+    Units belong into the names of the fields. Raises ScenarioError, with every problem, for values that do not fit.
+
+    Examples
+    --------
+    >>> class Window(Parameters):
+    ...     width_m: float = 2.0
+    >>> Window(width_m=3.0).width_m
+    3.0
+
+    """

@@ -18,7 +18,7 @@ KEEP_SIONNA = "sionna"
 class FlatTerrain(CoveredTerrain):
     """A horizontal plane."""
 
-    kind: Literal["flat"]
+    kind: Literal["flat"] = "flat"
     size_m: tuple[Positive, Positive] = (300.0, 300.0)
     spacing_m: Positive = 5.0
     fields: tuple[MaterialField, ...] = ()
@@ -27,7 +27,7 @@ class FlatTerrain(CoveredTerrain):
 class HillsTerrain(CoveredTerrain):
     """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
 
-    kind: Literal["hills"]
+    kind: Literal["hills"] = "hills"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
     spacing_m: Positive = 0.5
     filter_sigma_m: Positive = 25.0
@@ -39,7 +39,7 @@ class HillsTerrain(CoveredTerrain):
 class FractalTerrain(CoveredTerrain):
     """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent."""
 
-    kind: Literal["fractal"]
+    kind: Literal["fractal"] = "fractal"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
     spacing_m: Positive = 0.5
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.8
@@ -51,7 +51,7 @@ class FractalTerrain(CoveredTerrain):
 class SampleTerrain(CoveredTerrain):
     """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
 
-    kind: Literal["jacksboro"]
+    kind: Literal["jacksboro"] = "jacksboro"
     centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
 
@@ -64,7 +64,7 @@ class RasterTerrain(CoveredTerrain):
     centre_lonlat_deg: longitude and latitude of the local origin; without it the middle of the file.
     """
 
-    kind: Literal["raster"]
+    kind: Literal["raster"] = "raster"
     path: InputPath
     crs: str | None = None
     vertical_crs: str | None = None

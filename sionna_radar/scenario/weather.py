@@ -123,7 +123,7 @@ class WeatherTable(Table):
     def visibility_m(self) -> dict[Obscurant, float]:
         """What hangs in the air, and how far one sees through it alone.
 
-        Fog that is told by its liquid water alone is left out: water does not give a visibility without droplet sizes.
+        Fog that is given by its liquid water alone is left out: water does not give a visibility without droplet sizes.
         """
         fog = self.fog_visibility_m if self.fog == "none" else FogClass[self.fog.upper()].visibility_m
         visibilities = {

@@ -121,11 +121,20 @@ def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from sionna_radar.foundation import Grid
+    >>> from sionna_radar.scenario import CoveredTerrain
+    >>> from sionna_radar.scene import landscape_of_heights
     >>> class Dunes(CoveredTerrain):
     ...     height_m: float = 3.0
     >>> @register_terrain("dunes", Dunes)
     ... def dunes(parameters, given):
-    ...     return landscape_of_heights(..., parameters)
+    ...     grid = Grid(west_m=-200.0, south_m=-200.0, spacing_m=2.0, columns=201, rows=201)
+    ...     height_m = parameters.height_m * np.cos(grid.centres_m[:, 0] / 10).reshape(grid.shape)
+    ...     return landscape_of_heights(Raster(grid=grid, height_m=height_m), parameters)
+    >>> prepared = prepare(load_scenario("hills", {"terrain": {"kind": "dunes"}, "platform.length_m": 10.0}))
+    >>> float(prepared.scene.scene.bounds_m[1, 2])
+    3.0
 
     """
     return TERRAINS.register(name, parameters)

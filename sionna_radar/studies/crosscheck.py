@@ -1,7 +1,7 @@
 """Two engines compared over one survey: the electromagnetic one and the paper's facets.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
-|gain|^2 over its paths, that is before they interfere, so it bears no speckle and the engines must agree
+|gain|^2 over its paths, that is before they interfere, so it is free of speckle and the engines must agree
 closely. The DEMs are made of speckled echoes, and each engine draws its own speckle: two seeds of ONE engine
 already differ. So each engine flies with two seeds, all four cross pairs are compared with the two pairs of one
 engine, and `speckle_test` gives the probability that speckle alone makes such a difference. The noise of the
@@ -57,6 +57,12 @@ def crosscheck(
     ------
     ScenarioError, InputFileError
         The scenario cannot be flown, or has nothing but point targets to see.
+
+    Examples
+    --------
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> abs(check.mean_power_difference_db) < 0.1
+    True
 
     """
     progress("preparing", 0, 0)

@@ -21,7 +21,7 @@ class Tolerances:
     """How far the engines may lie apart.
 
     mean_power_db: size of the difference of the mean power over all pulses.
-    p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within. It bears the
+    p95_power_db: size of the difference of a pulse's power that 95 pulses in 100 stay within. It includes the
         sampling of the Sionna engine, which meets an edge of a building with a few hundred rays; where two seeds of
         that engine differ by more, that is the tolerance.
     dem_false_alarm_probability: how rarely speckle alone may be called a difference of the DEMs.
@@ -66,7 +66,16 @@ class IncidenceBin:
 class CrossCheck(Brief):
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
+    tolerances: how far the engines may lie apart.
     correlation_m: distance over which errors of a DEM are correlated.
+    sionna, sionna_again, gamma, gamma_again: what each engine made of every pulse, with either seed.
+
+    Examples
+    --------
+    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> sorted(check.verdict())
+    ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
+
     """
 
     scenario: Scenario

@@ -72,6 +72,15 @@ class Imagery(Brief):
 
     slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from
         pulse to pulse.
+    slant, focused: the images; reflectors: the scene's point targets in them.
+
+    Examples
+    --------
+    >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
+    >>> imagery = fly_images(scenario)
+    >>> imagery.focused is None
+    True
+
     """
 
     scenario: Scenario
@@ -112,6 +121,12 @@ def fly_images(
     ScenarioError, InputFileError
         The radar does not look to the side of one straight track; the track is shorter than the aperture; the chirp
         rate does not sample the phase along it; or the scenario cannot be flown, see `prepare`.
+
+    Examples
+    --------
+    >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
+    >>> fly_images(scenario).slar.across_m < 1.0
+    True
 
     """
     _check(scenario)

@@ -78,8 +78,8 @@ def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent
     echoes = []
     for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
         paths = trace_boresights(pulses, prepared.scene.caster)
-        heard = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
-        echoes.append(paths.hit_m[heard, :2])
+        in_range = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
+        echoes.append(paths.hit_m[in_range, :2])
         progress("checking", int(pulses.index[-1]) + 1, len(prepared.flight))
     place = places(plan)
     away, _ = KDTree(np.concatenate(echoes)).query(place)

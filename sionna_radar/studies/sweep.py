@@ -120,7 +120,20 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep(Brief):
-    """A finished study, or as much of it as an interrupt has left."""
+    """A finished study, or as much of it as an interrupt has left.
+
+    source, axes, repeat: what was varied of which scenario, with how many seeds.
+    cases: one for each combination of values, the last axis fastest.
+    interrupted: whether an interrupt ended it.
+
+    Examples
+    --------
+    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides={"platform.length_m": 10.0})
+    >>> sweep = fly_sweep(plan)
+    >>> [case.setting for case in sweep.cases]
+    [{'radar.snr_db': 20.0}, {'radar.snr_db': 40.0}]
+
+    """
 
     source: str
     axes: tuple[Axis, ...]
@@ -135,8 +148,8 @@ class Sweep(Brief):
 
     def __repr__(self) -> str:
         head = f"Sweep of {self.source}: {len(self.cases)} cases x {self.repeat} seeds, RMS error of lit cells"
-        told = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
-        rows = [f"  {label(c.setting)}: {result}" for c, result in told]
+        results = [(c, c.reason or f"{c.mean('rms_m'):.3f} m") for c in self.cases[:MAX_LINES]]
+        rows = [f"  {label(c.setting)}: {result}" for c, result in results]
         more = len(self.cases) - len(rows)
         return "\n".join([head, *rows, *([f"  and {more} more"] if more else [])])
 
@@ -189,7 +202,7 @@ def _value(text: str) -> Any:
 
 def plan_sweep(
     source: str | Path,
-    axes: tuple[Axis, ...],
+    axes: tuple[Axis, ...] | Mapping[str, Sequence[Any]],
     repeat: int = 1,
     overrides: Mapping[str, Any] | None = None,
     progress: Progress = silent,
@@ -203,7 +216,7 @@ def plan_sweep(
     source:
         A scenario file, or the name of a shipped scenario.
     axes:
-        What is varied.
+        What is varied: the values of each dotted key.
     repeat:
         Seeds that every combination is flown with.
     overrides:
@@ -216,7 +229,15 @@ def plan_sweep(
     ScenarioError, InputFileError
         No combination can be flown; all problems of all combinations are listed.
 
+    Examples
+    --------
+    >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [1.0, 2.0, 4.0]}, repeat=5)
+    >>> len(plan.cells), plan.trials
+    (3, 15)
+
     """
+    if isinstance(axes, Mapping):
+        axes = tuple(Axis(key=key, values=tuple(values)) for key, values in axes.items())
     overrides = dict(overrides or {})
     _check_request(axes, repeat, overrides)
     keys = [axis.key for axis in axes]
@@ -314,6 +335,17 @@ def fly_sweep(
         Pulses simulated at once; it never changes the result.
     progress:
         Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
+
+    Raises
+    ------
+    BackendError
+        The ray tracer cannot run here.
+
+    Examples
+    --------
+    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides={"platform.length_m": 10.0})
+    >>> fly_sweep(plan).failed
+    False
 
     """
     trials: list[list[Trial]] = [[] for _ in plan.cells]

@@ -47,12 +47,19 @@ def register_material(name: str, parameters: type[MaterialParameters]) -> Callab
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from sionna_radar.scenario import MaterialParameters
     >>> class Moss(MaterialParameters):
     ...     level_db: float = -12.0
     >>> @register_material("moss", Moss)
     ... class MossBackscatter:
-    ...     def __init__(self, parameters, carrier_hz, channel): ...
-    ...     def sigma0(self, incidence_rad): ...
+    ...     def __init__(self, parameters, carrier_hz, channel):
+    ...         self.level = 10 ** (parameters.level_db / 10)
+    ...     def sigma0(self, incidence_rad):
+    ...         return self.level * np.cos(incidence_rad)
+    >>> scenario = load_scenario("hills", {"materials.ground": {"model": "moss", "level_db": -20.0}})
+    >>> scenario.materials["ground"].level_db
+    -20.0
 
     """
     return MATERIALS.register(name, parameters)

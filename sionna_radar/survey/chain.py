@@ -73,9 +73,9 @@ def run(
 
     Examples
     --------
-    >>> survey = run(load_scenario("hills"))
-    >>> round(survey.lit_error.rms_m, 2)
-    0.12
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey.pulses, survey.warnings
+    (100, ())
 
     """
     custom = CustomParts(
@@ -132,7 +132,7 @@ def _run(scenario: Scenario | Prepared, custom: CustomParts, block_size: int, pr
 
 
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
-    """Return, and log, what spoils a survey's result."""
+    """Return, and log, what degrades a survey's result."""
     warnings = warnings_of(
         len(recording.echoes),
         recording.rain_echoes,

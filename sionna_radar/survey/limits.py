@@ -141,7 +141,7 @@ def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
 def footprint_m2(scenario: Scenario, chirp: Chirp, beamwidths_rad: tuple[float, float], incidence_rad: float) -> float:
     """Return the area of level ground within a half-power width of the axis on each side, as far as the radar reaches.
 
-    Beyond lies less than a thousandth of the two-way power. The ground is no larger than a terrain of given size.
+    Less than a thousandth of the two-way power falls outside it. The ground is no larger than a terrain of given size.
     """
     height = scenario.platform.altitude_m
     azimuth, elevation = beamwidths_rad

@@ -50,7 +50,18 @@ from sionna_radar.tracing.engines.scatterers import check_scatterers
 class CustomParts:
     """What a caller gives in place of parts of a scenario; None keeps the scenario's.
 
-    See `sionna_radar.run` for each.
+    See `sionna_radar.run` for each. Raises PluginError for a part that lacks a method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.radar import Antenna, taylor_cut
+    >>> cut = taylor_cut(float(np.deg2rad(3.0)), -25.0)
+    >>> custom = CustomParts(antenna=Antenna(cut, cut))
+    >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}), custom)
+    >>> run(prepared).replaced
+    {'radar.antenna': 'sionna_radar.radar.antenna.Antenna, half-power beam 3 x 3 deg'}
+
     """
 
     antenna: Antenna | None = None
@@ -99,10 +110,17 @@ class Prepared(Brief):
 
     scenario: as it was given; local: with all positions in local metres.
     scene: what the radar can see.
-    antenna, flight, receiver: the radar, its pulses, and what it makes of paths.
+    antenna, flight, receiver: the radar, its pulses, and its receiver.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
+
+    Examples
+    --------
+    >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> len(prepared), prepared.mapper.grid.spacing_m
+    (100, 1.0)
+
     """
 
     scenario: Scenario
@@ -193,6 +211,13 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         No pulses, a radar under the terrain, a swath that leaves it, ranges beyond the sampled beat.
     InputFileError
         The elevation file cannot be used.
+
+    Examples
+    --------
+    >>> prepared = prepare(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey = run(prepared)
+    >>> survey.prepared is prepared
+    True
 
     """
     custom = custom or CustomParts()

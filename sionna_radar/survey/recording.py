@@ -36,14 +36,14 @@ def fly(schedule: PulseSchedule, sensor: Sensor, block_size: int = BLOCK_SIZE) -
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """What a sensor brings home from a survey; the measured pose has no part in it.
+    """What a sensor recorded in a survey, independent of the measured pose.
 
     echoes: sorted by pulse, not corrected for Doppler.
     profiles: range profiles around them, where the scenario's map models whole echoes; else None.
     lit: cells of the DEM that the beam reached.
     paths: how many were traced.
     rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
-    lost_to_rain: pulses without an echo because rain in front of the ground leaves it too little.
+    lost_to_rain: pulses without an echo because rain masks the ground.
     """
 
     echoes: Echoes

@@ -41,7 +41,7 @@ class RecordedSurvey:
         Raises
         ------
         ScenarioError
-            The method models whole echoes, and the sensor brings none.
+            The method models whole echoes, and the sensor returns none.
 
         """
         prepared = self.prepared.with_navigation(navigation)

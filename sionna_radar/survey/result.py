@@ -29,7 +29,16 @@ class Survey(Brief):
     off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
-    warnings: what spoils the result.
+    warnings: what degrades the result.
+
+    Examples
+    --------
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> survey.error.height_m.shape == survey.dem.grid.shape
+    True
+    >>> survey.lit_error.rms_m < 0.2
+    True
+
     """
 
     prepared: Prepared
@@ -64,7 +73,7 @@ class Survey(Brief):
 
     @property
     def georeference(self) -> Georeference | None:
-        """The place of the local frame on the Earth; None for a survey that lies nowhere on it."""
+        """The place of the local frame on the Earth; None for a survey without one."""
         return self.prepared.scene.scene.georeference
 
     @property

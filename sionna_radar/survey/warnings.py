@@ -1,4 +1,4 @@
-"""What a reader must know beside the numbers of a survey: what was not as the scenario says, and what spoils it."""
+"""What a reader must know beside the numbers of a survey: which parts were replaced, and what degrades the result."""
 
 from collections.abc import Mapping
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from sionna_radar.radar.antenna import Antenna
 
-# Echoes of rain lie tens of metres above the ground, so that a few of them spoil a DEM.
+# Echoes of rain lie tens of metres above the ground, so that a few of them ruin a DEM.
 RAIN_SHARE_WARNED = 0.01
 
 
@@ -32,9 +32,9 @@ def warnings_of(
     *,
     stepped_behind_volume: bool = False,
 ) -> tuple[str, ...]:
-    """Return what spoils a result: no echo at all, or rain (snow, dust) in front of the ground.
+    """Return what degrades a result: no echo at all, or rain (snow, dust) in front of the ground.
 
-    rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain leaves no ground to be heard.
+    rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
     falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
     stepped_behind_volume: whether walls were looked for behind what falls.
     """
@@ -48,7 +48,7 @@ def warnings_of(
         )
     if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
         lost += (
-            f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not tell the ground "
+            f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not separate the ground "
             f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
             f"the beam{window}",
         )

@@ -69,10 +69,22 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
     Examples
     --------
-    >>> @register_engine("mine")
-    ... class MyEngine:
-    ...     def __init__(self, given): ...
-    ...     def trace(self, pulses): ...
+    >>> import numpy as np
+    >>> from sionna_radar.tracing import Paths
+    >>> @register_engine("one_ray")
+    ... class OneRay:
+    ...     def __init__(self, given):
+    ...         self.caster = given.caster
+    ...     def trace(self, pulses):
+    ...         hits = self.caster.cast(pulses.true.position_m, pulses.true.boresight)
+    ...         row = np.flatnonzero(hits.hit)
+    ...         return Paths.along_boresight(
+    ...             pulses, row, hits.distance_m[row], gain=np.full(len(row), 1e-6 + 0j),
+    ...             incidence_rad=np.arccos(hits.cosine[row]), surface=hits.surface[row],
+    ...         )
+    >>> overrides = {"tracing.engine": "one_ray", "platform.length_m": 10.0}
+    >>> run(load_scenario("hills", overrides)).paths
+    100
 
     """
     return ENGINES.register(name, parameters)

@@ -97,10 +97,13 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
 
     Examples
     --------
+    >>> from sionna_radar.detection import Ranges
     >>> @register_range_estimator("nearest_bin")
     ... class NearestBin:
     ...     def __call__(self, runs):
-    ...         return Ranges(range_m=runs.start * runs.bin_m, sigma_m=0 * runs.start + runs.bin_m)
+    ...         return Ranges(range_m=runs.start * runs.bin_m, sigma_m=0.0 * runs.start + runs.bin_m)
+    >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
+    'nearest_bin'
 
     """
     return RANGE_ESTIMATORS.register(name, parameters)

@@ -13,6 +13,16 @@ KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 def print_budget(budget: Budget) -> None:
     """Print the limits of all errors, and what the grades of GPS/IMU make of the DEM."""
     out = console()
+    out.print(limits_table(budget))
+    if not budget.grades:
+        return
+    out.print(grades_table(budget))
+    for grade in budget.grades:
+        out.print(f"{grade.name}: {grade.source}", soft_wrap=True)
+
+
+def limits_table(budget: Budget) -> Table:
+    """Return the limits of all errors, a row an error and a column a kind."""
     title = (
         f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
         f"the navigation error that alone makes it {budget.growth:.0%} more"
@@ -22,22 +32,22 @@ def print_budget(budget: Budget) -> None:
     for name in KINDS.values():
         limits.add_column(name, justify="right")
     for name in dict.fromkeys(limit.error.name for limit in budget.limits):
-        found = {limit.error.kind: _told(limit) for limit in budget.limits if limit.error.name == name}
+        found = {limit.error.kind: _limit_text(limit) for limit in budget.limits if limit.error.name == name}
         limits.add_row(name, *(found.get(kind, "") for kind in ("constant", "white", "markov")))
-    out.print(limits)
-    if not budget.grades:
-        return
+    return limits
+
+
+def grades_table(budget: Budget) -> Table:
+    """Return what grades of GPS/IMU make of the DEM, a row a grade."""
     grades = Table(title="All errors of a grade of GPS/IMU together", title_justify="left")
     for name in ("grade", "RMS", "growth", "coverage"):
         grades.add_column(name, justify="left" if name == "grade" else "right")
     for grade in budget.grades:
-        told = number(grade.rms_m, ".3f", " m"), number(grade.growth, "+.0%"), number(grade.coverage, ".1%")
-        grades.add_row(grade.name, *told)
-    out.print(grades)
-    for grade in budget.grades:
-        out.print(f"{grade.name}: {grade.source}", soft_wrap=True)
+        cells = number(grade.rms_m, ".3f", " m"), number(grade.growth, "+.0%"), number(grade.coverage, ".1%")
+        grades.add_row(grade.name, *cells)
+    return grades
 
 
-def _told(limit: Limit) -> str:
+def _limit_text(limit: Limit) -> str:
     unit = limit.error.unit
     return f"{limit.size:.3g} {unit}" if math.isfinite(limit.size) else f"> {limit.error.largest:g} {unit}"

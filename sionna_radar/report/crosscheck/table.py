@@ -1,7 +1,20 @@
 """A cross-check as a table on the terminal."""
 
+from rich.table import Table
+
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.crosscheck_result import CrossCheck
+
+
+def crosscheck_table(check: CrossCheck) -> Table:
+    """Return each difference with its tolerance and whether it keeps it."""
+    table = Table(title=f"The engines {'agree' if check.agrees else 'DIFFER'}", title_justify="left")
+    for name in ("difference", "value", "within", ""):
+        table.add_column(name, justify="left" if name in ("difference", "") else "right")
+    for name, part in check.verdict().items():
+        within = number(part["tolerance"], ".4f")
+        table.add_row(name, number(part["value"], "+.4f"), within, "agrees" if part["agrees"] else "DIFFERS")
+    return table
 
 
 def print_crosscheck(check: CrossCheck) -> None:

@@ -8,6 +8,17 @@ from sionna_radar.studies.images import Imagery, Response
 
 def print_image(imagery: Imagery) -> None:
     """Print what the images resolve: in theory in the middle of the beam, and as measured at point targets."""
+    out = console()
+    out.print(image_table(imagery))
+    if imagery.focused is None:
+        out.print(
+            "no focused image: scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
+            soft_wrap=True,
+        )
+
+
+def image_table(imagery: Imagery) -> Table:
+    """Return the half-power widths of the images and of point targets in them."""
     table = Table(title="Half-power widths", title_justify="left")
     for name in ("", "along the track", "across it"):
         table.add_column(name, justify="left" if name == "" else "right")
@@ -20,13 +31,7 @@ def print_image(imagery: Imagery) -> None:
         for name, response in (("SLAR", reflector.slar), ("SAR", reflector.sar)):
             if response is not None and response.measured is not None:
                 table.add_row(f"{name}, targets.{number}", *_compared(response))
-    out = console()
-    out.print(table)
-    if imagery.focused is None:
-        out.print(
-            "no focused image: scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
-            soft_wrap=True,
-        )
+    return table
 
 
 def _compared(response: Response) -> tuple[str, str]:

@@ -30,7 +30,7 @@ MAX_OVERLAY = 3_000
 MAX_SHADED_CELLS = 1_000
 
 
-def environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the true surface with the flight and the ground that its beam meets, and the flight's profile."""
     trajectory = survey.schedule.trajectory
     flight = trajectory.position(np.linspace(0.0, trajectory.end_s, 2000))
@@ -91,7 +91,7 @@ def _draw_beam(axes: Axes, survey: Survey) -> None:
     pulses = schedule.pulses(middle)
     pick = int(np.argmin(np.abs(pulses.scan_rad)))
     pose, time_s = pulses.true, pulses.time_s[pick]
-    hit = _meet_ground(pose, survey.truth)[pick]
+    hit = _meet_ground(pose, survey)[pick]
     if not np.isfinite(hit).all():
         return
     flown = schedule.trajectory.position(np.linspace(schedule.trajectory.cruise_s()[0], time_s, 500))[:, :2]
@@ -123,32 +123,16 @@ def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
     schedule = survey.schedule
     # Regular steps would beat with the rotation of the antenna and show a pattern that is not flown.
     chosen = np.random.default_rng(0).permutation(len(schedule))[:MAX_OVERLAY]
-    hits = _meet_ground(schedule.pulses(np.sort(chosen)).true, survey.truth)
+    hits = _meet_ground(schedule.pulses(np.sort(chosen)).true, survey)
     met: Float[np.ndarray, "hit 3"] = hits[np.isfinite(hits).all(axis=1)]
     return met
 
 
-def _meet_ground(pose: Pose, truth: Raster) -> Float[np.ndarray, "pulse 3"]:
-    """Return where the beam axes meet the surface; NaN where they meet none of it.
-
-    An axis is followed through the layer between the lowest and the highest ground only.
-    """
-    low, high = height_limits(truth)
-    down = -pose.boresight[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (pose.position_m[:, 2:] - np.array([high + 0.01, low - 0.01])) / down[:, None]
-    reach = np.where((down > 1e-3)[:, None], np.maximum(reach, 0.0), np.nan)
-    distance = reach[:, :1] + (reach[:, 1:] - reach[:, :1]) * np.linspace(0.0, 1.0, 200)
-    along = pose.position_m[:, None] + distance[:, :, None] * pose.boresight[:, None]
-    outside = ~np.isfinite(along).all(axis=2).ravel()
-    flat = np.where(outside[:, None], 0.0, along.reshape(-1, 3))
-    clearance = np.where(outside, np.nan, flat[:, 2] - truth.at(flat[:, :2])).reshape(distance.shape)
-    below = (clearance[:, 1:] <= 0) & (clearance[:, :-1] > 0)
-    first = np.argmax(below, axis=1)
-    row = np.arange(len(first))
-    hits: Float[np.ndarray, "pulse 3"] = along[row, first + 1]
-    hits[~below[row, first]] = np.nan
-    return hits
+def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
+    """Return where the beam axes meet the scene; NaN where they do not."""
+    distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
+    distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
+    return pose.position_m + distance_m[:, None] * pose.boresight
 
 
 def _shaded(raster: Raster, limits: tuple[float, float]) -> Float[np.ndarray, "row column 4"]:

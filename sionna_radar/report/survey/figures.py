@@ -37,7 +37,7 @@ from sionna_radar.report.maps import (
     map_size,
     show_raster,
 )
-from sionna_radar.report.survey.environment_figure import environment
+from sionna_radar.report.survey.environment_figure import draw_environment
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey.result import Survey
@@ -54,11 +54,11 @@ PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw every figure into a directory as PNG, and return the files."""
     figures: dict[str, Callable[[Survey], Figure]] = {
-        "environment": partial(environment, coordinates=coordinates),
-        "chirp": chirp,
-        "power_map": partial(power_map, coordinates=coordinates),
-        "dem": partial(dem, coordinates=coordinates),
-        "error_map": partial(error_map, coordinates=coordinates),
+        "environment": partial(draw_environment, coordinates=coordinates),
+        "chirp": draw_chirp,
+        "power_map": partial(draw_power, coordinates=coordinates),
+        "dem": partial(draw_dem, coordinates=coordinates),
+        "error_map": partial(draw_error, coordinates=coordinates),
     }
     if survey.chirp is None:
         del figures["chirp"]
@@ -68,7 +68,7 @@ def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordin
 # --------------------------------------------------------------------------------------------- chirp
 
 
-def chirp(survey: Survey) -> Figure:
+def draw_chirp(survey: Survey) -> Figure:
     """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
 
     Raises ValueError for a survey whose sensor has no chirps.
@@ -120,7 +120,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
 # --------------------------------------------------------------------------------------------- maps
 
 
-def power_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the power of the echoes where they are placed on the ground plan."""
     points = survey.points
     bounds = map_bounds(survey.truth.grid.extent_m, points.position_m)
@@ -146,7 +146,7 @@ def power_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fig
     return figure
 
 
-def dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the true surface and the DEM on one colour scale, with the points that made the DEM."""
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
@@ -167,7 +167,7 @@ def dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     return figure
 
 
-def error_map(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+def draw_error(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
     """Draw the error of the DEM, and its histogram with the statistics."""
     bounds = map_bounds(survey.error.grid.extent_m, np.zeros((0, 3)))
     width, height = map_size(bounds)

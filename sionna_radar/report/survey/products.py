@@ -23,7 +23,7 @@ from sionna_radar.survey.result import Survey
 MARKER = "summary.json"
 
 
-def write_products(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Write the results into a directory, whole or not at all, and return the files.
 
     Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
@@ -41,6 +41,14 @@ def write_products(survey: Survey, directory: Path, coordinates: Coordinates = C
     ------
     OutputError
         The directory holds something else, or cannot be written; see `write_folder`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> files = write_survey(survey, Path("results"))
+    >>> [file.name for file in files if file.suffix == ".tif"]
+    ['dem.tif', 'error.tif', 'truth.tif']
 
     """
     return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))

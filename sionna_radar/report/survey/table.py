@@ -12,10 +12,15 @@ FEW_ECHOES = 4
 
 def print_survey(survey: Survey) -> None:
     """Print what was flown, how well the DEM fits, and how long it took; the errors are those of lit cells."""
+    console().print(survey_table(survey))
+
+
+def survey_table(survey: Survey) -> Table:
+    """Return what was flown, how well the DEM fits, and how long it took."""
     table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
     for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
         table.add_row(name, value)
-    console().print(table)
+    return table
 
 
 def _flown(survey: Survey) -> dict[str, str]:

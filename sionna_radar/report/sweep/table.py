@@ -22,7 +22,17 @@ SIGNED = ("min_m", "max_m", "mean_m")
 def print_sweep(result: Sweep) -> None:
     """Print a sweep as a table: a row a case, mean and spread of each statistic; then what went wrong."""
     out = console()
-    sign = "+-" if out.options.ascii_only else "±"
+    table = sweep_table(result, "+-" if out.options.ascii_only else "±")
+    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
+    needed = console(width=1000).measure(table).maximum
+    console(width=max(out.width, needed)).print(table)
+    for case in result.cases:
+        for note in ([case.reason] if case.reason else []) + _warnings(case):
+            out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
+
+
+def sweep_table(result: Sweep, sign: str = "±") -> Table:
+    """Return a row a case: mean and spread of each statistic, with a sign between them."""
     trials = (
         f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
     )
@@ -35,12 +45,7 @@ def print_sweep(result: Sweep) -> None:
         table.add_column(HEADINGS[statistic], justify="right")
     for case in result.cases:
         table.add_row(*map(str, case.setting.values()), *(_with_spread(case, s, sign) for s in shown))
-    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
-    needed = console(width=1000).measure(table).maximum
-    console(width=max(out.width, needed)).print(table)
-    for case in result.cases:
-        for note in ([case.reason] if case.reason else []) + _warnings(case):
-            out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
+    return table
 
 
 def _warnings(case: Case) -> list[str]:

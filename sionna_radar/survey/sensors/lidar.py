@@ -36,7 +36,7 @@ class Lidar:
             paths = read = trace_boresights(pulses, self._caster)
         if self._receiver is not None:
             read = self._receiver.received(paths, pulses)
-            # What the beam lights is not what the lidar hears of it.
+            # What the beam illuminates is not what the lidar detects of it.
             paths = Paths.concatenate([paths, read.rows(read.surface == VOLUME)])
         range_m = read.delay_s * speed_of_light / 2
         if self._range_noise_m:

@@ -57,7 +57,7 @@ class SawtoothRadar:
 
 
 class TriangularRadar:
-    """An up- and a down-sweep a pulse, which tell range and velocity between them.
+    """An up- and a down-sweep a pulse, which together give range and velocity.
 
     The beam stands still during the pair, as it does during a sawtooth.
     """
@@ -104,7 +104,7 @@ class TriangularRadar:
         return _record_chirp(self._given, self.tracer, self.through[0], pulses)
 
 
-@register_sensor("radar", brings_profiles=True)
+@register_sensor("radar", provides_profiles=True)
 def radar(given: SensorInputs) -> SawtoothRadar | TriangularRadar:
     """Return the radar of a scenario, by the number of its sweeps."""
     return SawtoothRadar(given) if len(given.receiver.sweeps) == 1 else TriangularRadar(given)

@@ -29,7 +29,7 @@ Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What a sensor makes of a block of pulses; of the measured pose it knows no more than rain asks for.
+    """What a sensor observes in a block of pulses; of the measured pose it uses only what rain requires.
 
     paths: what was lit.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
@@ -115,7 +115,7 @@ class SensorInputs:
 
 
 def register_sensor(
-    name: str, parameters: type[Table] | None = None, *, brings_profiles: bool = False
+    name: str, parameters: type[Table] | None = None, *, provides_profiles: bool = False
 ) -> Callable[[Builder], Builder]:
     """Register a sensor, for `sensor` in a scenario.
 
@@ -125,8 +125,8 @@ def register_sensor(
         What scenarios call it.
     parameters:
         Its table of parameters, `[sensor_parameters]`; without it there are none.
-    brings_profiles:
-        Whether its observations bring range profiles, which some DEM methods require.
+    provides_profiles:
+        Whether its observations have range profiles, which some DEM methods require.
 
     Returns
     -------
@@ -140,17 +140,20 @@ def register_sensor(
 
     Examples
     --------
-    >>> @register_sensor("altimeter")
-    ... class Altimeter:
-    ...     def __init__(self, given): ...
-    ...     def observe(self, pulses): ...
+    >>> import dataclasses
+    >>> from sionna_radar.survey import Lidar
+    >>> @register_sensor("biased_lidar")
+    ... class BiasedLidar(Lidar):
+    ...     def __init__(self, given):
+    ...         super().__init__(given.engine.caster, range_noise_m=0.02, seed=given.engine.seed)
     ...     def correct(self, echoes, pulse, measured):
-    ...         return echoes
-    ...     def record_chirp(self, pulses):
-    ...         return None
+    ...         return dataclasses.replace(echoes, range_m=echoes.range_m + 1.0)
+    >>> overrides = {"sensor": "biased_lidar", "platform.length_m": 10.0}
+    >>> run(load_scenario("hills", overrides)).lit_error.mean_m < -0.5
+    True
 
     """
-    return SENSORS.register(name, parameters, brings_profiles=brings_profiles)
+    return SENSORS.register(name, parameters, provides_profiles=provides_profiles)
 
 
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:

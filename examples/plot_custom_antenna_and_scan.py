@@ -1,9 +1,9 @@
 """
 A custom antenna and scan
-=================================
+=========================
 
-The antenna is two measured cuts, here a beam with a shoulder on one side; the scan is any object with a `point`
-method, here one that nods fore and aft while the platform moves.
+The antenna is two measured cuts, here a beam with a shoulder on one side; the scan is any object with the
+properties and methods of `Scan`, here one that nods fore and aft while the platform moves.
 """
 
 # %%
@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
-from sionna_radar.flight.frames import whisk_broom_from_antenna
-from sionna_radar.flight.scan import Pointing
-from sionna_radar.radar.antenna import Antenna, measured_cut
+from sionna_radar.flight import Pointing, whisk_broom_from_antenna
+from sionna_radar.radar import Antenna, measured_cut
 
 # %%
 # Two cuts against the angle from boresight: a 3 deg beam, the azimuth one with a shoulder 6 deg to the left.
@@ -39,17 +38,29 @@ class NoddingScan:
     least_rad: float = np.deg2rad(10.0)
     greatest_rad: float = np.deg2rad(50.0)
     stabilised: bool = True
+    period_s: float = 0.25
+
+    @property
+    def incidence_rad(self):
+        """Angle from nadir in the middle of the swing: what radar.snr_db refers to."""
+        return (self.least_rad + self.greatest_rad) / 2
 
     def point(self, time_s):
         """Return the antenna's axes in forward-right-down components."""
-        swing = 0.5 - 0.5 * np.cos(2 * np.pi * 4.0 * time_s)
+        swing = 0.5 - 0.5 * np.cos(2 * np.pi * time_s / self.period_s)
         tilt = self.least_rad + (self.greatest_rad - self.least_rad) * swing
         axes = np.concatenate([whisk_broom_from_antenna(float(t), np.zeros(1)) for t in tilt])
         return Pointing(axes, tilt, np.ones(len(time_s), dtype=bool))
 
+    def spacing_m(self, height_m, speed_mps, chirp_rate_hz):
+        """Return the widest gap on level ground: where the swing is fastest, or what is flown in a period."""
+        rate_rad_s = np.pi / self.period_s * (self.greatest_rad - self.least_rad)
+        step_m = height_m * rate_rad_s / chirp_rate_hz / np.cos(self.greatest_rad) ** 2
+        return float(max(step_m, speed_mps * self.period_s))
+
 
 # %%
-scenario = load_scenario("hills", {"platform.length_m": 20.0, "dem.max_gap_m": 5.0})
+scenario = load_scenario("hills", {"platform.length_m": 20.0})
 survey = run(scenario, antenna=antenna, scan=NoddingScan())
 print(f"{survey.pulses} pulses, {len(survey.points)} echoes")
 figure = Figure(figsize=(6, 3), layout="constrained")
@@ -58,4 +69,4 @@ position = survey.points.position_m
 dots = axes.scatter(position[:, 0], position[:, 2], c=survey.points.snr_db, s=4)
 figure.colorbar(dots, label="SNR (dB)")
 axes.set(xlabel="East (m)", ylabel="Height (m)", title="A profile under the track")
-figure.savefig("own_scan.png")
+figure.savefig("custom_scan.png")

@@ -1,0 +1,31 @@
+"""A DEM method: the median height of the points about each cell."""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial import KDTree
+
+from sionna_radar import Parameters, Raster, register_dem_method
+
+
+class MedianParameters(Parameters):
+    """radius_m: how far about the centre of a cell points count."""
+
+    radius_m: Annotated[float, Field(gt=0, le=1000)] = 3.0
+
+
+@register_dem_method("median", MedianParameters)
+class Median:
+    """Needs points alone, so that it works with every sensor."""
+
+    profiles = "unused"
+
+    def __init__(self, parameters):
+        self.radius_m = parameters.radius_m
+
+    def __call__(self, given):
+        place, height = given.points.position_m[:, :2], given.points.position_m[:, 2]
+        near = KDTree(place).query_ball_point(given.grid.centres_m, self.radius_m)
+        heights = np.array([np.median(height[found]) if found else np.nan for found in near])
+        return Raster(grid=given.grid, height_m=heights.reshape(given.grid.shape))

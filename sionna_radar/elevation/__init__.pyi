@@ -1,0 +1,5 @@
+from .heightfield import Heightfield as Heightfield
+
+__all__ = [
+    "Heightfield",
+]

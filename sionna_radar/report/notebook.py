@@ -1,0 +1,91 @@
+"""Results in a notebook: a table, and a map or a curve under it."""
+
+import base64
+import html
+import io
+from collections.abc import Iterator
+from functools import singledispatch
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from sionna_radar.report.budget import figures as budget_figures
+from sionna_radar.report.budget.table import grades_table, limits_table
+from sionna_radar.report.crosscheck import figures as crosscheck_figures
+from sionna_radar.report.crosscheck.table import crosscheck_table
+from sionna_radar.report.imagery import figures as imagery_figures
+from sionna_radar.report.imagery.table import image_table
+from sionna_radar.report.survey.figures import draw_dem
+from sionna_radar.report.survey.table import survey_table
+from sionna_radar.report.sweep import figures as sweep_figures
+from sionna_radar.report.sweep.table import sweep_table
+from sionna_radar.studies.budget import Budget
+from sionna_radar.studies.crosscheck_result import CrossCheck
+from sionna_radar.studies.images import Imagery
+from sionna_radar.studies.sweep import Sweep
+from sionna_radar.survey.result import Survey
+
+# On a screen beside text; the files for print are finer.
+DPI = 80
+PRE = "<pre style='line-height: 1.2'>{code}</pre>"
+
+
+def html_of(result: object) -> str | None:
+    """Return a result as HTML; None for one that has no table."""
+    parts = [_html_of_table(part) if isinstance(part, Table) else _html_of_figure(part) for part in shown(result)]
+    parts += [f"<p>warning: {html.escape(warning)}</p>" for warning in getattr(result, "warnings", ())]
+    return "\n".join(parts) or None
+
+
+@singledispatch
+def shown(result: object) -> Iterator[Table | Figure]:
+    """Yield the tables and figures that show a result."""
+    yield from ()
+
+
+@shown.register
+def _(result: Survey) -> Iterator[Table | Figure]:
+    yield survey_table(result)
+    yield draw_dem(result)
+
+
+@shown.register
+def _(result: Sweep) -> Iterator[Table | Figure]:
+    yield sweep_table(result)
+    if any(case.trials for case in result.cases):
+        yield sweep_figures.errors(result)
+
+
+@shown.register
+def _(result: CrossCheck) -> Iterator[Table | Figure]:
+    yield crosscheck_table(result)
+    yield crosscheck_figures.dems(result)
+
+
+@shown.register
+def _(result: Budget) -> Iterator[Table | Figure]:
+    yield limits_table(result)
+    if result.grades:
+        yield grades_table(result)
+    yield budget_figures.draw(result)
+
+
+@shown.register
+def _(result: Imagery) -> Iterator[Table | Figure]:
+    yield image_table(result)
+    yield imagery_figures.slant_range(result)
+
+
+def _html_of_table(table: Table) -> str:
+    screen = Console(
+        record=True, file=io.StringIO(), width=1000, markup=False, emoji=False, highlight=False, force_jupyter=False
+    )
+    screen.print(table)
+    return screen.export_html(inline_styles=True, code_format=PRE)
+
+
+def _html_of_figure(figure: Figure) -> str:
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=DPI)
+    return f'<img src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode("ascii")}"/>'

@@ -1,0 +1,43 @@
+from .budget import Budget as Budget
+from .budget import navigation_budget as navigation_budget
+from .crosscheck_result import CrossCheck as CrossCheck
+from .crosscheck_result import Tolerances as Tolerances
+from .gamma_fit import fit_material as fit_material
+from .images import Imagery as Imagery
+from .images import fly_images as fly_images
+from .plan_check import check_plan as check_plan
+from .planning import FlightPlan as FlightPlan
+from .planning import Wanted as Wanted
+from .planning import plan_flight as plan_flight
+from .planning import planned_scenario as planned_scenario
+from .sweep import Axis as Axis
+from .sweep import Case as Case
+from .sweep import Sweep as Sweep
+from .sweep import Trial as Trial
+from .sweep import fly_sweep as fly_sweep
+from .sweep import label as label
+from .sweep import parse_axes as parse_axes
+from .sweep import plan_sweep as plan_sweep
+
+__all__ = [
+    "Axis",
+    "Budget",
+    "Case",
+    "CrossCheck",
+    "FlightPlan",
+    "Imagery",
+    "Sweep",
+    "Tolerances",
+    "Trial",
+    "Wanted",
+    "check_plan",
+    "fit_material",
+    "fly_images",
+    "fly_sweep",
+    "label",
+    "navigation_budget",
+    "parse_axes",
+    "plan_flight",
+    "plan_sweep",
+    "planned_scenario",
+]

@@ -1,0 +1,15 @@
+from .conditions import Weather as Weather
+from .drop_shapes import drop_polarisation as drop_polarisation
+from .drops import marshall_palmer as marshall_palmer
+from .gases import Air as Air
+from .volume import Volume as Volume
+from .volume import volume_of as volume_of
+
+__all__ = [
+    "Air",
+    "Volume",
+    "Weather",
+    "drop_polarisation",
+    "marshall_palmer",
+    "volume_of",
+]

@@ -1,0 +1,100 @@
+"""Registries: names, parameters and where they come from."""
+
+from typing import Annotated
+
+import pytest
+from pydantic import BaseModel, Field
+
+from sionna_radar.foundation.errors import PluginError, ScenarioError
+from sionna_radar.scenario import Parameters, ScanParameters, load_scenario, to_toml
+from sionna_radar.scenario.parts import ALL, DEM_METHODS, RANGE_ESTIMATORS, SCANS
+from sionna_radar.scenario.registry import Registry
+
+
+class Gate(Parameters):
+    width_m: Annotated[float, Field(gt=0)] = 2.0
+
+
+@pytest.fixture
+def gated(monkeypatch):
+    """A range estimator with a parameter, known for one test."""
+    monkeypatch.setattr(RANGE_ESTIMATORS, "_entries", dict(RANGE_ESTIMATORS._entries) | {})
+    RANGE_ESTIMATORS.entry("centroid")
+
+    @RANGE_ESTIMATORS.register("gated", Gate)
+    def build(parameters):
+        return parameters
+
+    yield
+    RANGE_ESTIMATORS._entries.pop("gated")
+
+
+@pytest.mark.parametrize("registry", ALL, ids=lambda registry: registry.kind)
+def test_our_own_parts_come_by_the_same_door(registry):
+    for name, origin in registry.known().items():
+        entry = registry.entry(name)
+        assert entry.name == name
+        assert origin == entry.origin == "sionna_radar"
+
+
+def test_parameters_are_filled_in_and_written_back(gated):
+    scenario = load_scenario("hills", {"processing.ranging": "gated"})
+    assert scenario.processing.ranging_parameters == Gate(width_m=2.0)
+    wider = load_scenario("hills", {"processing.ranging": "gated", "processing.ranging_parameters.width_m": 3.0})
+    assert wider.processing.ranging_parameters == Gate(width_m=3.0)
+    assert "width_m = 3.0" in to_toml(wider)
+
+
+def test_parameters_are_checked(gated):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario("hills", {"processing.ranging": "gated", "processing.ranging_parameters.width_m": -1.0})
+    assert str(error.value.problems[0]) == (
+        "processing.ranging_parameters.width_m: -1.0 is refused: it must be greater than 0"
+    )
+
+
+def test_an_unknown_name_lists_what_is_known_and_where_from(gated):
+    with pytest.raises(ScenarioError, match=r"model_fit, gated \(from the module .*test_registry\)") as error:
+        load_scenario("hills", {"processing.ranging": "gatted"})
+    assert str(error.value).endswith("Did you mean gated?")
+
+
+def test_a_name_is_registered_once(gated):
+    with pytest.raises(PluginError, match="range estimator 'gated' is registered already, by the module"):
+
+        @RANGE_ESTIMATORS.register("gated", Gate)
+        def another(parameters):
+            return parameters
+
+    with pytest.raises(PluginError, match="DEM method 'linear' is registered already, by sionna_radar"):
+        DEM_METHODS.register("linear")(dict)
+
+
+def test_a_cell_of_a_notebook_may_run_twice():
+    registry = Registry("toy", {})
+    for _ in range(2):
+
+        def toy():
+            return None
+
+        registry.register("toy")(toy)
+    assert list(registry.known()) == ["toy"]
+
+
+def test_a_table_that_would_let_a_misspelt_key_pass_is_refused():
+    class Loose(BaseModel):
+        width_m: float = 1.0
+
+    with pytest.raises(PluginError, match=r"parameters Loose are not a sionna_radar.scenario.table.Table"):
+        Registry("toy", {}).register("loose", Loose)(dict)
+    with pytest.raises(PluginError, match=r"Gate are not a sionna_radar.scenario.bases.ScanParameters"):
+        SCANS.register("gate", Gate)(dict)
+
+
+def test_a_custom_table_is_chosen_by_its_tag(monkeypatch):
+    class Spiral(ScanParameters):
+        turns: Annotated[int, Field(ge=1)] = 3
+
+    registry = Registry("scan", {}, ScanParameters)
+    registry.register("spiral", Spiral)(dict)
+    assert registry.entry("spiral").check({"mode": "spiral", "turns": 2}) == Spiral(mode="spiral", turns=2)

@@ -1,0 +1,121 @@
+"""Every part of a survey can be replaced from Python, and does what the same part of a scenario does."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sionna_radar import CustomParts, load_scenario, prepare, run
+from sionna_radar.detection.ranging.peak import PeakRange
+from sionna_radar.flight.scans.rotating import RotatingScan
+from sionna_radar.foundation.errors import PluginError
+from sionna_radar.mapping.methods.smooth import Smooth
+from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scene.landscape import build_landscape
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.survey.sensors.lidar import Lidar
+from sionna_radar.tracing.engine import build_engine
+
+SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+
+
+def conical() -> RotatingScan:
+    return RotatingScan(
+        mode="conical",
+        incidence_rad=float(np.deg2rad(30.0)),
+        half_swath_rad=float(np.deg2rad(40.0)),
+        rotation_rad_s=2 * np.pi * 2.0,
+        start_rad=0.0,
+        stabilised=True,
+    )
+
+
+def gamma_engine(given):
+    return build_engine(TracingTable(engine="gamma"), given)
+
+
+def noisy_lidar(given):
+    return Lidar(given.engine.caster, 0.1, given.engine.seed)
+
+
+def other_hills(given):
+    return build_landscape(load_scenario("hills", SHORT | {"terrain.seed": 9}).terrain, given)
+
+
+# A part given from Python, and the same part by name.
+SAME = {
+    "antenna": (
+        {"antenna": build_antenna(load_scenario("hills", {"radar.antenna.beamwidth_deg": 4.0}).radar.antenna)},
+        {"radar.antenna.beamwidth_deg": 4.0},
+    ),
+    "scan": (
+        {"scan": conical()},
+        {"radar.scan": {"mode": "conical", "incidence_deg": 30.0, "half_swath_deg": 40.0}},
+    ),
+    "range_estimator": ({"range_estimator": PeakRange()}, {"processing.ranging": "peak"}),
+    "dem_method": ({"dem_method": Smooth()}, {"dem.method": "smooth"}),
+    "engine": ({"engine": gamma_engine}, {"tracing.engine": "gamma"}),
+    "sensor": ({"sensor": noisy_lidar}, {"sensor": "lidar", "lidar.range_noise_m": 0.1}),
+    "terrain": ({"terrain": other_hills}, {"terrain.seed": 9}),
+    "materials": (
+        {"materials": {"ground": ConstantGammaBackscatter(10 ** (-2.0))}},
+        {"materials.ground": {"model": "constant_gamma", "gamma_db": -20.0}},
+    ),
+}
+
+
+@pytest.mark.parametrize("part", SAME)
+def test_a_part_from_python_is_that_of_the_same_name(part):
+    given, overrides = SAME[part]
+    custom = run(load_scenario("hills", SHORT), **given)
+    named = run(load_scenario("hills", SHORT | overrides))
+    np.testing.assert_array_equal(custom.points.position_m, named.points.position_m)
+    np.testing.assert_array_equal(custom.dem.height_m, named.dem.height_m)
+    assert len(custom.replaced) == 1
+    assert named.replaced == {}
+
+
+def test_the_parts_show_in_what_was_flown():
+    plain = run(load_scenario("hills", SHORT))
+    for given, _ in SAME.values():
+        survey = run(load_scenario("hills", SHORT), **given)
+        assert survey.points.sha256() != plain.points.sha256() or "dem_method" in given
+
+
+def test_a_custom_scan_has_the_gap_and_the_noise_of_the_same_scan_by_name():
+    overrides = {"radar.scan": {"mode": "conical", "incidence_deg": 30.0, "half_swath_deg": 40.0}}
+    named = prepare(load_scenario("hills", SHORT | overrides))
+    custom = prepare(load_scenario("hills", SHORT), CustomParts(scan=conical()))
+    assert custom.mapper.max_gap_m == named.mapper.max_gap_m
+    assert custom.receiver.noise_power_w == named.receiver.noise_power_w
+    # The scenario's own scan looks 45 deg forward: a weaker echo to refer the noise to.
+    own = prepare(load_scenario("hills", SHORT))
+    assert own.receiver.noise_power_w < custom.receiver.noise_power_w
+
+
+def test_a_prepared_survey_has_its_parts_already():
+    prepared = prepare(load_scenario("hills", SHORT))
+    with pytest.raises(TypeError, match="give them to `prepare`"):
+        run(prepared, dem_method=Smooth())
+
+
+def test_a_part_that_lacks_a_method_is_refused_by_name():
+    class Half:
+        stabilised = True
+
+        def point(self, time_s):
+            raise NotImplementedError
+
+    # Past the types, which the tests check at every call and a user's script does not.
+    given = SimpleNamespace(scan=Half(), navigation=None, dem_method=None)
+    with pytest.raises(PluginError, match="Half is not a Scan: it lacks incidence_rad, spacing_m"):
+        CustomParts.__post_init__(given)
+
+
+def test_an_engine_gets_what_it_needs_and_not_the_survey():
+    prepared = prepare(load_scenario("hills", SHORT))
+    names = {field.name for field in dataclasses.fields(prepared.engine_inputs())}
+    assert names == {"tracing", "scene", "antenna", "chirp", "seed", "caster", "region_m"}
+    assert "prepared" not in {field.name for field in dataclasses.fields(prepared.sensor_inputs())}

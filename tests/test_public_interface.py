@@ -1,0 +1,123 @@
+"""What a script may rely on: the public names, what they say of themselves, and that the examples need no others."""
+
+import ast
+import doctest
+import importlib
+import inspect
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from test_architecture import ROOMS, run
+
+import sionna_radar
+from sionna_radar.scenario import parts
+from sionna_radar.scenario.registry import Registry
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPTS = [*sorted((ROOT / "examples").rglob("*.py"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "examples").glob("*.md"))]
+# Their docstrings state no shapes or units: they have no arguments that have any.
+CLASSES = [name for name in sionna_radar.__all__ if inspect.isclass(getattr(sionna_radar, name))]
+FUNCTIONS = [name for name in sionna_radar.__all__ if name not in CLASSES]
+
+
+def packages() -> list[str]:
+    """Return the packages whose public names a script may import."""
+    return ["sionna_radar", *(f"sionna_radar.{room}" for room in ROOMS if room != "cli")]
+
+
+def public_imports(code: str) -> list[tuple[str, str]]:
+    """Return what some code imports of the package: the module, and the name or ''."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "sionna_radar":
+            found += [(node.module, alias.name) for alias in node.names]
+        elif isinstance(node, ast.Import):
+            found += [(alias.name, "") for alias in node.names if alias.name.split(".")[0] == "sionna_radar"]
+    return found
+
+
+def check(code: str, where: object) -> None:
+    for module, name in public_imports(code):
+        assert module in packages(), f"{where} imports {module}, which is not public"
+        assert not name or name in importlib.import_module(module).__all__, f"{where}: {module}.{name} is not public"
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_examples_import_public_names_only(path):
+    check(path.read_text(encoding="utf-8"), path.name)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_pages_import_public_names_only(path):
+    for block in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
+        check(block, path.name)
+
+
+def test_an_inner_name_is_noticed():
+    with pytest.raises(AssertionError, match="not public"):
+        check("from sionna_radar.survey.chain import run", "a script")
+    with pytest.raises(AssertionError, match="not public"):
+        check("from sionna_radar.survey import _run", "a script")
+
+
+def test_there_are_about_thirty_names_and_dir_lists_them():
+    assert 25 <= len(sionna_radar.__all__) <= 40
+    assert {*sionna_radar.__all__, "__version__"} <= set(dir(sionna_radar))
+    assert sionna_radar.__version__ == version("sionna-radar")
+
+
+@pytest.mark.parametrize("package", packages())
+def test_the_names_of_a_package_are_found(package):
+    module = importlib.import_module(package)
+    assert module.__all__ == sorted(module.__all__)
+    for name in module.__all__:
+        thing = getattr(module, name)
+        if inspect.isclass(thing) or inspect.isfunction(thing):  # constants and aliases have no name of their own
+            assert thing.__name__ == name
+    with pytest.raises(AttributeError, match="nothing_here"):
+        module.nothing_here  # noqa: B018
+
+
+@pytest.mark.parametrize("name", sionna_radar.__all__)
+def test_a_public_name_says_what_it_is_with_an_example(name):
+    text = inspect.getdoc(getattr(sionna_radar, name))
+    assert text
+    assert ">>>" in text, "no example"
+    if name in FUNCTIONS and inspect.signature(getattr(sionna_radar, name)).parameters:
+        assert "Parameters\n----------" in text
+        assert "Raises\n------" in text
+
+
+@pytest.fixture
+def forgotten():
+    """What an example registers is known to nobody after it."""
+    registries = [thing for thing in vars(parts).values() if isinstance(thing, Registry)]
+    yield
+    for registry in registries:
+        for name, entry in list(registry._entries.items()):
+            if entry.origin != "sionna_radar":
+                del registry._entries[name]
+
+
+@pytest.mark.usefixtures("forgotten")
+@pytest.mark.parametrize("name", sionna_radar.__all__)
+def test_the_example_of_a_public_name_does_what_it_says(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thing = getattr(sionna_radar, name)
+    everything = {public: getattr(sionna_radar, public) for public in sionna_radar.__all__}
+    found = doctest.DocTestFinder(recurse=False).find(thing, name, globs=everything)
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert found
+    assert found[0].examples
+    for case in found:
+        runner.run(case)
+    assert runner.failures == 0
+
+
+def test_importing_the_package_takes_no_time_worth_mentioning():
+    """Everything else is loaded when it is first used: of this package itself hardly a module."""
+    code = "import sys, sionna_radar; print(*[m for m in sys.modules if m.startswith('sionna_radar')])"
+    assert run(code).split() == ["sionna_radar"]
