@@ -3,12 +3,12 @@
 import math
 import random
 import warnings
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from scipy.ndimage import binary_closing
 
+from scenario_keys import keys_of
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
@@ -174,18 +174,7 @@ NUMBERS = (
 )  # fmt: skip
 
 
-def keys_of(table: type, prefix: str = "") -> Iterator[str]:
-    for name, field in table.model_fields.items():
-        yield prefix + name
-        inner = field.annotation
-        if isinstance(inner, type) and hasattr(inner, "model_fields"):
-            yield from keys_of(inner, f"{prefix}{name}.")
-
-
-KEYS = [
-    *(key for key in keys_of(Scenario) if key not in ("terrain", "platform", "radar")),
-    *(f"terrain.{name}" for name in ("kind", "size_m", "spacing_m", "height_m", "filter_sigma_m", "material", "hurst")),
-]
+KEYS = [".".join(key) for key in keys_of(Scenario) if key not in (("terrain",), ("platform",), ("radar",))]
 
 
 def any_value(chance: random.Random, depth: int = 0) -> object:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from scenario_keys import keys_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.loading import (
@@ -343,14 +344,6 @@ def test_a_misspelt_scenario_is_told_the_nearest():
 EVERY_SHAPE = (None, True, 3, 3.5, "x", [], [1.0], [[1.0]], {}, {"a": 1}, [{}], 10**18, -1.0)
 
 
-def leaves(table, prefix=()):
-    for name, field in table.model_fields.items():
-        yield (*prefix, name)
-        inner = field.annotation
-        if isinstance(inner, type) and hasattr(inner, "model_fields"):
-            yield from leaves(inner, (*prefix, name))
-
-
 def told(data: dict) -> str:
     try:
         parse_scenario(data)
@@ -359,7 +352,7 @@ def told(data: dict) -> str:
     return ""
 
 
-@pytest.mark.parametrize("key", list(leaves(Scenario)), ids=".".join)
+@pytest.mark.parametrize("key", keys_of(Scenario), ids=".".join)
 def test_no_message_speaks_of_pydantic(key):
     for value in EVERY_SHAPE:
         data = changed()
