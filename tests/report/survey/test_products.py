@@ -12,6 +12,7 @@ import pytest
 import rasterio
 from pyproj import CRS
 
+from beams import make_antenna
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.survey import products
@@ -19,6 +20,7 @@ from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.products import write_geotiff, write_products
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.result import Survey
 
 KEYS = [
@@ -107,12 +109,14 @@ def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
 
 
 def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
-    flown = replace(survey, replaced={"radar.antenna": "mine.Horn, half-power beam 6 x 6 deg"})
-    assert summary(flown)["replaced"] == flown.replaced
+    custom = CustomParts(antenna=make_antenna(6.0, 6.0))
+    flown = replace(survey, prepared=replace(survey.prepared, custom=custom))
+    horn = "sionna_radar.radar.antenna.Antenna, half-power beam 6 x 6 deg"
+    assert summary(flown)["replaced"] == flown.replaced == {"radar.antenna": horn}
     write_products(flown, tmp_path / "out")
     text = (tmp_path / "out" / "scenario.toml").read_text()
     assert text.startswith("# This file alone does not repeat the survey")
-    assert "#   radar.antenna: mine.Horn, half-power beam 6 x 6 deg\n" in text
+    assert f"#   radar.antenna: {horn}\n" in text
     assert load_scenario(tmp_path / "out" / "scenario.toml") == survey.scenario
 
 
