@@ -10,6 +10,10 @@ from sionna_radar.flight.trajectory import plan_track, plan_trajectory
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.mesh import mesh_of
+from sionna_radar.scene.model import Surface
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sensor import ChirpRecord
@@ -110,11 +114,18 @@ def make_survey(*, size_m: float = SIZE_M, height_m: float = 0.0, **radar: objec
     error = difference(dem, truth)
     track = plan_track(scenario.platform, (-0.2 * size_m, 0.0))
     trajectory = plan_trajectory(scenario.platform, track, ground_m)
+    vertices, faces = mesh_of(truth)
+    surface = Surface(name="hill", vertices_m=vertices, faces=faces, material="ground")
     prepared = prepare(scenario)
     prepared = replace(
         prepared,
         flight=schedule_pulses(trajectory, prepared.flight.scan, scenario.radar.chirp_rate_hz),
         mapper=replace(prepared.mapper, grid=grid),
+        scene=BuiltScene(
+            scene=replace(prepared.scene.scene, surfaces=(surface,)),
+            ground_m=ground_m,
+            caster=RayCaster((surface,)),
+        ),
     )
     return Survey(
         prepared=prepared,

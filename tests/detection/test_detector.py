@@ -8,6 +8,7 @@ from flights import make_pulses
 from sionna_radar.detection.detector import Detector, Spectra, build_detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimator import EchoRuns, build_range_estimator
+from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
@@ -89,12 +90,12 @@ def test_nothing_nearer_than_the_least_range_counts():
 
 
 def test_silence_has_no_echoes():
-    for ranging in ESTIMATORS:
+    for ranging in RANGE_ESTIMATORS.known():
         assert len(found(detector_of(make_chirp(), ranging=ranging), spectra_of(make_chirp(), {}, {}))) == 0
 
 
 def test_a_run_at_the_end_of_the_spectrum_is_kept():
-    for ranging in ESTIMATORS:
+    for ranging in RANGE_ESTIMATORS.known():
         detector = detector_of(make_chirp(), ranging=ranging)
         echoes = found(detector, spectra_of(make_chirp(), {510: 50}))
         assert echoes.range_m[0] / CELL_M == pytest.approx(510, abs=0.51)

@@ -194,7 +194,7 @@ def test_sionnas_own_materials_are_kept_only_where_they_work(monkeypatch):
 
 
 def test_sionnas_own_material_that_scatters_is_kept(monkeypatch):
-    from sionna_radar.scene import city
+    from sionna_radar.scene.terrains import city
 
     original = city.SionnaSlab
     monkeypatch.setattr(city, "SionnaSlab", lambda **k: original(**{**k, "scattering_coefficient": 0.2}))

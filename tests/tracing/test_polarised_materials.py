@@ -13,7 +13,7 @@ from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
-from sionna_radar.surfaces.models.sionna_slab import SionnaSlab
+from sionna_radar.surfaces.models.sionna_slab import SionnaSlab, slab_material
 from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
 from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
 from sionna_radar.surfaces.rough_surface import (

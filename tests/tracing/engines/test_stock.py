@@ -88,6 +88,7 @@ def test_incidence_over_a_plane(plane):
 )
 def test_a_scenario_names_its_engine(plane, pencil, table, kind):
     given = EngineInputs(
+        tracing=table,
         scene=plane,
         antenna=pencil,
         chirp=make_chirp(),
