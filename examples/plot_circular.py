@@ -1,5 +1,5 @@
 """
-Circular polarisation against rain
+Circular polarization against rain
 ==================================
 
 A sphere returns a circular wave in the opposite sense alone. A radar that receives the sense it sends hears little of
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, prepare, run
 from sionna_radar.tracing import VOLUME
-from sionna_radar.weather import drop_polarisation, marshall_palmer
+from sionna_radar.weather import drop_polarization, marshall_palmer
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 GROUNDS = ["mountain"] if SMALL else ["rolling_hills", "mountain", "city"]
@@ -73,7 +73,7 @@ right = np.tile(np.array([1.0, 1j]) / np.sqrt(2), (len(angle), 1))
 figure = Figure(figsize=(6.4, 4.2), layout="constrained")
 axes = figure.subplots()
 for rate in (1.0, 4.0, 25.0, 50.0):
-    rain = drop_polarisation(77e9, marshall_palmer(rate), 288.15)
+    rain = drop_polarization(77e9, marshall_palmer(rate), 288.15)
     level_db = 10 * np.log10(rain.power(np.deg2rad(angle), right, right))
     axes.plot(angle, level_db, label=f"{rate:g} mm/h, perfect antenna")
 for ratio_db in (0.5, 1.0, 3.0):

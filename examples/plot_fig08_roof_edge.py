@@ -72,7 +72,7 @@ colour_bar(plan, ScalarMappable(Normalize(-20, 0), "viridis"), "Two-way gain (dB
 # The beat signal, and its spectrum of 1024 points with the CFAR's threshold.
 exponent = int(np.floor(np.log10(np.abs(record.beat).max())))
 beat.plot(1e3 * record.sample_time_s, record.beat / 10.0**exponent, color=BLUE, lw=0.7)
-beat.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ($10^{{{exponent}}}$ rel. to sent)")
+beat.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ($10^{{{exponent}}}$ rel. to transmitted)")
 beat.set_title(f"Beat signal, {len(record.beat)} samples", fontsize="medium")
 beat.margins(x=0)
 level_db, threshold_db = 10 * np.log10(record.power), 10 * np.log10(record.threshold)
@@ -84,7 +84,7 @@ spectrum.plot(
     record.echo_range_m, echo_db + 2, ls="", marker="v", ms=9, mfc=RED, mec="black", label=f"Detections: {found} m"
 )
 near = (record.range_m > 25) & (record.range_m < 65)
-spectrum.set(xlabel="Range (m)", ylabel="Power (dB rel. to sent)", xlim=(25, 65))
+spectrum.set(xlabel="Range (m)", ylabel="Power (dB rel. to transmitted)", xlim=(25, 65))
 spectrum.set_ylim(np.percentile(level_db[near], 2), level_db[near].max() + 22)
 spectrum.set_title("Range spectrum", fontsize="medium")
 spectrum.legend(loc="upper right", frameon=False, fontsize="small")

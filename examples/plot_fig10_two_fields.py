@@ -74,7 +74,7 @@ west, east = points.position_m[:, 0].min() - 3, points.position_m[:, 0].max() + 
 for y, text in ((57, "Field of γ = −25 dB"), (-57, "Field of γ = −28 dB")):
     plan.text(west + 3, y, text, va="center")
 finish_map(plan, (west, east, -63, 75), "Power of the echoes (seed 1)")
-colour_bar(plan, ScalarMappable(limits, "viridis"), "Echo power (dB rel. to sent)", 3.2, extend="both")
+colour_bar(plan, ScalarMappable(limits, "viridis"), "Echo power (dB rel. to transmitted)", 3.2, extend="both")
 
 # %%
 # The step at each pair of scan angles: speckle scatters it, the mean is the ratio of the fields.

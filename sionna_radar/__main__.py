@@ -1,11 +1,11 @@
 """`python -m sionna_radar` is `sionna-radar`; interrupts are handled from before the first heavy import."""
 
-from sionna_radar.foundation.interrupts import interrupts_told
+from sionna_radar.foundation.interrupts import interrupts_reported
 
 
 def main() -> None:
     """Run the command line."""
-    with interrupts_told():
+    with interrupts_reported():
         from sionna_radar.cli.app import main as command_line
 
         command_line()

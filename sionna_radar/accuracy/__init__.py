@@ -1,4 +1,4 @@
-"""How far a DEM lies from the truth; the only part of the processing that knows it."""
+"""Accuracy of a DEM against the truth; the only part of the processing that knows it."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Comparing a DEM with the surface that made it."""
+"""Comparing a DEM with the true surface."""
 
 from dataclasses import dataclass
 
@@ -14,14 +14,14 @@ LE90_MEANING = (
 
 @dataclass(frozen=True, kw_only=True)
 class DemError:
-    """Elevation error, DEM minus truth, over the cells where both hold a height.
+    """Elevation error, DEM minus truth, over the cells where both have a height.
 
     count: number of those cells.
     coverage: their share of the illuminated cells that have a truth.
-    nmad_m: 1.4826 times the median distance from the median error: the standard deviation that a normal
-        distribution with the same middle half would have, unmoved by outliers.
-    le90_m: linear error at 90 %: the 90th percentile of |error|, bias included. Other tools call the width
-        |P95 - P5| by that name, about twice as much for normal errors.
+    nmad_m: 1.4826 times the median absolute deviation from the median error: the standard deviation of a normal
+        distribution with the same middle half, robust to outliers.
+    le90_m: linear error at 90 %: the 90th percentile of |error|, bias included. Some tools use the name for the width
+        |P95 - P5|, about twice as much for normal errors.
     """
 
     count: int
@@ -54,7 +54,7 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
     error:
         DEM minus truth; empty where either is.
     illuminated:
-        Cells that the survey could have mapped; the coverage counts against them.
+        Cells that the survey could have mapped, the reference of the coverage.
 
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]

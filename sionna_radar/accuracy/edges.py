@@ -1,4 +1,4 @@
-"""Which places lie so near a wall that the beam on them lights more than one level."""
+"""Which places are so near a wall that the beam illuminates more than one level."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.model import Scene, Surface
 
-# Ground of loose soil lies no steeper than about 40 deg; a face steeper than this and higher than that is a wall.
+# Loose soil is no steeper than about 40 deg; a face steeper than this and higher than that is a wall.
 WALL_SLOPE_DEG = 60.0
 WALL_HEIGHT_M = 1.0
 # Points along the foot of a wall, in each cell of the map.
@@ -21,7 +21,7 @@ FOOT_POINTS_PER_CELL = 2
 
 @dataclass(frozen=True, kw_only=True)
 class Walls:
-    """The walls of a scene on the plan.
+    """The walls of a scene in plan view.
 
     buildings: boxes of the scenario, whose outlines are known exactly.
     foot_m: points along the steep faces of all other surfaces.
@@ -34,7 +34,7 @@ class Walls:
         return bool(self.buildings) or len(self.foot_m) > 0
 
     def near(self, place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Tell which places of the plan lie within reach of a wall, in front of it or behind."""
+        """Return which places lie within reach of a wall, in front of it or behind."""
         near = near_walls(place_m, reach_m, self.buildings)
         if len(self.foot_m):
             near |= KDTree(self.foot_m).query(place_m, distance_upper_bound=float(reach_m.max()) + 1e-6)[0] <= reach_m
@@ -42,20 +42,20 @@ class Walls:
 
 
 def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Building]) -> Walls:
-    """Return the walls that stand on a map; the last surfaces of the scene are the buildings."""
+    """Return the walls within a map; the last surfaces of the scene are the buildings."""
     others = scene.surfaces[: len(scene.surfaces) - len(buildings)]
     feet = [_foot_points(surface, grid) for surface in others]
     return Walls(buildings=tuple(buildings), foot_m=np.concatenate([np.zeros((0, 2)), *feet]))
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:
-    """Return half the longer side of the footprint that each point's beam has on level ground."""
+    """Return half the longer side of each point's footprint on level ground."""
     down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
     return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
 
 
 def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -> Bool[np.ndarray, "row column"]:
-    """Tell which cells lie within half a footprint of a wall; each has the footprint of the point next to it."""
+    """Return which cells lie within half a footprint of a wall, with the footprint of the nearest point."""
     if len(points) == 0 or not walls:
         return np.zeros(grid.shape, dtype=bool)
     nearest = KDTree(points.position_m[:, :2]).query(grid.centres_m)[1]
@@ -66,7 +66,7 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
 def near_walls(
     place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Building]
 ) -> Bool[np.ndarray, " n"]:
-    """Tell which places of the plan lie within reach of a building's outline, inside it or outside."""
+    """Return which places lie within reach of a building's outline, inside it or outside."""
     near = np.zeros(len(place_m), dtype=bool)
     for building in buildings:
         near |= np.abs(_outside(place_m, building)) <= reach_m
@@ -85,7 +85,7 @@ def _outside(place_m: Float[np.ndarray, "n 2"], building: Building) -> Float[np.
 
 
 def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
-    """Return points on the plan along the edges of a surface's steep faces over a map."""
+    """Return horizontal positions along the edges of a surface's steep faces within a map."""
     corner = surface.vertices_m[surface.faces]
     west, east, south, north = grid.extent_m
     low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)

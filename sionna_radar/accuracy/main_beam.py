@@ -1,4 +1,4 @@
-"""Where the main beam truly met the ground: what a survey could have mapped, for the coverage of its DEM."""
+"""True hits of the main beam on the ground: what a survey could have mapped, for the coverage of its DEM."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +12,7 @@ from sionna_radar.tracing.paths import Paths
 def main_beam_hits(
     paths: Paths, pulses: Pulses, antenna: Antenna
 ) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, "hit 3"]]:
-    """Return where a block of paths met surfaces inside the main beam, and where the radar truly was."""
+    """Return where the paths of a block hit surfaces inside the main beam, and the true radar positions."""
     pose = pulses.true
     row = pulses.row_of(paths.pulse)
     away = paths.hit_m - pose.position_m[row]

@@ -1,4 +1,4 @@
-"""Which echoes are those of rain or of what else fills the air: the truth behind a warning, which no map may use."""
+"""Which echoes are volume clutter (rain, snow, fog, dust): truth for a warning, not available to mapping."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -13,23 +13,23 @@ REACH_CELLS = 2.0
 
 
 def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
-    """Tell which echoes hold more power of rain, snow, fog or dust than of anything else.
+    """Return which echoes hold more power from rain, snow, fog or dust than from anything else.
 
     Parameters
     ----------
     echoes:
-        Of a block of pulses, their ranges corrected for Doppler.
+        Echoes of a block of pulses, ranges corrected for Doppler.
     paths:
-        Of the same pulses, sorted by pulse.
+        Paths of the same pulses, sorted by pulse.
     chirp:
-        The sweep, whose range cells the echoes were found in.
+        The sweep, for its range cells.
 
     """
     rain = paths.surface == VOLUME
     if not rain.any() or len(echoes) == 0:
         return np.zeros(len(echoes), dtype=bool)
     first = paths.pulse[0]
-    # Pulses laid end to end on one axis of range, so that one search serves them all.
+    # Pulses are laid end to end on one range axis, so that one search serves them all.
     length_m = 2 * chirp.max_range_m + 4 * REACH_CELLS * chirp.range_resolution_m
     range_m = np.minimum(paths.delay_s * (speed_of_light / 2), length_m / 2)
     place = (paths.pulse - first) * length_m + range_m
@@ -39,6 +39,6 @@ def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " 
     centre = (echoes.pulse - first) * length_m + echoes.range_m
     reach_m = REACH_CELLS * chirp.range_resolution_m
     low, high = (np.searchsorted(place[order], centre + side * reach_m) for side in (-1, 1))
-    # A range with no path near it at all is noise, neither rain's nor the ground's.
+    # A range with no path near it is noise, neither rain nor ground.
     led: Bool[np.ndarray, " echo"] = total[high] - total[low] > 0
     return led

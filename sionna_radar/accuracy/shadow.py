@@ -1,4 +1,4 @@
-"""Radar shadow by geometry: ground that the beam passes over, but that something hides from it."""
+"""Geometric radar shadow: ground within the scan that is hidden from the radar."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,9 +16,9 @@ def shadowed(
     incidence_rad: float,
     half_swath_rad: float,
 ) -> Bool[np.ndarray, "row column"]:
-    """Tell which cells of the true surface a whisk-broom scan passes over without seeing them.
+    """Return which cells of the true surface a whisk-broom scan passes over without seeing them.
 
-    The beam keeps the complement of the incidence to the track. A cell that lies y across and z below the
+    The angle between beam and track is the complement of the incidence. A cell that is y across and z below the
     track is therefore scanned from the place x = tan(incidence) hypot(y, z) short of it, and only from there.
 
     Parameters

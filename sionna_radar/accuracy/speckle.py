@@ -1,16 +1,16 @@
-"""Whether two engines' DEMs differ by more than their speckle: a randomisation test over tiles of the map.
+"""Whether two engines' DEMs differ by more than speckle: a randomisation test over tiles of the map.
 
 Four DEMs of one survey, two seeds of each engine. If both engines see the same surface, the four are exchangeable in
-every tile: whichever two are called one engine's, the squared distance between the means of both pairs,
+every tile: whichever two are assigned to one engine, the squared distance between the means of both pairs,
 
     d^2 = sum over the tile's cells of ((G + G' - S - S') / 2)^2,
 
-comes from one distribution. There are three ways to make the pairs, and a tile's share is the engines' own d^2 over
-the sum of all three. The sum of the shares over all tiles is compared with what it becomes when the pairing of each
-tile is drawn by lot (Pitman 1937, "Significance tests which may be applied to samples from any populations").
-Nothing is assumed of the errors' distribution, which is far from Gaussian along walls, and no tile counts for more
-than one; tiles need only be independent, for which they are three correlation lengths wide.
-The share of draws that reach the engines' own sum is the probability of an alarm when there is nothing to find.
+has the same distribution. There are three ways to form the pairs, and a tile's share is the true pairing's d^2 over
+the sum of all three. The sum of the shares over all tiles is compared with its values when the pairing of each
+tile is drawn at random (Pitman 1937, "Significance tests which may be applied to samples from any populations").
+No distribution of the errors is assumed (it is far from Gaussian along walls), and no tile counts for more
+than one; tiles need only be independent, so they are three correlation lengths wide.
+The share of draws that reach the sum of the true pairing is the probability of a false alarm.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from sionna_radar.foundation.raster import Raster
 DRAWS = 20_000
 # Width of a tile in correlation lengths.
 TILE_LENGTHS = 3
-# A tile with fewer cells is a corner of the map, and goes to nobody.
+# A tile with fewer cells is a corner of the map, and is dropped.
 LEAST_CELLS = 4
 
 
@@ -32,9 +32,9 @@ class SpeckleTest:
     """Outcome of the test.
 
     cross_rms_m: RMS difference of one engine's DEM and the other's, over all four cross pairs.
-    speckle_rms_m: what speckle alone would make of it: over the two pairs of one engine.
-    tiles: how many there were; with n of them the least probability is 3^-n.
-    probability: of a difference as large, were it speckle; NaN without tiles.
+    speckle_rms_m: the same expected from speckle alone: over the two pairs of one engine.
+    tiles: their number n; the least possible probability is 3^-n.
+    probability: of a difference this large from speckle alone; NaN without tiles.
     """
 
     cross_rms_m: float
@@ -43,7 +43,7 @@ class SpeckleTest:
     probability: float
 
     def can_reject(self, probability: float) -> bool:
-        """Tell whether there are tiles enough for so small a probability."""
+        """Return whether there are enough tiles for so small a probability."""
         return 3.0**-self.tiles <= probability
 
 
@@ -69,7 +69,7 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     _, tile = np.unique(np.stack([row // side, column // side]), axis=1, return_inverse=True)
     tile = tile.ravel()
     kept = np.bincount(tile) >= LEAST_CELLS
-    # The pairing as the engines make it first, then the two others.
+    # The true pairing first, then the two others.
     pairings = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
     distance = np.stack(
         [np.bincount(tile, (height[[*a]].mean(axis=0) - height[[*b]].mean(axis=0)) ** 2)[kept] for a, b in pairings]
@@ -87,7 +87,7 @@ def _rms(height: Float[np.ndarray, "4 cell"], pairs: tuple[tuple[int, int], ...]
 
 
 def _chance(share: Float[np.ndarray, "3 tile"]) -> float:
-    """Return how many of the random pairings reach the sum of the first pairing, as a share."""
+    """Return the share of random pairings that reach the sum of the first pairing."""
     tiles = share.shape[1]
     if tiles == 0:
         return float("nan")
@@ -98,5 +98,5 @@ def _chance(share: Float[np.ndarray, "3 tile"]) -> float:
         choice = random.integers(0, 3, (1000, tiles))
         total = share[choice, np.arange(tiles)].sum(axis=1)
         reached += int(np.sum(total >= own * (1 - 1e-12)))
-    # The engines' own pairing is one of those that could have been drawn.
+    # The true pairing is one of those that could have been drawn.
     return (reached + 1) / (DRAWS + 1)

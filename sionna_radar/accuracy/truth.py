@@ -1,4 +1,4 @@
-"""The truth about a survey: the surface it flew over, what of it was lit, and how far a DEM lies from it."""
+"""The truth about a survey: the surface it flew over, the illuminated part of it, and the error of a DEM."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -40,11 +40,11 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundTruth:
-    """The surface that a survey flies over.
+    """The true surface under a survey.
 
-    built, buildings: the scene, and those boxes of the scenario that stand in it.
+    built, buildings: the scene, and the scenario's buildings that are in it.
     grid, max_gap_m: of the DEM.
-    antenna: whose main beam lights the ground.
+    antenna: its main beam illuminates the ground.
     """
 
     built: BuiltScene
@@ -55,17 +55,17 @@ class GroundTruth:
 
     @cached_property
     def surface(self) -> Raster:
-        """What a vertical ray sees from above at every cell centre."""
+        """Height hit by a vertical ray from above at every cell centre."""
         top_m = float(self.built.scene.bounds_m[1, 2]) + CLEAR_M
         return truth_dem(self.built.caster, self.grid, top_m)
 
     @cached_property
     def walls(self) -> Walls:
-        """The walls that stand on the map."""
+        """The walls within the map."""
         return walls_on(self.grid, self.built.scene, self.buildings)
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
-        """Return a DEM's error; the points say how large the footprints beside walls are."""
+        """Return a DEM's error; the points give the size of the footprints next to walls."""
         error = difference(dem, self.surface)
         lit = lit & self.surface.filled
         off_wall = lit & ~edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls)
@@ -79,16 +79,16 @@ class GroundTruth:
         )
 
     def lit_error(self, dem: Raster, lit: Bool[np.ndarray, "row column"]) -> DemError:
-        """Return the error of the lit cells of a DEM."""
+        """Return the error over the illuminated cells of a DEM."""
         lit = lit & self.surface.filled
         return summarise(difference(dem, self.surface).within(lit), lit)
 
 
 class Tally:
-    """What the pulses of a survey truly met, counted block by block.
+    """True hits of the pulses of a survey, counted block by block.
 
-    paths: how many were traced.
-    rain_echoes: how many echoes hold more of rain than of anything else.
+    paths: number of paths traced.
+    rain_echoes: number of echoes dominated by rain.
     """
 
     def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
@@ -102,7 +102,7 @@ class Tally:
         self.paths += len(paths)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
-        """Count those of a block's echoes, their ranges corrected for motion, that are rain's."""
+        """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
         if np.any(paths.surface == VOLUME):
             self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
 

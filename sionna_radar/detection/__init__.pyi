@@ -1,7 +1,7 @@
 from .detector import Detector as Detector
 from .echoes import Echoes as Echoes
 from .profiles import Profiles as Profiles
-from .ranging.estimator import EchoRuns as EchoRuns
+from .ranging.estimator import EchoSpans as EchoSpans
 from .ranging.estimator import RangeEstimator as RangeEstimator
 from .ranging.estimator import Ranges as Ranges
 from .ranging.estimator import register_range_estimator as register_range_estimator
@@ -9,7 +9,7 @@ from .spectrum import SpectrumAnalyser as SpectrumAnalyser
 
 __all__ = [
     "Detector",
-    "EchoRuns",
+    "EchoSpans",
     "Echoes",
     "Profiles",
     "RangeEstimator",

@@ -1,11 +1,11 @@
-"""Constant false-alarm rate detection: a cell is an echo when it stands out of its neighbourhood's noise.
+"""Constant false-alarm rate (CFAR) detection: a cell is detected when it exceeds the noise level around it.
 
 Training cells lie one range cell apart on both sides of the cell under test, beyond the guard cells. Their noise
 level Z is the mean of all (CA), of the side with the greater (GO) or the smaller mean (SO), or an order statistic
-of all (OS). The cell is detected above a multiple of Z that follows from the wanted probability of false alarm: see
+of all (OS). The cell is detected above a multiple of Z that follows from the specified probability of false alarm: see
 `false_alarm`.
 
-Near the ends of the spectrum, where only one side fits, that side alone serves, with a multiple of its own.
+Near the ends of the spectrum, where only one side fits, that side alone is used, with a separate multiple.
 """
 
 from dataclasses import dataclass
@@ -33,9 +33,9 @@ class Cfar:
     """A detector for one spectrum layout.
 
     guard, training: range cells on each side.
-    rank: which training cell OS takes, as a share of all in increasing order.
+    rank: which training cell OS takes, as a fraction of all in increasing order.
     stride: spectrum bins per range cell.
-    correlation: of noise that many range cells apart, from lag 0; a bare [1] for independent cells.
+    correlation: of the noise against lag in range cells, from lag 0; just [1] for independent cells.
     """
 
     kind: Literal["CA", "GO", "SO", "OS"]
@@ -84,14 +84,14 @@ class Cfar:
         return 1.0
 
     def threshold(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
-        """Return what each cell must exceed; infinite where no side fits."""
+        """Return the power that each cell must exceed; infinite where neither side fits."""
         level, both = self.noise_level(power)
         return level * np.where(both, self.both_sides_factor, self.one_side_factor)
 
     def noise_level(
         self, power: Float[np.ndarray, "pulse bin"]
     ) -> tuple[Float[np.ndarray, "pulse bin"], Bool[np.ndarray, " bin"]]:
-        """Return the noise estimate at each cell, and whether both sides served."""
+        """Return the noise estimate at each cell, and whether both sides were used."""
         bins = power.shape[1]
         reach = (self.guard + self.training) * self.stride
         cell = np.arange(bins)
@@ -103,7 +103,7 @@ class Cfar:
 
     def _mean_level(self, power: Float[np.ndarray, "pulse bin"], reach: int) -> Float[np.ndarray, "pulse bin"]:
         lag, lead = self._side_means(power)
-        # Below `reach` no cell has both sides, and from `end` on none has the upper one.
+        # Below `reach` no cell has both sides; from `end` on none has the upper side.
         end = max(0, power.shape[1] - reach)
         level = np.full(power.shape, np.inf)
         level[:, : min(reach, end)] = lead[:, : min(reach, end)]
@@ -119,12 +119,12 @@ class Cfar:
     def _side_means(
         self, power: Float[np.ndarray, "pulse bin"]
     ) -> tuple[Float[np.ndarray, "pulse bin"], Float[np.ndarray, "pulse bin"]]:
-        """Return the means of the training cells below and above each cell; garbage where they do not fit."""
+        """Return the means of the training cells below and above each cell; undefined where they do not fit."""
         rows, bins = power.shape
         cells = -(-bins // self.stride)
         padded = np.zeros((rows, cells * self.stride))
         padded[:, :bins] = power
-        # Running sums from range cell to range cell, one for each bin within the cell.
+        # Cumulative sums over range cells, one for each bin within the cell.
         running = np.zeros((rows, cells + 1, self.stride))
         np.cumsum(padded.reshape(rows, cells, self.stride), axis=1, out=running[:, 1:])
         window = (running[:, self.training :] - running[:, : -self.training]) / self.training
@@ -168,7 +168,7 @@ class Cfar:
 
 
 def _place(rank: float, cells: int) -> int:
-    """Return which cell in increasing order stands at a rank, from 0."""
+    """Return the index, in increasing order from 0, of the cell at a rank."""
     return max(0, int(np.ceil(rank * cells)) - 1)
 
 

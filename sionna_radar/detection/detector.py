@@ -1,4 +1,4 @@
-"""From a block of beat signals to echoes: spectrum, CFAR, grouping, ranging, Doppler correction."""
+"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
-from sionna_radar.detection.ranging.estimator import EchoRuns, RangeEstimator, build_range_estimator, run_cells
+from sionna_radar.detection.ranging.estimator import EchoSpans, RangeEstimator, build_range_estimator, span_cells
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibel import from_db
@@ -19,17 +19,17 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.high_pass import HighPass
 
-# Noise of the cell under test and of the nearest training cell may share this much of their power.
+# Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.
 SHARED_NOISE = 0.01
-# Half of the window's response that is kept, in range cells; of a tapered window little lies beyond.
+# Half-length of the window's response that is kept, in range cells; a tapered window has little power beyond.
 RESPONSE_CELLS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spectra:
-    """Power spectra of a block with what the CFAR makes of them.
+    """Power spectra of a block, with the noise estimates and thresholds of the CFAR.
 
-    noise: estimate of the mean noise power, free of the bias of the CFAR's kind; infinite where no cell is tested.
+    noise: estimate of the mean noise power, corrected for the bias of the kind of CFAR; infinite where untested.
     """
 
     power: Float[np.ndarray, "pulse bin"]
@@ -38,8 +38,8 @@ class Spectra:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
-    """What a block of pulses brought: its echoes, not corrected for Doppler, and the profiles around them."""
+class Detections:
+    """Detections in a block of pulses: its echoes, not corrected for Doppler, and the profiles around them."""
 
     echoes: Echoes
     profiles: Profiles
@@ -49,8 +49,8 @@ class Found:
 class Detector:
     """The processing of a scenario for one chirp.
 
-    estimator: finds the ranges of echoes.
-    beam: what the antenna makes of a plane, for estimators that fit it; None where it is unknown.
+    estimator: estimates the ranges of echoes.
+    beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     """
 
     analyser: SpectrumAnalyser
@@ -77,7 +77,7 @@ class Detector:
         beat:
             Beat signals.
         pulse:
-            Running numbers of the pulses.
+            Indices of the pulses in the survey.
         measured:
             Poses as the navigation system reports them; their velocity corrects for Doppler.
 
@@ -89,17 +89,17 @@ class Detector:
         beat: Inexact[np.ndarray, "pulse sample"],
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
-    ) -> Found:
+    ) -> Detections:
         """Return the uncorrected echoes of a block together with the range profiles around them.
 
-        window_m: nearest and farthest range of each pulse that is searched; None for all.
+        window_m: nearest and farthest range searched in each pulse; None for all ranges.
         """
-        runs = self._select(self._runs(self.spectra(beat), window_m))
-        profiles = cut_profiles(runs, pulse, self.processing.zero_padding)
-        return Found(echoes=self._estimated(runs, pulse), profiles=profiles)
+        spans = self._select(self._spans(self.spectra(beat), window_m))
+        profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
+        return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)
 
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the echoes in spectra that are computed already."""
+        """Return the echoes in spectra already computed."""
         return self.correct(self.uncorrected(spectra, pulse), pulse, measured)
 
     def uncorrected(
@@ -108,16 +108,16 @@ class Detector:
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Echoes:
-        """Return the echoes where they lie on the axis of the spectrum, Doppler shift included."""
-        return self._estimated(self._select(self._runs(spectra, window_m)), pulse)
+        """Return the echoes at their ranges on the spectrum's axis, Doppler shift included."""
+        return self._estimated(self._select(self._spans(spectra, window_m)), pulse)
 
-    def _estimated(self, runs: EchoRuns, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
-        ranges = self.estimator(runs)
-        peak_power = runs.power[runs.row, runs.peak]
-        noise = runs.noise[runs.row, runs.peak]
+    def _estimated(self, spans: EchoSpans, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
+        ranges = self.estimator(spans)
+        peak_power = spans.power[spans.row, spans.peak]
+        noise = spans.noise[spans.row, spans.peak]
         return Echoes(
-            pulse=pulse[runs.row],
-            number=_number_within(runs.row),
+            pulse=pulse[spans.row],
+            number=_number_within(spans.row),
             range_m=ranges.range_m,
             range_sigma_m=ranges.sigma_m,
             power=peak_power,
@@ -125,14 +125,14 @@ class Detector:
         )
 
     def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return echoes of some pulses, sorted, with the Doppler shift of still ground taken out of their ranges."""
+        """Return the sorted echoes of some pulses, ranges corrected for the Doppler shift of stationary ground."""
         if not self.processing.doppler_correction:
             return echoes
         shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
         return replace(echoes, range_m=echoes.range_m - shift[np.searchsorted(pulse, echoes.pulse)])
 
-    def _runs(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoRuns:
-        """Return the runs of cells around detected ones, gaps of up to `merge_gap_m` bridged."""
+    def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
+        """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""
         tested = self.analyser.range_m >= self.processing.min_range_m
         if self.analyser.chirp.sampling == "real":
             # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
@@ -140,10 +140,10 @@ class Detector:
         if window_m is not None:
             range_m = self.analyser.range_m
             tested = tested & (range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:])
-            # What lies elsewhere must not raise the level that an echo's weak cells are measured by.
+            # Power outside the window must not raise the level that decides which weak cells belong to an echo.
             spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
         detected = (spectra.power > spectra.threshold) & tested
-        row, start, stop = _true_runs((detected | self._raised(spectra)) & tested)
+        row, start, stop = _true_spans((detected | self._raised(spectra)) & tested)
         gap = int(self.processing.merge_gap_m / self.analyser.bin_m)
         follows = np.zeros(len(row), dtype=bool)
         follows[1:] = (row[1:] == row[:-1]) & (start[1:] - stop[:-1] <= gap)
@@ -153,7 +153,7 @@ class Detector:
         before = np.concatenate([np.zeros((len(detected), 1), dtype=np.int64), np.cumsum(detected, axis=1)], axis=1)
         found = before[row, stop] > before[row, start]
         row, start, stop = row[found], start[found], stop[found]
-        return EchoRuns(
+        return EchoSpans(
             power=spectra.power,
             noise=spectra.noise,
             row=row,
@@ -168,26 +168,26 @@ class Detector:
     def _raised(self, spectra: Spectra) -> Bool[np.ndarray, "pulse bin"]:
         """Mark the cells that belong to an echo once one of its cells is detected.
 
-        An echo wider than the training window masks itself: its own power raises the threshold, and the CFAR
-        leaves a few cells of it. So cells count that stand out of the quietest training window of the pulse
-        and are not far weaker than its strongest cell.
+        An echo wider than the training window masks itself: it raises its own threshold, and the CFAR detects
+        only a few of its cells. So a cell counts if it exceeds the threshold of the pulse's quietest training window
+        and is not far weaker than the pulse's strongest cell.
         """
         factor = self.cfar.both_sides_factor * self.cfar.both_sides_mean
         quiet = np.min(spectra.noise, axis=1, keepdims=True) * factor
         strongest = np.max(spectra.power, axis=1, keepdims=True) / from_db(self.processing.dynamic_range_db)
         return spectra.power > np.maximum(quiet, strongest)
 
-    def _select(self, runs: EchoRuns) -> EchoRuns:
-        """Keep the echoes that the scenario asks for, none far weaker than the strongest of its pulse."""
-        peak_power = runs.power[runs.row, runs.peak]
-        strongest = np.zeros(len(runs.power))
-        np.maximum.at(strongest, runs.row, peak_power)
-        keep = peak_power >= strongest[runs.row] / from_db(self.processing.dynamic_range_db)
+    def _select(self, spans: EchoSpans) -> EchoSpans:
+        """Keep the echoes that the scenario asks for, dropping those far weaker than the strongest of their pulse."""
+        peak_power = spans.power[spans.row, spans.peak]
+        strongest = np.zeros(len(spans.power))
+        np.maximum.at(strongest, spans.row, peak_power)
+        keep = peak_power >= strongest[spans.row] / from_db(self.processing.dynamic_range_db)
         if self.processing.echoes == "strongest":
-            keep &= _first_of_row(runs.row, peak_power == strongest[runs.row])
+            keep &= _first_of_row(spans.row, peak_power == strongest[spans.row])
         elif self.processing.echoes == "first":
-            keep = _first_of_row(runs.row, keep)
-        return runs.rows(keep)
+            keep = _first_of_row(spans.row, keep)
+        return spans.rows(keep)
 
 
 def build_detector(
@@ -204,16 +204,16 @@ def build_detector(
     processing, chirp:
         The processing and the sweep it is for.
     antenna:
-        The antenna, for estimators that know the beam.
+        The antenna, for estimators that model the beam.
     high_pass:
-        Of the receiver, which the calibration takes out of the spectra.
+        High-pass of the receiver, which the calibration removes from the spectra.
     estimator:
         A range estimator in place of the one that `processing` names.
 
     Raises
     ------
     ScenarioError
-        The window spreads the cell under test into the training cells.
+        The window leaks the cell under test into the training cells.
 
     """
     analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass)
@@ -243,10 +243,10 @@ def build_detector(
     )
 
 
-def _true_runs(
+def _true_spans(
     mask: Bool[np.ndarray, "row bin"],
-) -> tuple[Int[np.ndarray, " run"], Int[np.ndarray, " run"], Int[np.ndarray, " run"]]:
-    """Return row, first bin and bin past the end of every run of true cells."""
+) -> tuple[Int[np.ndarray, " span"], Int[np.ndarray, " span"], Int[np.ndarray, " span"]]:
+    """Return the row, first bin and bin past the end of every span of true cells."""
     edged = np.zeros((mask.shape[0], mask.shape[1] + 2), dtype=np.int8)
     edged[:, 1:-1] = mask
     step = np.diff(edged, axis=1)
@@ -256,21 +256,21 @@ def _true_runs(
 
 def strongest_bins(
     power: Float[np.ndarray, "row bin"],
-    row: Int[np.ndarray, " run"],
-    start: Int[np.ndarray, " run"],
-    stop: Int[np.ndarray, " run"],
-) -> Int[np.ndarray, " run"]:
-    """Return the strongest bin of each run, the nearest of equals."""
+    row: Int[np.ndarray, " span"],
+    start: Int[np.ndarray, " span"],
+    stop: Int[np.ndarray, " span"],
+) -> Int[np.ndarray, " span"]:
+    """Return the strongest bin of each span, the nearest if several are equal."""
     if len(row) == 0:
         return np.zeros(0, dtype=np.int64)
-    cell_row, cell_bin, begin = run_cells(row, start, stop)
+    cell_row, cell_bin, begin = span_cells(row, start, stop)
     value = power[cell_row, cell_bin]
     highest = np.repeat(np.maximum.reduceat(value, begin), stop - start)
     return np.minimum.reduceat(np.where(value == highest, cell_bin, power.shape[1]), begin)
 
 
-def _first_of_row(row: Int[np.ndarray, " run"], wanted: Bool[np.ndarray, " run"]) -> Bool[np.ndarray, " run"]:
-    """Mark the first wanted run of each row."""
+def _first_of_row(row: Int[np.ndarray, " span"], wanted: Bool[np.ndarray, " span"]) -> Bool[np.ndarray, " span"]:
+    """Mark the first wanted span of each row."""
     index = np.flatnonzero(wanted)
     _, first = np.unique(row[index], return_index=True)
     marked = np.zeros(len(row), dtype=bool)
@@ -279,5 +279,5 @@ def _first_of_row(row: Int[np.ndarray, " run"], wanted: Bool[np.ndarray, " run"]
 
 
 def _number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
-    """Return 0, 1, ... within equal values of a sorted column."""
+    """Return 0, 1, ... for the entries of each group of equal values in a sorted column."""
     return np.arange(len(row)) - np.searchsorted(row, row, side="left")

@@ -12,12 +12,12 @@ from sionna_radar.foundation.columns import Columns
 class Echoes(Columns):
     """Detected echoes, one row each, sorted by pulse and then by range.
 
-    pulse: running number of the pulse in the survey.
+    pulse: index of the pulse in the survey.
     number: 0 for the nearest echo of its pulse, 1 for the next, ...
-    range_m: slant range, Doppler corrected where the processing asks for it.
-    range_sigma_m: standard deviation of that range, as the estimator tells it from the echo itself.
-    power: calibrated power of the echo's strongest cell; W, or the ratio to the sent power under snr_db.
-    snr_db: that power over the mean noise power that the CFAR's training cells show, whatever the CFAR's kind.
+    range_m: slant range, Doppler corrected if the processing says so.
+    range_sigma_m: standard deviation of that range, as estimated from the echo itself.
+    power: calibrated power of the echo's strongest cell; W, or relative to the transmitted power under snr_db.
+    snr_db: that power over the mean noise power estimated from the training cells, unbiased for every kind of CFAR.
     """
 
     pulse: Int[np.ndarray, " echo"]

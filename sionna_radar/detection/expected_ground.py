@@ -1,7 +1,7 @@
-"""Where the ground is expected: ranges about what the platform's altimeter or a rough DEM makes of each pulse.
+"""Where the ground is expected: range windows predicted for each pulse from the platform's altimeter or a rough DEM.
 
-Echoes are looked for in a window of ranges alone: from where the beam would meet the expected ground, raised by the
-tolerance, to where it would meet it lowered by as much. Nothing but the measured pose enters.
+Echoes are searched in a range window only: from where the beam would meet the expected ground raised by the
+tolerance, to where it would meet it lowered by as much. Only the measured pose is used.
 """
 
 from dataclasses import dataclass
@@ -26,13 +26,13 @@ from sionna_radar.scenario.processing import ExpectedGroundTable
 
 KEY = "processing.expected_ground.path"
 MOST_CELLS_READ = 100_000_000
-# A beam that looks up, or hardly down, meets level ground nowhere.
+# A beam that points up, or hardly down, does not meet level ground.
 LEAST_DOWN = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpectedGround:
-    """The ground as it is known beforehand.
+    """Prior knowledge of the ground.
 
     surface: rough heights; None for level ground `altitude_m` below the platform.
     tolerance_m: by how much the true ground may lie above or below.
@@ -45,7 +45,7 @@ class ExpectedGround:
     half_beam_rad: tuple[float, float]
 
     def window_m(self, pulses: Pulses, chirp: Chirp) -> Float[np.ndarray, "pulse 2"]:
-        """Return the nearest and farthest range, as the sweep reads them, at which ground may lie.
+        """Return the nearest and farthest range, as measured by the sweep, at which ground may lie.
 
         A pulse whose beam meets no expected ground keeps all ranges.
         """
@@ -76,25 +76,25 @@ class ExpectedGround:
 def build_expected_ground(
     scenario: Scenario, antenna: Antenna, grid: Grid, place: Georeference | None
 ) -> ExpectedGround | None:
-    """Return the expected ground of a scenario; None where it states none.
+    """Return the expected ground of a scenario; None if it has none.
 
     Parameters
     ----------
     scenario:
         The survey, with its `[processing.expected_ground]`.
     antenna:
-        The antenna, whose beam has a width.
+        The antenna, for its beam width.
     grid:
         Cells of the survey's DEM.
     place:
-        Place of the local frame on the Earth, if it has one.
+        Georeference of the local frame, if it has one.
 
     Raises
     ------
     InputFileError
-        The rough DEM cannot be read, or lies nowhere under the survey.
+        The rough DEM cannot be read, or does not overlap the survey.
     ScenarioError
-        Only one of it and the terrain has a place on the Earth.
+        Only one of the rough DEM and the terrain is georeferenced.
 
     """
     table = scenario.processing.expected_ground
@@ -115,12 +115,12 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
         require_cells(source, f"{KEY} = {table.path}", "heights; give an elevation raster in metres")
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
         column, row = (c - 0.5 for c in apply_affine(~source.transform, x, y))
-        # Between the centres of its outermost cells and its edge the heights of those cells hold.
+        # Between the centres of the outermost cells and the raster's edge the heights of those cells are used.
         inside = (np.abs(column - (source.width - 1) / 2) <= source.width / 2) & (
             np.abs(row - (source.height - 1) / 2) <= source.height / 2
         )
         if not inside.any():
-            message = f"{KEY} = {table.path}: lies nowhere under the survey; check its place and CRS"
+            message = f"{KEY} = {table.path}: does not overlap the survey; check its position and CRS"
             raise InputFileError(message)
         column, row = np.clip(column, 0, source.width - 1), np.clip(row, 0, source.height - 1)
         left, top = int(column[inside].min()), int(row[inside].min())
@@ -129,7 +129,7 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
             for c, first, most in ((column, left, source.width), (row, top, source.height))
         )
         if width * height > MOST_CELLS_READ:
-            message = f"{KEY} = {table.path}: has more than {MOST_CELLS_READ:,} cells under the survey; make it coarser"
+            message = f"{KEY} = {table.path}: has more than {MOST_CELLS_READ:,} cells under the survey; coarsen it"
             raise InputFileError(message)
         stored = source.read(1, window=Window(left, top, width, height), masked=True)
     height_m = np.full(len(x), np.nan)
@@ -139,8 +139,8 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
     height_m[inside] = bilinear(cells, row[inside] - top, column[inside] - left)
     known = np.isfinite(height_m)
     if not known.any():
-        message = f"{KEY} = {table.path}: has no heights under the survey; fill its holes, or give another"
+        message = f"{KEY} = {table.path}: has no heights under the survey; fill its voids, or give another raster"
         raise InputFileError(message)
-    # Where it says nothing, the ground is expected at the mean height: rough is all that is asked.
+    # In voids the ground is expected at the mean height: a rough height is enough.
     height_m = np.where(known, height_m, float(height_m[known].mean())) - (place.origin_m[2] if place else 0.0)
     return Heightfield(grid=grid, height_m=height_m.reshape(grid.shape))

@@ -1,4 +1,4 @@
-"""What a CFAR's noise level must be multiplied by, so that noise alone passes as often as was asked for.
+"""Threshold multipliers of a CFAR: factors on its noise level for a specified probability of false alarm.
 
 The power of a cell of noise is exponential, so a cell under test passes a multiple a of the noise level Z with
 probability E[exp(-a Z)], Z being measured in units of the noise power. A window correlates neighbouring cells.
@@ -30,9 +30,9 @@ from scipy.integrate import quad
 from scipy.linalg import cholesky, toeplitz
 from scipy.optimize import brentq, minimize_scalar
 
-# Cells whose amplitudes correlate less are independent: a window that is none leaves rounding errors.
+# Cells whose amplitudes correlate less are independent: a rectangular window leaves only rounding errors.
 INDEPENDENT = 1e-6
-# The population that is annealed, how much its log-weights may scatter in a step, and the moves after each.
+# Size of the annealed population, scatter of its log-weights allowed in a step, and moves after each step.
 POPULATION = 8_000
 STEP_SCATTER = 0.3
 MOVES = 6
@@ -48,7 +48,7 @@ def cell_covariance(correlation: Float[np.ndarray, " lag"], cells: int) -> Float
 
 
 def mean_weights(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np.ndarray, " cell"]:
-    """Return the weights of the independent exponentials that the mean power of neighbouring cells is the sum of."""
+    """Return the weights of the independent exponentials whose sum is the mean power of neighbouring cells."""
     return np.maximum(np.linalg.eigvalsh(cell_covariance(correlation, cells)), 0.0) / cells
 
 
@@ -81,13 +81,13 @@ def factor_of_ordered(
     Parameters
     ----------
     correlation:
-        Of noise that many cells apart, from lag 0.
+        Correlation of the noise against lag in cells, from lag 0.
     cells, sides:
         Cells of each side, and how many sides there are.
     place:
         Which cell in increasing order, from 0.
     probability:
-        The wanted probability of false alarm.
+        The specified probability of false alarm.
 
     """
     if np.all(np.abs(correlation[1:cells]) < INDEPENDENT):
@@ -105,7 +105,7 @@ def mean_smaller(correlation: Float[np.ndarray, " lag"], cells: int) -> float:
     """Return the mean of the smaller mean of two independent sides, in noise of unit power."""
     field = _noise(_mixer(correlation, cells), 2, np.random.default_rng(20170704))
     side = (field.real**2 + field.imag**2).reshape(POPULATION, 2, cells).mean(axis=2)
-    # Both sides have a mean of one: what the smaller lacks, the greater has.
+    # Both sides have a mean of one, so the smaller is below it by as much as the greater is above.
     return float(1 - np.abs(side[:, 0] - side[:, 1]).mean() / 2)
 
 
@@ -147,7 +147,7 @@ def _greater_share(weight: Float[np.ndarray, " n"], factor: float) -> float:
     def exponent(s: float | complex) -> complex:
         return complex(-np.log(1 - s * low).sum() - np.log(1 + s * weight).sum() - np.log(s))
 
-    # The transform exists between 0 and the greatest weight's pole, and has one minimum there.
+    # The transform exists between 0 and the pole of the greatest weight, with a single minimum there.
     end = 1 / low.max()
     found = minimize_scalar(lambda share: exponent(share * end).real, bounds=(1e-9, 1 - 1e-9), method="bounded")
     saddle, peak = float(found.x) * end, float(found.fun)
@@ -190,7 +190,7 @@ def _annealed_factor(correlation: tuple[float, ...], cells: int, sides: int, pla
 
 
 def _last_step(height: Float[np.ndarray, " sample"], factor: float, left: float, step: float) -> float:
-    """Return the factor at which the mean weight of the population brings the logarithm `left`."""
+    """Return the factor at which the population's mean weight supplies the remaining logarithm `left`."""
 
     def miss(part: float) -> float:
         return float(np.log(np.exp(-part * (height - height.min())).mean()) - part * height.min() - left)
@@ -199,7 +199,7 @@ def _last_step(height: Float[np.ndarray, " sample"], factor: float, left: float,
 
 
 def _survivors(weight: Float[np.ndarray, " sample"], offset: float) -> np.ndarray:
-    """Return who survives, each as often as its weight says (systematic resampling)."""
+    """Return the indices of the survivors, repeated in proportion to their weights (systematic resampling)."""
     position = (np.arange(len(weight)) + offset) / len(weight)
     chosen = np.searchsorted(np.cumsum(weight) / weight.sum(), position)
     return np.minimum(chosen, len(weight) - 1)

@@ -1,6 +1,6 @@
-"""Range profiles around the echoes of pulses: what a map needs that models the whole echo.
+"""Range profiles around the echoes of pulses, for mapping methods that model the whole echo.
 
-One value a range cell is kept, in single precision, from one echo length before the nearest echo to one beyond the
+One value per range cell is kept, in single precision, from one echo length before the nearest echo to one beyond the
 farthest, so that a survey of many pulses stays small.
 """
 
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from sionna_radar.detection.ranging.estimator import EchoRuns
+from sionna_radar.detection.ranging.estimator import EchoSpans
 
 LEAST_MARGIN_CELLS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
 class VolumeInFront:
-    """What stands in front of the ground of some profiles, such as rain.
+    """The volume in front of the ground in some profiles, such as rain.
 
-    power: mean power in the profiles' cells as if there were no ground; in_air: the share of it that detection leaves.
-    echo_m, echo_sigma_m: where detection puts the ground of each profile, and its standard deviation.
-    drift_m: by how much motion lengthens the volume's ranges against those of still ground.
-    spread_m: standard deviation of that, of particles that fall at different speeds.
+    power: mean power in the profiles' cells without ground; in_air: share of it in front of the detected ground.
+    echo_m, echo_sigma_m: detected range of the ground in each profile, and its standard deviation.
+    drift_m: by how much motion lengthens the volume's ranges relative to those of stationary ground.
+    spread_m: standard deviation of the drift, from particles that fall at different speeds.
     """
 
     power: Float32[np.ndarray, " value"]
@@ -33,7 +33,7 @@ class VolumeInFront:
     spread_m: float
 
     def rows(self, chosen: Int[np.ndarray, " kept"], values: Int[np.ndarray, " value"]) -> "VolumeInFront":
-        """Return that of some profiles, whose values are given too."""
+        """Return the volume of some profiles; `values` indexes their power values."""
         return VolumeInFront(
             power=self.power[values],
             in_air=self.in_air[values],
@@ -45,7 +45,7 @@ class VolumeInFront:
 
     @staticmethod
     def concatenate(tables: Sequence["VolumeInFront"]) -> "VolumeInFront | None":
-        """Return all in order; a survey has a volume in front of all of its profiles or of none."""
+        """Concatenate tables in order; a survey has a volume in front of all of its profiles or of none."""
         if not tables:
             return None
         return VolumeInFront(
@@ -60,11 +60,11 @@ class VolumeInFront:
 
 @dataclass(frozen=True, kw_only=True)
 class Profiles:
-    """Profiles of the pulses that brought an echo, sorted by pulse.
+    """Profiles of the pulses with an echo, sorted by pulse.
 
-    first: range cell of each profile's first value; start: where its values begin in `power`, and their end.
-    power: calibrated power of the cells; noise: that of the receiver in each profile.
-    volume: the volume that stands in front of the ground; None in clear air.
+    first: range cell of each profile's first value; start: where its values begin in `power`, plus the overall end.
+    power: calibrated power of the cells; noise: receiver noise power in each profile.
+    volume: the volume in front of the ground; None in clear air.
     cell_m: length of a range cell; ranges are not corrected for Doppler.
     """
 
@@ -84,7 +84,7 @@ class Profiles:
         return self.power[self.start[profile] : self.start[profile + 1]].astype(np.float64)
 
     def background(self, profile: int) -> float | Float[np.ndarray, " cell"]:
-        """Return the mean power that is no ground's in the cells of one profile: of the receiver, and of a volume."""
+        """Return the mean power in the cells of one profile that is not ground: receiver noise and volume clutter."""
         noise = float(self.noise[profile])
         if self.volume is None:
             return noise
@@ -94,7 +94,7 @@ class Profiles:
     def of_cells(
         self, values: Float[np.ndarray, "row cell"], row: Int[np.ndarray, " profile"]
     ) -> Float32[np.ndarray, " value"]:
-        """Return values of range cells, one row of them for each profile, where the profiles have theirs."""
+        """Return the values of range cells (one row per profile) at the cells that the profiles cover."""
         length = np.diff(self.start)
         cell = np.arange(self.start[-1]) + np.repeat(self.first - self.start[:-1], length)
         return values[np.repeat(row, length), cell].astype(np.float32)
@@ -130,7 +130,7 @@ class Profiles:
 
 
 def cut_profiles(
-    runs: EchoRuns,
+    spans: EchoSpans,
     pulse: Int[np.ndarray, " pulse"],
     bins_per_cell: int,
 ) -> Profiles:
@@ -138,15 +138,15 @@ def cut_profiles(
 
     Parameters
     ----------
-    runs:
+    spans:
         The echoes.
     pulse:
-        Running numbers of the block's pulses.
+        Indices of the block's pulses in the survey.
     bins_per_cell:
-        Bins of the spectra in a range cell.
+        Spectrum bins per range cell.
 
     """
-    rows, begin = np.unique(runs.row, return_index=True)
+    rows, begin = np.unique(spans.row, return_index=True)
     if len(rows) == 0:
         nothing = np.zeros(0, dtype=np.int64)
         return Profiles(
@@ -155,11 +155,11 @@ def cut_profiles(
             start=np.zeros(1, dtype=np.int64),
             power=np.zeros(0, dtype=np.float32),
             noise=np.zeros(0),
-            cell_m=runs.bin_m * bins_per_cell,
+            cell_m=spans.bin_m * bins_per_cell,
         )
-    cells = runs.power.shape[1] // bins_per_cell
-    first = np.minimum.reduceat(runs.start, begin) // bins_per_cell
-    last = -(-np.maximum.reduceat(runs.stop, begin) // bins_per_cell)
+    cells = spans.power.shape[1] // bins_per_cell
+    first = np.minimum.reduceat(spans.start, begin) // bins_per_cell
+    last = -(-np.maximum.reduceat(spans.stop, begin) // bins_per_cell)
     margin = np.maximum(last - first, LEAST_MARGIN_CELLS)
     first, last = np.maximum(first - margin, 0), np.minimum(last + margin, cells)
     start = np.concatenate([[0], np.cumsum(last - first)])
@@ -169,7 +169,7 @@ def cut_profiles(
         pulse=pulse[rows],
         first=first,
         start=start,
-        power=runs.power[row, cell * bins_per_cell].astype(np.float32),
-        noise=np.min(runs.noise[rows], axis=1),
-        cell_m=runs.bin_m * bins_per_cell,
+        power=spans.power[row, cell * bins_per_cell].astype(np.float32),
+        noise=np.min(spans.noise[rows], axis=1),
+        cell_m=spans.bin_m * bins_per_cell,
     )

@@ -11,7 +11,7 @@ from scipy.signal import get_window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.high_pass import HighPass
 
-# How far about a bin its window's response is followed, and in which steps.
+# How far around a bin the window's response is evaluated, and in which steps.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4
 
 
@@ -20,7 +20,7 @@ class SpectrumAnalyser:
     """Window, zero-padding and FFT; a beat of power P peaks at P.
 
     zero_padding: spectrum bins per range cell (c / 2B).
-    high_pass: of the receiver; the calibration divides by what it leaves of each bin.
+    high_pass: of the receiver; the calibration divides by its response in each bin.
     """
 
     chirp: Chirp
@@ -36,7 +36,7 @@ class SpectrumAnalyser:
 
     @cached_property
     def range_m(self) -> Float[np.ndarray, " bin"]:
-        """Range of each bin for a scatterer at rest."""
+        """Range of each bin for a stationary scatterer."""
         cells = self.chirp.samples // (2 if self.chirp.sampling == "real" else 1)
         return np.arange(cells * self.zero_padding) * self.bin_m
 
@@ -61,9 +61,9 @@ class SpectrumAnalyser:
 
     @cached_property
     def _passed(self) -> Complex[np.ndarray, " bin"]:
-        """What the high-pass leaves of each bin, as the window sees it.
+        """Response of the high-pass in each bin, averaged over the window's main lobe and side lobes.
 
-        Its square is the response's mean over the window's own: white noise before the filter is white in the
+        Its square is the power response weighted by the window's: noise that is white before the filter is white in the
         calibrated spectrum, down to the bins next to zero, where the response itself vanishes.
         """
         assert self.high_pass is not None
@@ -78,24 +78,24 @@ class SpectrumAnalyser:
     def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
         if self.chirp.sampling == "real":
-            # A real beat of power P is a cosine whose positive half carries half of it.
+            # A real beat of power P is a cosine whose positive frequency carries half of it.
             return np.sqrt(2) * scipy.fft.rfft(beat * self.window, size)[:, :bins]
         return scipy.fft.fft(beat * self.window, size)[:, :bins]
 
     def noise_correlation(self, cells: int) -> Float[np.ndarray, " lag"]:
-        """Return the correlation that the window gives to white noise 0, 1, ... range cells apart."""
+        """Return the correlation of windowed white noise 0, 1, ... range cells apart."""
         energy = self.window**2 / np.sum(self.window**2)
         middle = np.arange(self.chirp.samples) - (self.chirp.samples - 1) / 2
         return np.array([energy @ np.cos(2 * np.pi * lag * middle / self.chirp.samples) for lag in range(cells)])
 
     @cached_property
     def looks_per_cell(self) -> float:
-        """Independent looks that a range cell is worth: the window correlates neighbouring cells."""
+        """Independent looks per range cell: the window correlates neighbouring cells."""
         lags = self.noise_correlation(min(32, self.chirp.samples))
         return float(1 / (1 + 2 * np.sum(lags[1:] ** 2)))
 
     def response(self, half: int, bins_per_cell: int) -> Float[np.ndarray, " bin"]:
-        """Return the power spectrum of one range on bins -half to half of its own, with a sum of one."""
+        """Return the power spectrum of a point target on bins -half to half around its own, with a sum of one."""
         samples = self.chirp.samples
         turn = np.arange(-half, half + 1) / (samples * bins_per_cell)
         spectrum = np.exp(-2j * np.pi * np.outer(turn, np.arange(samples))) @ self.window

@@ -1,4 +1,4 @@
-"""Range and velocity from the two halves of a triangular sweep, without any other knowledge of the velocity.
+"""Range and range rate from the two halves of a triangular sweep, with no other knowledge of the velocity.
 
 Motion shifts the echo of an up-sweep one way and that of a down-sweep the other: the mean of both is the range,
 their difference the range rate (Rouveure et al. 2017, eq. 2, twice).
@@ -15,26 +15,26 @@ from sionna_radar.radar.chirp import Chirp
 
 @dataclass(frozen=True, kw_only=True)
 class PairedEchoes:
-    """Echoes of pairs of sweeps, their ranges free of Doppler shift, and how fast each recedes."""
+    """Echoes of pairs of sweeps, with ranges free of Doppler shift, and the range rate of each."""
 
     echoes: Echoes
     range_rate_mps: Float[np.ndarray, " echo"]
 
 
 def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
-    """Return what the echoes of the rising and the falling halves tell together.
+    """Combine the echoes of the rising and the falling halves.
 
     Parameters
     ----------
     up, down:
-        At most one echo a pulse, not corrected for Doppler; a pulse without both is dropped.
+        At most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
     chirp:
         The rising half.
 
     """
     pulse, first, second = np.intersect1d(up.pulse, down.pulse, return_indices=True)
     early, late = up.range_m[first], down.range_m[second]
-    # The halves are as far apart as each is long, and the range goes on changing between them.
+    # The halves are one sweep duration apart, and the range changes in between.
     slope = 2 * float(chirp.doppler_range_m(np.ones(1))[0]) - chirp.duration_s
     snr = [10 ** (echoes.snr_db[rows] / 10) for echoes, rows in ((up, first), (down, second))]
     echoes = Echoes(

@@ -1,4 +1,4 @@
-"""Elevation files: reading, reprojecting, cutting out, and looking heights up."""
+"""Elevation files: reading, reprojecting, cutting out, and interpolating heights."""
 
 import lazy_loader
 

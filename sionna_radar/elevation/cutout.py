@@ -18,7 +18,7 @@ MAX_CELLS = 4_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Cutout:
-    """What is wanted of a file: the window in local metres (west, south, east, north) and the frame."""
+    """The requested part of a file: the window in local metres (west, south, east, north) and the frame."""
 
     window_m: tuple[float, float, float, float]
     frame: StatedFrame
@@ -30,18 +30,18 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
 
     In the file's own projection the cells are aligned with the file's.
 
-    Raises ScenarioError where the file does not reach into the window, or is smaller there than one cell.
+    Raises ScenarioError if the file does not overlap the window, or the overlap is smaller than one cell.
     """
     west, south, east, north = _overlap_m(source, cutout)
     spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
     if spacing > min(east - west, north - south):
-        message = f"{spacing:g} exceeds the terrain in sight, {east - west:g} x {north - south:g} m; lower it"
+        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     anchor = (0.0, 0.0)
     if not source.is_reprojected:
         x, y = source.local_of(np.zeros(1), np.zeros(1))
         anchor = float(x[0]), float(y[0])
-    # The small number keeps a boundary that is a cell centre from being rounded past it.
+    # The small number keeps a boundary at a cell centre from being rounded past it.
     while True:
         first = [math.floor((low - a) / spacing + 1e-6) for low, a in zip((west, south), anchor, strict=True)]
         last = [math.ceil((high - a) / spacing - 1e-6) for high, a in zip((east, north), anchor, strict=True)]
@@ -51,7 +51,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
         spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
     if spacing != wanted:
         logger.warning(
-            "terrain: the part in sight has more than %s cells of %g m; coarsened to %g m. "
+            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
             "Shorten the flight or raise terrain.spacing_m",
             f"{MAX_CELLS:,}",
             wanted,
@@ -65,24 +65,24 @@ def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, floa
     """Return the rectangle in local metres that the window and the file's cell centres share."""
     low, high = np.zeros(2), np.array(source.dataset.shape[::-1]) - 1.0
     seen = np.array(source.pixel_of(*_outline(cutout.window_m)))
-    # A window that reaches beyond the projection is not bounded by its outline.
+    # A window that extends beyond the projection is not bounded by its outline.
     if np.isfinite(seen).all():
-        # Two cells of margin: an outline sampled at points may cut a curved edge short.
+        # Two cells of margin: a sampled outline may cut off a curved edge.
         low = np.maximum(low, np.floor(seen.min(axis=1)) - 2)
         high = np.minimum(high, np.ceil(seen.max(axis=1)) + 2)
     if (low < high).all():
         west, south, east, north = _extent_m(source, (*low.tolist(), *high.tolist()))
-        # One cell beyond the window, so that it lies between cell centres.
+        # One cell beyond the window, so that it is between cell centres.
         step = max(source.steps_m)
         west, south = max(west, cutout.window_m[0] - step), max(south, cutout.window_m[1] - step)
         east, north = min(east, cutout.window_m[2] + step), min(north, cutout.window_m[3] + step)
         if west < east and south < north:
             return west, south, east, north
-    raise outside(source, cutout, "the terrain file does not reach there")
+    raise outside(source, cutout, "the terrain file does not cover it")
 
 
 def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
-    """Return the error of a window without terrain, on the field that put it there."""
+    """Return the error for a window without terrain, for the field that placed it there."""
     in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
     rows, columns = source.dataset.shape
     extent = in_metres.format(*_extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0)))
@@ -96,7 +96,7 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
 
 
 def _extent_m(source: PlacedRaster, pixels: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """Return the rectangle around a box of pixels (columns and rows), as far as it has a place."""
+    """Return the local rectangle around a box of pixels (columns and rows), as far as the projection is valid."""
     x, y = source.local_of(*_outline(pixels))
     placed = np.isfinite(x) & np.isfinite(y)
     if not placed.any():

@@ -1,6 +1,6 @@
-"""Elevation files of any projection, cut out and brought into the local metric frame.
+"""Elevation files of any projection, cut out and transformed into the local metric frame.
 
-`local_frame` chooses the frame, `cutout` the cells of it, and `file_heights` looks their heights up in the file.
+`local_frame` chooses the frame, `cutout` its cells, and `file_heights` interpolates their heights from the file.
 """
 
 import math
@@ -29,7 +29,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 def opened_file(path: Path) -> Iterator[Any]:
     """Open a raster file whose first band holds elevations.
 
-    Raises InputFileError for a file that cannot be read or holds no elevation.
+    Raises InputFileError for a file that cannot be read or holds no elevations.
     """
     with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
@@ -38,7 +38,7 @@ def opened_file(path: Path) -> Iterator[Any]:
 
 @contextmanager
 def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio.Affine) -> Iterator[Any]:
-    """Open an array as if it were a raster file, placed by its transform."""
+    """Open an array as if it were a raster file, georeferenced by its transform."""
     rows, columns = height_m.shape
     profile = {"driver": "GTiff", "count": 1, "dtype": height_m.dtype, "height": rows, "width": columns}
     with MemoryFile() as memory:
@@ -51,24 +51,24 @@ def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio
 def _check_content(dataset: Any, path: Path) -> None:
     problem = None
     if dataset.count == 0:
-        problem = "holds no band, perhaps subdatasets; extract one with gdal_translate"
+        problem = "has no band, perhaps subdatasets; extract one with gdal_translate"
     elif np.dtype(dataset.dtypes[0]).kind not in "iuf":
         problem = f"holds {dataset.dtypes[0]} values, not heights; give an elevation raster"
     elif min(dataset.shape) < 2:
         problem = f"has {dataset.height} x {dataset.width} cells, too few for a surface; give at least 2 x 2"
     elif dataset.transform.is_identity:
-        problem = "does not say where on the Earth it lies; georeference it with gdal_translate or gdalwarp"
+        problem = "is not georeferenced; georeference it with gdal_translate or gdalwarp"
     elif dataset.transform.is_degenerate:
-        problem = "has cells of no size; repair its geotransform with gdal_translate -a_ullr"
+        problem = "has cells of zero size; repair its geotransform with gdal_translate -a_ullr"
     if problem:
         message = f"terrain.path = {shown(path)} {problem}"
         raise InputFileError(message)
 
 
 def cut(dataset: Any, cutout: Cutout) -> tuple[Raster, Georeference]:
-    """Return the heights of an open raster within a window, and the frame's place.
+    """Return the heights of an open raster within a window, and the georeference of the frame.
 
-    Raises ScenarioError for a frame or window that does not suit it.
+    Raises ScenarioError for an unsuitable frame or window.
     """
     source = place_file(dataset, cutout.frame)
     grid = grid_of(source, cutout)
@@ -95,7 +95,7 @@ def _map_cells(source: PlacedRaster) -> MapCells | None:
 
 
 def _without_empty_border(raster: Raster) -> Raster:
-    """Return the raster less the outer rows and columns in which every cell is empty."""
+    """Return the raster without outer rows and columns in which every cell is empty."""
     filled = np.argwhere(raster.filled)
     (first_row, first_column), (last_row, last_column) = filled.min(axis=0), filled.max(axis=0)
     grid = raster.grid

@@ -1,7 +1,7 @@
 """Heights of an elevation file at the cells of a grid.
 
-The cells are looked up in the file one by one (bilinear between its cell centres, after averaging where the file is
-finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and holes would cost
+The cells are interpolated from the file one by one (bilinear between its cell centres, after averaging if the file is
+finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and voids would cost
 accuracy.
 """
 
@@ -22,28 +22,28 @@ logger = logging.getLogger("sionna_radar")
 STRIP_CELLS = 4_000_000
 # Beyond any height on Earth: a stand-in for "no data" that the file does not declare.
 MAX_HEIGHT_M = 12_000.0
-# -9999 lies within that limit, yet no land is there.
+# -9999 is within that limit, but no land is that deep.
 UNDECLARED_NODATA = -9999.0
 
 
 def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row column"]:
-    """Return bilinear heights at the grid's centres; NaN beside a cell without data."""
+    """Return bilinear heights at the grid's centres; NaN next to a cell without data."""
     column, row = source.pixel_of(*grid.centres_m.T)
-    # Rounding errors must not turn a look-up at a cell centre into one between two cells.
+    # Rounding must not turn an interpolation at a cell centre into one between two cells.
     column, row = (np.where(np.abs(c - np.rint(c)) < 1e-6, np.rint(c), c) for c in (column, row))
     rows, columns = source.dataset.shape
     inside = (column >= 0) & (column <= columns - 1) & (row >= 0) & (row <= rows - 1)
     height_m = np.full(grid.columns * grid.rows, np.nan)
     if inside.any():
         lookup = row[inside], column[inside]
-        # How many whole cells of the file one target cell holds: as many are averaged.
+        # Number of whole cells of the file in one target cell: this many are averaged.
         factor = [
             max(1, math.floor(min(n, grid.spacing_m / step + 1e-6)))
             for n, step in zip((rows, columns), reversed(source.steps_m), strict=True)
         ]
         row_slice, column_slice = (_span_of(c, f, n) for c, f, n in zip(lookup, factor, (rows, columns), strict=True))
         cells = _averaged(source, (row_slice, column_slice), (factor[0], factor[1]))
-        # Block k holds the cells k f ... k f + f - 1, so its centre is (f - 1) / 2 cells on.
+        # Block k holds the cells k f ... k f + f - 1, so its centre is at k f + (f - 1) / 2.
         in_blocks = [
             (c - w.start - (f - 1) / 2) / f for c, w, f in zip(lookup, (row_slice, column_slice), factor, strict=True)
         ]
@@ -52,7 +52,7 @@ def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row colum
 
 
 def _span_of(coordinate: Float[np.ndarray, " n"], factor: int, cells: int) -> slice:
-    """Return the cells around the coordinates, from a block's first one, with a block to spare."""
+    """Return the cells around the coordinates, starting at a block, with a margin of one block."""
     first = max(0, (int(coordinate.min()) // factor - 1) * factor)
     return slice(first, min(cells, (int(coordinate.max()) // factor + 2) * factor))
 
@@ -60,9 +60,9 @@ def _span_of(coordinate: Float[np.ndarray, " n"], factor: int, cells: int) -> sl
 def _averaged(
     source: PlacedRaster, window: tuple[slice, slice], factor: tuple[int, int]
 ) -> Float[np.ndarray, "row column"]:
-    """Return block means of a window of the file, read strip by strip so that no file is too large.
+    """Return block means of a window of the file, read strip by strip so that files of any size work.
 
-    A block is empty where less than half of it has data. Cells beyond the last whole block are dropped.
+    A block is empty if less than half of it has data. Cells beyond the last whole block are dropped.
     """
     rows, columns = ((w.stop - w.start) // f for w, f in zip(window, factor, strict=True))
     means = np.full((rows, columns), np.nan)
@@ -83,7 +83,7 @@ def _averaged(
 
 
 def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column"]:
-    """Return heights of the file in metres, NaN where it has none, declared or not."""
+    """Return heights of the file in metres, NaN where it has no data, declared or not."""
     dataset = source.dataset
     stored = dataset.read(1, window=window, masked=True)
     undeclared = stored.data == UNDECLARED_NODATA
@@ -94,7 +94,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
     undeclared &= ~np.ma.getmaskarray(stored)
     if undeclared.any():
         logger.warning(
-            "terrain: %d cells hold no possible height (such as %g) and are taken as empty; "
+            "terrain: %d cells have impossible heights (such as %g) and are taken as empty; "
             "declare the file's nodata value with gdal_edit -a_nodata",
             undeclared.sum(),
             stored.data[undeclared][0],
@@ -106,7 +106,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
 def bilinear(
     cells: Float[np.ndarray, "row column"], row: Float[np.ndarray, " n"], column: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return heights between cells, NaN outside them or where an empty one has any weight."""
+    """Return heights between cells, NaN outside them or where an empty one has weight."""
     filled = np.isfinite(cells)
     height_m = map_coordinates(np.where(filled, cells, 0), [row, column], order=1, cval=np.nan)
     weight = map_coordinates(filled.astype(np.float64), [row, column], order=1, cval=0.0)

@@ -1,4 +1,4 @@
-"""A surface by its heights on a grid: bilinear between the cells, held at the border beyond them."""
+"""A surface by its heights on a grid: bilinear between the cells, constant beyond the border."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from sionna_radar.foundation.raster import Grid
 
 MARCH_STEPS = 1000
-# To the last bit or so: a hit found coarsely jumps when the surface moves by less than can be seen.
+# Bisected nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
 BISECTIONS = 32
 
 
@@ -21,7 +21,7 @@ class Heightfield:
     height_m: Float[np.ndarray, "row column"]
 
     def at(self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return heights over points of the plan."""
+        """Return heights at horizontal positions."""
         corner, a, b = self._cell(x_m, y_m)
         z, columns = self.height_m.ravel(), self.grid.columns
         south = z[corner] * (1 - a) + z[corner + 1] * a
@@ -40,7 +40,7 @@ class Heightfield:
         return east / self.grid.spacing_m, north / self.grid.spacing_m
 
     def weights(self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]) -> csr_matrix:
-        """Return the matrix that takes the heights of the cells to those over points of the plan."""
+        """Return the matrix that interpolates the heights of the cells at horizontal positions."""
         corner, a, b = self._cell(x_m, y_m)
         columns = self.grid.columns
         cells = np.stack([corner, corner + 1, corner + columns, corner + columns + 1], axis=1)
@@ -51,10 +51,10 @@ class Heightfield:
     def first_hit(
         self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"], reach_m: float
     ) -> Float[np.ndarray, " ray"]:
-        """Return the ranges at which rays along unit vectors first meet the surface; NaN within no reach.
+        """Return the ranges at which rays along unit vectors first hit the surface; NaN if not within reach.
 
-        Each ray goes on by its height above the surface over the fastest that the two can close, at least by
-        a quarter of a cell, so that it steps over nothing wider than that.
+        Each ray advances by its height above the surface over the fastest rate at which they can close, at least by
+        a quarter of a cell, so that it misses nothing wider than that.
         """
         east, north = np.gradient(self.height_m, self.grid.spacing_m, axis=(1, 0))
         steepest = float(np.hypot(east, north).max()) + 0.05

@@ -1,7 +1,7 @@
-"""Which local frame an elevation file is brought into.
+"""The choice of the local frame for an elevation file.
 
-A file is kept in its own projection where that is true to the ground (metres, unit scale, north up), and brought
-into the UTM zone of its middle otherwise.
+A file is kept in its own projection if that is true to scale (metres, unit scale, north up), and transformed
+into the UTM zone of its centre otherwise.
 """
 
 import math
@@ -18,18 +18,18 @@ from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, 
 from sionna_radar.elevation.vertical import height_system
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
-# A projection is kept as the local frame while a metre is a metre, and north is up, to this much.
+# A projection is kept as the local frame if its scale is 1, and north is up, to within this.
 MAX_SCALE_ERROR = 0.01
 MAX_CONVERGENCE_DEG = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class StatedFrame:
-    """What a scenario says of an elevation file; None leaves it to the file.
+    """Frame settings of a scenario for an elevation file; None leaves them to the file.
 
     crs, vertical_crs: its horizontal (or compound) and its vertical coordinate reference system.
     height_unit: unit of its heights.
-    centre_lonlat_deg: where the local origin lies (WGS 84); None takes the middle of the file.
+    centre_lonlat_deg: local origin (WGS 84); None takes the centre of the file.
     """
 
     crs: str | None = None
@@ -44,13 +44,13 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
     Raises
     ------
     ScenarioError
-        There is no such system, it places nothing on a map, or the centre or the file's middle has no place.
+        There is no such CRS, it is neither projected nor geographic, or the centre is not valid in it.
 
     """
     whole = _crs_of(dataset, stated.crs)
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
-        message = f"{crs.name!r} is neither projected nor geographic; give one that is, as 'EPSG:32631'"
+        message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
     lon, lat = _centre_lonlat(dataset, crs, stated.centre_lonlat_deg)
     local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else _metric_crs(lon, lat)
@@ -63,7 +63,7 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
 
 
 def _crs_of(dataset: Any, name: str | None) -> CRS:
-    """Return the scenario's CRS, or else the file's own."""
+    """Return the scenario's CRS, otherwise the file's."""
     if name is not None:
         try:
             return CRS.from_user_input(name)
@@ -71,7 +71,7 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
             message = f"{name!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
             raise ScenarioError([Problem("terrain.crs", message)]) from error
     if dataset.crs is None or not dataset.crs.to_wkt():
-        message = "missing, and the file names none; give the file's own system, such as 'EPSG:32631'"
+        message = "missing, and the file has no CRS; give the CRS of the file, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
     return CRS.from_wkt(dataset.crs.to_wkt())
 
@@ -88,13 +88,13 @@ def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -
     lon, lat = float(lons[0]), float(lats[0])
     latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
     if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
-        message = f"{crs.name!r} has no place for the raster's middle ({x:g}, {y:g}); give the file's system"
+        message = f"{crs.name!r} does not contain the raster's centre ({x:g}, {y:g}); give the CRS of the file"
         raise ScenarioError([Problem("terrain.crs", message)])
     return lon, lat
 
 
 def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bool:
-    """Whether the file's map metres are metres with north up, as those of Web Mercator are not."""
+    """Whether the file's map metres are true metres with north up, unlike those of Web Mercator."""
     transform = dataset.transform
     is_metric = crs.is_projected and all(axis.unit_conversion_factor == 1 for axis in crs.axis_info)
     if not is_metric or transform.b != 0 or transform.d != 0:
@@ -110,7 +110,7 @@ def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bo
 
 
 def _metric_crs(lon: float, lat: float) -> CRS:
-    """Return the UTM zone of a place; near a pole, where there is none, a transverse Mercator of its own."""
+    """Return the UTM zone of a position; near a pole, where there is none, a local transverse Mercator."""
     lon = (lon + 180) % 360 - 180
     place = AreaOfInterest(lon, lat, lon, lat)
     zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=place) if -80 <= lat <= 84 else []

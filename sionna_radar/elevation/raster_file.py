@@ -1,7 +1,7 @@
-"""The one door through which raster files are opened: terrain and ground cover alike.
+"""Opening of all raster files, of terrain and of ground cover.
 
-GDAL opens far more than files: addresses of servers, XML text in place of a name, and small files that point to
-others, whatever their name ends in. Here only regular files of formats that hold their own cells pass, and none that
+GDAL opens far more than files: server addresses, XML text instead of a name, and small files that refer to
+others, whatever their suffix. Only regular files of self-contained formats are accepted here, and none that
 claims more than can be read.
 """
 
@@ -25,17 +25,17 @@ from sionna_radar.foundation.input_file import regular_file, shown
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")
 MOST_BYTES = 100_000_000_000
 MOST_CELLS = 10_000_000_000
-# Files beside a raster that GDAL reads without being asked, by any format; only TIFF passes, by its first bytes.
+# Files next to a raster that GDAL reads implicitly, in any format; only TIFF is accepted, by its first bytes.
 SIDE_CARS = (".msk", ".ovr")
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-# A block is decoded whole, however little of it is wanted.
+# A block is decoded as a whole, however little of it is needed.
 MOST_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
 
 
 @contextmanager
 def open_raster(path: Path, key: str) -> Iterator[Any]:
-    """Open a raster file for reading, and turn what GDAL and PROJ raise about it into one error.
+    """Open a raster file for reading, and turn errors of GDAL and PROJ into one of ours.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
     _check_side_cars(path, name)
     try:
         with warnings.catch_warnings():
-            # Whether a place on the Earth is needed is for the caller to say.
+            # The caller decides whether a georeference is needed.
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
             with rasterio.Env(), DatasetReader(str(path.absolute()), driver=list(DRIVERS)) as dataset:
                 _check_size(dataset, size, f"{name} {shown(path)}")
@@ -69,27 +69,27 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
 
 
 def require_cells(dataset: Any, named: str, wanted: str) -> None:
-    """Raise InputFileError for a raster without a band of numbers or with cells of no size.
+    """Raise InputFileError for a raster without a band of numbers or with cells of zero size.
 
     named: the file in messages; wanted: what its numbers should be, and what to give instead.
     """
     if dataset.count == 0 or np.dtype(dataset.dtypes[0]).kind not in "iuf":
-        message = f"{named}: holds no band of {wanted}"
+        message = f"{named}: has no band of {wanted}"
         raise InputFileError(message)
     if dataset.transform.is_degenerate:
-        message = f"{named}: has cells of no size; repair its geotransform with gdal_translate -a_ullr"
+        message = f"{named}: has cells of zero size; repair its geotransform with gdal_translate -a_ullr"
         raise InputFileError(message)
 
 
 def _check_side_cars(path: Path, name: str) -> None:
-    """Refuse a mask or overviews beside a raster that are no TIFF: such a file could point anywhere."""
+    """Refuse a mask or overviews next to a raster that are not TIFF: such a file could refer to anything."""
     wanted = {path.name.lower() + suffix for suffix in SIDE_CARS}
     for beside in path.parent.iterdir():
         if beside.name.lower() in wanted:
             regular_file(beside, name, "remove it", MOST_BYTES)
             with beside.open("rb") as file:
                 if file.read(4) not in TIFF_STARTS:
-                    message = f"{name} {shown(path)} has {beside.name} beside it, which is not a TIFF; remove it"
+                    message = f"{name} {shown(path)} has {beside.name} next to it, which is not a TIFF; remove it"
                     raise InputFileError(message)
 
 
@@ -103,7 +103,7 @@ def _check_size(dataset: Any, file_bytes: int, name: str) -> None:
         message = f"{name} claims {columns:,} x {rows:,} cells but has only {file_bytes:,} bytes; get the whole file"
         raise InputFileError(message)
     if dataset.count:
-        # Complex integers have no NumPy type; 16 bytes is the most that a cell takes.
+        # Complex integers have no NumPy type; 16 bytes is the maximum for a cell.
         block = 16 * math.prod(dataset.block_shapes[0])
         if block > MOST_BLOCK_BYTES:
             message = (

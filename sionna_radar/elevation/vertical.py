@@ -1,4 +1,4 @@
-"""What the heights of an elevation file count in, and from which datum."""
+"""Unit and vertical datum of the heights of an elevation file."""
 
 import logging
 import re
@@ -15,7 +15,7 @@ logger = logging.getLogger("sionna_radar")
 
 FEET_M = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "ftus": 1200 / 3937}
 METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0}
-# Heights that count upwards in metres, as the axis of a vertical CRS in PROJJSON.
+# Heights upwards in metres, as the axis of a vertical CRS in PROJJSON.
 UP_IN_METRES = {
     "subtype": "vertical",
     "axis": [{"name": "Gravity-related height", "abbreviation": "H", "direction": "up", "unit": "metre"}],
@@ -27,8 +27,8 @@ class HeightSystem:
     """How heights of a file become metres above a datum.
 
     unit_m: metres of one unit; negative for depths.
-    vertical: the file's vertical CRS with metres counted upwards, None where it is unknown or the ellipsoid.
-    ellipsoid_of: the geodetic datum from whose ellipsoid the heights count; None where they do not.
+    vertical: the file's vertical CRS with metres upwards; None if unknown or ellipsoidal.
+    ellipsoid_of: the geodetic datum of ellipsoidal heights; None for other heights.
     """
 
     unit_m: float
@@ -36,7 +36,7 @@ class HeightSystem:
     ellipsoid_of: str | None = None
 
     def compound(self, horizontal: CRS) -> CRS:
-        """Return a horizontal CRS with the heights added to it, as far as their datum is known."""
+        """Return a compound CRS of a horizontal one and the heights, as far as their datum is known."""
         if self.ellipsoid_of and self.ellipsoid_of == _datum_of(horizontal):
             return horizontal.to_3d()
         if self.vertical is None:
@@ -46,21 +46,21 @@ class HeightSystem:
 
 
 def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: str | None) -> HeightSystem:
-    """Return the heights of an open file: as stated, else by its vertical CRS, its band's unit, or metres.
+    """Return the height system of an open file: as stated, otherwise from its vertical CRS, its band's unit, or metres.
 
     Parameters
     ----------
     dataset:
         The open file (rasterio).
     crs:
-        Its CRS, with the vertical part if it has one.
+        Its CRS, including any vertical part.
     stated_crs, stated_unit:
         `terrain.vertical_crs` and `terrain.height_unit`; None leaves it to the file.
 
     Raises
     ------
     ScenarioError
-        What is stated is not a vertical CRS, or contradicts the unit of the file's band.
+        The stated CRS is not vertical, or contradicts the unit of the file's band.
 
     """
     own = next((part for part in crs.sub_crs_list if part.is_vertical), None)
@@ -74,7 +74,7 @@ def height_system(dataset: Any, crs: CRS, stated_crs: str | None, stated_unit: s
         unit_m = axis.unit_conversion_factor
         if stated_crs and band_unit_m not in (None, unit_m):
             message = (
-                f"{stated_crs!r} counts in {axis.unit_name}, but the file's band in {dataset.units[0]}; "
+                f"{stated_crs!r} has heights in {axis.unit_name}, but the file's band is in {dataset.units[0]}; "
                 "say which is right with terrain.height_unit"
             )
             raise ScenarioError([Problem("terrain.vertical_crs", message)])
@@ -105,7 +105,7 @@ def _stated(name: str) -> CRS:
 def _unstated(dataset: Any, crs: CRS) -> float:
     if crs.is_projected and crs.axis_info[0].unit_conversion_factor != 1 and not dataset.units[0]:
         logger.warning(
-            "terrain: the map counts in %s but no unit is given for heights; they are taken as metres. "
+            "terrain: the map is in %s but no unit is given for heights; they are taken as metres. "
             "Set terrain.height_unit",
             crs.axis_info[0].unit_name,
         )
@@ -113,7 +113,7 @@ def _unstated(dataset: Any, crs: CRS) -> float:
 
 
 def _in_metres_up(vertical: CRS) -> CRS:
-    """Return a vertical CRS of the same datum whose heights are metres counted upwards, as all results are."""
+    """Return a vertical CRS of the same datum with heights in metres upwards, as in all results."""
     axis = vertical.axis_info[0]
     if axis.unit_conversion_factor == 1 and axis.direction == "up":
         return vertical

@@ -1,4 +1,4 @@
-"""The flight: where the radar is, where it looks, and when it sends a chirp."""
+"""The flight: where the radar is, where it looks, and when it transmits a chirp."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The motion of the platform's body, and of an antenna at the end of a lever arm."""
+"""The motion of the platform, and of an antenna at the end of a lever arm."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from sionna_radar.flight.trajectory import Trajectory
 
 Vector3 = tuple[float, float, float]
 
-# Attitudes this far apart give the turn rate.
+# Time between the attitudes from which the turn rate is computed.
 TURN_STEP_S = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class BodyMotion:
-    """Motion of the platform where its navigation system sits.
+    """Motion of the platform at its navigation system.
 
     position_m, velocity_mps: world frame.
     euler_rad: roll, pitch, heading.
@@ -31,7 +31,7 @@ class BodyMotion:
 
 
 def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> BodyMotion:
-    """Return the motion at some times; before and after the flight it goes on at a constant velocity."""
+    """Return the motion at some times; before and after the flight it continues at constant velocity."""
     inside = np.clip(time_s, 0.0, trajectory.end_s)
     velocity = trajectory.velocity(inside)
     return BodyMotion(
@@ -57,7 +57,7 @@ def antenna_place(
 
 
 def _turn_rate(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Return the slower of the rates before and after: an instantaneous turn at a waypoint has none."""
+    """Return the slower of the rates before and after, which is zero at an instantaneous turn at a waypoint."""
     before, now, after = (
         Rotation.from_matrix(world_from_body(trajectory.euler(time_s + step)))
         for step in (-TURN_STEP_S, 0.0, TURN_STEP_S)

@@ -2,11 +2,11 @@
 
 world   east, north, up (ENU): the frame of scenes and points
 level   forward, right, down with the heading of the platform: the paper's absolute coordinates
-body    nose, right, down (FRD): `level` turned by pitch and roll
+body    nose, right, down (FRD): `level` rotated by pitch and roll
 antenna x boresight, y to the left of it, z completing the right-handed frame (up, for a level boresight)
 
-`R_a_b` turns components in b into components in a: v_a = R_a_b @ v_b, so R_a_c = R_a_b @ R_b_c.
-Heading turns clockwise from north; the Euler order is heading, pitch, roll (ZYX), vehicle-carried
+`R_a_b` transforms components in b into components in a: v_a = R_a_b @ v_b, so R_a_c = R_a_b @ R_b_c.
+Heading is clockwise from north; the Euler order is heading, pitch, roll (ZYX), vehicle-carried
 north-east-down to body, as in Rouveure et al. 2017.
 """
 
@@ -25,22 +25,22 @@ def world_from_body(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n
 
 
 def world_from_level(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return R_world_level: the heading alone, roll and pitch taken out by the stabilisation."""
+    """Return R_world_level: the heading alone, roll and pitch removed by stabilisation."""
     return world_from_body(euler_rad * np.array([0.0, 0.0, 1.0]))
 
 
 def whisk_broom_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the antenna's axes in forward-right-down components, turned about the forward axis.
+    """Return the antenna's axes in forward-right-down components, rotated about the forward axis.
 
     The boresight, the first column, is (sin a, cos a sin b, cos a cos b).
     """
-    # A right-handed turn about forward takes right to down; the scan angle counts toward the right.
+    # A right-handed rotation about forward takes right to down; the scan angle is positive toward the right.
     turn = Rotation.from_rotvec(np.outer(-scan_rad, [1.0, 0.0, 0.0])).as_matrix()
     return turn @ _tilted_antenna(incidence_rad)
 
 
 def conical_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the antenna's axes in forward-right-down components, turned about the downward axis.
+    """Return the antenna's axes in forward-right-down components, rotated about the downward axis.
 
     The boresight, the first column, is (sin a cos b, sin a sin b, cos a).
     """

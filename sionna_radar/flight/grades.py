@@ -1,22 +1,22 @@
 """Named grades of GPS/IMU, with the sources of their numbers.
 
-Every quantity is a standard deviation and is taken as a first-order Gauss-Markov error, for a filter's output
-wanders and does not jump. What each number rests on:
+Every quantity is a standard deviation and is taken as a first-order Gauss-Markov error, since a filter's output
+drifts and does not jump. Basis of each number:
 
-- First-hand, the maker's claim, no test: position, velocity and heading of the "consumer" and "rtk" grades (Blicube's
+- First-hand, the maker's claim, untested: position, velocity and heading of the "consumer" and "rtk" grades (Blicube's
   specifications of its GRTK, RMS).
 - First-hand, the maker's test, but no truth: position of the "survey" grade. It is the RMS difference between two
-  solutions computed after the flights (PP-RTX against SmartBase, 100 data sets), the better of which is thought good
-  to 1-2 cm across and 2-4 cm in height; systematic errors that both share do not show, nor does a real-time solution
+  post-processed solutions (PP-RTX against SmartBase, 100 data sets), the better of which is believed accurate to
+  1-2 cm horizontally and 2-4 cm in height; common systematic errors do not show, and a real-time solution does not
   reach this.
-- Second-hand: roll and pitch of "rtk" (the maker's claim, as a user of the sensor lists it). Roll and pitch of "survey"
-  are from a trade journal's account of sensors on a ship; an aircraft moves otherwise.
+- Second-hand: roll and pitch of "rtk" (the maker's claim, as listed by a user). Roll and pitch of "survey"
+  are from a trade journal's report on sensors aboard a ship; an aircraft moves differently.
 - From notes, the source itself not at hand when this was written: attitude of "consumer" (datasheet), and the figures
-  that the trade journal gives.
-- Our assumptions: the kind of process and its correlation times, those of `NavigationTable`, which no source gives;
-  that a horizontal figure counts both axes together, hence each is 1 / sqrt(2) of it, and that a velocity holds for
-  every axis; that the heading error of two antennas falls as their distance grows; that "survey" measures velocity no
-  better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm a kilometre, is left out.
+  of the trade journal.
+- Our assumptions: the type of process and its correlation times, those of `NavigationTable`, which no source gives;
+  that a horizontal figure combines both axes, hence each is 1 / sqrt(2) of it, and that a velocity applies to
+  every axis; that the heading error of two antennas is inverse to their distance; that "survey" measures velocity no
+  better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm per km, is left out.
 """
 
 from dataclasses import dataclass, replace
@@ -30,12 +30,12 @@ from sionna_radar.foundation.input_file import parse_toml, read_text
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.scenario.problems import translate
 
-GRTK = "Blicube GRTK, the maker's performance specifications (github.com/blikvm/ardupilot_rtk)"
+GRTK = "Blicube GRTK, the manufacturer's performance specifications (github.com/blikvm/ardupilot_rtk)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grade:
-    """A grade of GPS/IMU: its errors, and where the numbers are from."""
+    """A grade of GPS/IMU: its errors, and the source of the numbers."""
 
     errors: NavigationTable
     source: str
@@ -78,12 +78,12 @@ GRADES = {
 
 
 def load_grades(path: Path) -> dict[str, Grade]:
-    """Read grades from a TOML file: a table each, with the keys of [platform.navigation] and a `source`.
+    """Read grades from a TOML file: one table each, with the keys of [platform.navigation] and a `source`.
 
     Raises
     ------
     InputFileError
-        The file is missing, no TOML, or a table is wrong.
+        The file is missing or not TOML, or a table is wrong.
 
     """
     text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
@@ -99,7 +99,7 @@ def load_grades(path: Path) -> dict[str, Grade]:
     except RadarError:
         raise
     except (ValueError, AttributeError) as error:
-        message = f"{path}: no table of navigation grades ({error}); give [name] tables of platform.navigation keys"
+        message = f"{path}: not a table of navigation grades ({error}); give [name] tables of platform.navigation keys"
         raise InputFileError(message) from error
 
 
@@ -108,5 +108,5 @@ def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
         return NavigationTable.model_validate(table)
     except ValidationError as error:
         problems = [replace(p, field=f"{name}.{p.field}") for p in translate(error.errors(), NavigationTable)]
-        message = str(ScenarioError(problems, f"{path}: no table of navigation grades"))
+        message = str(ScenarioError(problems, f"{path}: not a table of navigation grades"))
         raise InputFileError(message) from error

@@ -1,10 +1,10 @@
-"""A GPS/IMU with errors: what it reports of the antenna's pose.
+"""A GPS/IMU with errors: the antenna pose that it reports.
 
 The trajectory is the true motion of the inertial navigation system (INS). Its report has errors of position,
 velocity and attitude, each the sum of three parts: constant, white (new at every pulse) and first-order
-Gauss-Markov (an error that wanders and is pulled back to zero; its autocorrelation is sigma^2 exp(-|t| / T)). The
-report may be stamped late. From it follows the pose of the antenna, over a lever arm and a boresight alignment
-that are known with errors of their own.
+Gauss-Markov (an error that drifts and decays to zero; its autocorrelation is sigma^2 exp(-|t| / T)). The
+report may have a late time stamp. The antenna pose follows from it through a lever arm and a boresight alignment
+that have errors as well.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_un
 from sionna_radar.scenario.navigation import NavigationTable
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-# Uniform numbers in [0, 1) hold a zero, whose normal number would be infinite.
+# Uniform numbers in [0, 1) include zero, for which the normal number would be infinite.
 LEAST_UNIFORM = 2.0**-54
 
 
@@ -42,7 +42,7 @@ class ErrorParts:
 class GaussMarkov:
     """Unit first-order Gauss-Markov processes over a survey, drawn once on a fixed grid of times.
 
-    On the grid the process is exact; between, it is interpolated.
+    The process is exact on the grid and interpolated in between.
     """
 
     start_s: float
@@ -76,9 +76,9 @@ class InertialErrors:
 
     position, velocity: world frame (east, north, up).
     attitude: roll, pitch, heading.
-    time_offset_s: by how much the report lags behind the radar's clock.
-    lever_arm_m: from the INS to the antenna as believed, nose-right-down.
-    boresight_rad: turn of the antenna's mount about nose, right and down, as believed minus true.
+    time_offset_s: lag of the report behind the radar's clock.
+    lever_arm_m: assumed lever arm from the INS to the antenna, nose-right-down.
+    boresight_rad: rotation of the antenna's mount about nose, right and down, assumed minus true.
     seed: of all random parts.
     span_s, step_s: times of the flight and the step at which the Gauss-Markov parts are drawn.
     """
@@ -100,7 +100,7 @@ class InertialErrors:
         trajectory: Trajectory,
         R_body_antenna: Float[np.ndarray, "pulse 3 3"],
     ) -> Pose:
-        """Return the pose of the antenna as the INS reports it; see `Navigation`."""
+        """Return the pose of the antenna as reported by the INS; see `Navigation`."""
         true = body_motion(trajectory, time_s - self.time_offset_s)
         position, velocity, attitude = self.errors(index, time_s)
         motion = BodyMotion(
@@ -151,7 +151,7 @@ class InertialErrors:
 def inertial_errors(
     table: NavigationTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int
 ) -> InertialErrors | None:
-    """Return the navigation system of a scenario; None where it has no errors."""
+    """Return the navigation system of a scenario; None if it has no errors."""
     if not table.has_errors:
         return None
     start, end = trajectory.cruise_s()
@@ -179,7 +179,7 @@ def inertial_errors(
         lever_arm_m=_vector(lever),
         boresight_rad=_radians(table.boresight_error_deg),
         seed=seed,
-        # The middles of the chirps, where the pulses lie.
+        # The middles of the chirps, the times of the pulses.
         span_s=(start + 0.5 / chirp_rate_hz, end),
         step_s=1 / chirp_rate_hz,
     )

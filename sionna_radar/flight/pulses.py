@@ -1,4 +1,4 @@
-"""The pulses of a survey: when each chirp is sent, from where, and which way the antenna looks."""
+"""The pulses of a survey: when and where each chirp is transmitted, and in which direction."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from sionna_radar.scenario.parts import NAVIGATIONS
 Builder = TypeVar("Builder", bound=Callable[..., object])
 
 CHIRPS_AT_ONCE = 100_000
-# A scan without end is cut into lines of so many pulses, counted from the survey's first.
+# A continuous scan is divided into lines of this many pulses, counted from the first of the survey.
 LONGEST_LINE = 512
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pose(Columns):
-    """Where the radar is, how fast it moves and how its antenna is turned, in the world frame."""
+    """Position, velocity and antenna orientation of the radar, in the world frame."""
 
     position_m: Float[np.ndarray, "pulse 3"]
     velocity_mps: Float[np.ndarray, "pulse 3"]
@@ -37,13 +37,13 @@ class Pose(Columns):
 
     @property
     def boresight_range_rate_mps(self) -> Float[np.ndarray, " pulse"]:
-        """Rate at which still ground on the boresight recedes."""
+        """Range rate of stationary ground on the boresight."""
         return -np.einsum("pi,pi->p", self.velocity_mps, self.boresight)
 
 
 @runtime_checkable
 class Navigation(Protocol):
-    """A navigation system: what it makes of the true motion is all that processing knows of it."""
+    """A navigation system: processing knows the motion only from its report."""
 
     def measure(
         self,
@@ -57,11 +57,11 @@ class Navigation(Protocol):
         Parameters
         ----------
         index, time_s:
-            Running numbers and times of the pulses.
+            Indices and times of the pulses.
         trajectory:
             True motion of the navigation system.
         R_body_antenna:
-            Antenna in the platform, as the encoders of its scan and its stabilisation read.
+            Antenna in the platform, as measured by the encoders of its scan and its stabilisation.
 
         """
         ...
@@ -73,12 +73,12 @@ def antenna_pose(
     R_body_antenna: Float[np.ndarray, "pulse 3 3"],
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
 ) -> Pose:
-    """Return the true pose of an antenna, for navigation systems that add their errors to it.
+    """Return the true pose of an antenna, to which navigation systems add their errors.
 
     Parameters
     ----------
     trajectory, time_s:
-        Motion of the navigation system, and when.
+        Motion of the navigation system, and the times.
     R_body_antenna:
         Antenna in the platform.
     lever_arm_m:
@@ -100,13 +100,13 @@ def register_navigation(name: str, parameters: type[NavigationParameters]) -> Ca
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
         Its table of parameters, `[platform.navigation]`.
 
     Returns
     -------
-    A decorator of what builds a `Navigation`: a class or a function, called with the parameters, the true trajectory,
+    A decorator for a class or function that builds a `Navigation`, called with the parameters, the true trajectory,
     the chirp rate (Hz) and the scenario's seed. It may return None for a system without errors.
 
     Raises
@@ -141,7 +141,7 @@ def register_navigation(name: str, parameters: type[NavigationParameters]) -> Ca
 def build_navigation(
     table: NavigationParameters, trajectory: Trajectory, chirp_rate_hz: float, seed: int
 ) -> Navigation | None:
-    """Return the navigation system of a scenario; None where it reports the true pose."""
+    """Return the navigation system of a scenario; None if it reports the true pose."""
     system: Navigation | None = NAVIGATIONS.entry(table.kind)(table, trajectory, chirp_rate_hz, seed)
     return system
 
@@ -150,11 +150,11 @@ def build_navigation(
 class Pulses:
     """A block of pulses.
 
-    index: running number in the survey, the key of all random numbers.
+    index: index in the survey, the key of all random numbers.
     time_s: middle of the chirp.
-    true: the pose that the paths are traced from.
-    measured: the pose that the navigation system reports; all that processing may know.
-    scan_number: which scan of the antenna the pulse belongs to, counted from 0; None where all are one.
+    true: the pose from which paths are traced.
+    measured: the pose reported by the navigation system; the only one that processing may use.
+    scan_number: scan of the antenna that the pulse belongs to, from 0; None for a continuous scan.
     """
 
     index: Int[np.ndarray, " pulse"]
@@ -179,12 +179,12 @@ class Pulses:
         )
 
     def row_of(self, pulse: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return the rows of the block that hold pulses given by their running numbers."""
+        """Return the rows of the block that hold pulses given by their indices."""
         return np.searchsorted(self.index, pulse)
 
     @property
     def line(self) -> Int[np.ndarray, " pulse"]:
-        """Number of the scan line of each pulse within the block, a long one cut where all blocks cut it."""
+        """Scan line of each pulse within the block; long ones are divided at the same pulses in all blocks."""
         return np.cumsum(np.concatenate([[False], _ends_of_lines(self.index, self.scan_number)]))
 
 
@@ -192,9 +192,9 @@ class Pulses:
 class PulseSchedule:
     """All pulses of a survey by their times; poses are computed block by block.
 
-    trajectory: motion of the platform where its navigation system sits.
+    trajectory: motion of the platform at its navigation system.
     lever_arm_m: from there to the antenna, nose-right-down.
-    navigation: what reports the measured pose; None reports the true one.
+    navigation: reports the measured pose; None for the true one.
     """
 
     trajectory: Trajectory
@@ -236,7 +236,7 @@ class PulseSchedule:
             yield self.pulses(np.arange(start, min(start + block_size, len(self))))
 
     def line_blocks(self, block_size: int) -> Iterator[Pulses]:
-        """Yield the pulses in blocks of whole scan lines: of as many as fit into `block_size`, or of one."""
+        """Yield the pulses in blocks of whole scan lines: as many as fit into `block_size`, at least one."""
         number = self._scan_numbers()
         ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), number)) + 1, len(self))
         start = 0
@@ -259,7 +259,7 @@ class PulseSchedule:
 def _ends_of_lines(
     index: Int[np.ndarray, " pulse"], scan_number: Int[np.ndarray, " pulse"] | None
 ) -> Bool[np.ndarray, " step"]:
-    """Tell after which pulses (but the last) a scan line ends."""
+    """Return after which pulses (except the last) a scan line ends."""
     ends: Bool[np.ndarray, " step"] = np.diff(index // LONGEST_LINE) != 0
     return ends if scan_number is None else ends | (np.diff(scan_number) != 0)
 
@@ -272,11 +272,11 @@ def schedule_pulses(
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
     navigation: Navigation | None = None,
 ) -> PulseSchedule:
-    """Return the pulses of the cruise at the chirp rate, those outside the sector dropped."""
+    """Return the pulses of the cruise at the chirp rate, without those outside the scan sector."""
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
-    # Block by block: the pointing of all chirps at once would take far more memory than their times.
+    # Block by block: the pointing of all chirps together would take far more memory than their times.
     active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
     return PulseSchedule(
         trajectory=trajectory,

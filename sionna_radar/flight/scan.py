@@ -1,4 +1,4 @@
-"""Antenna scans: where the antenna points at any time."""
+"""Antenna scans: the pointing of the antenna at any time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
 
 @dataclass(frozen=True)
 class Pointing:
-    """The antenna at some times, in the forward-right-down axes that carry it.
+    """The antenna at some times, in the forward-right-down axes of its mount.
 
     R_mount_antenna: columns are boresight, left and up of the antenna.
     scan_rad: scan angle, zero in the middle of the sector.
-    active: whether the radar sends at that angle.
-    scan_number: which scan of the antenna it is, counted from 0; None for one scan without end.
+    active: whether the radar transmits at that angle.
+    scan_number: scan of the antenna, from 0; None for a continuous scan.
     """
 
     R_mount_antenna: Float[np.ndarray, "n 3 3"]
@@ -35,12 +35,12 @@ class Scan(Protocol):
 
     @property
     def stabilised(self) -> bool:
-        """Whether roll and pitch are taken out of the pointing: the mount is level, or else turns with the body."""
+        """Whether roll and pitch are removed from the pointing: the mount is level, not fixed to the body."""
         ...
 
     @property
     def incidence_rad(self) -> float:
-        """Angle of the boresight from nadir in the middle of the scan: where `radar.snr_db` is counted from."""
+        """Angle of the boresight from nadir in the middle of the scan: the reference of `radar.snr_db`."""
         ...
 
     def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
@@ -48,7 +48,7 @@ class Scan(Protocol):
         ...
 
     def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
-        """Return the widest distance between neighbouring beam centres on level ground: gaps of the DEM to close."""
+        """Return the largest distance between neighbouring beam centres on level ground: gaps to close in the DEM."""
         ...
 
 
@@ -58,13 +58,13 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
         Its table of parameters, `[radar.scan]`.
 
     Returns
     -------
-    A decorator of what builds a `Scan`: a class or a function, called with the parameters.
+    A decorator for a class or function that builds a `Scan`; it is called with the parameters.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Flights of straight legs with constant acceleration, known at any time.
 
-The track is a polyline on the ground plan, cruised at one speed; a turn at a waypoint is instantaneous, and so are
+The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous, and so are
 the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and descent (vertical,
 to and from the cruise height), cruise (along the track).
 """
@@ -18,7 +18,7 @@ from sionna_radar.scenario.platform import Platform
 
 
 class Phase(StrEnum):
-    """Part of a flight."""
+    """A phase of a flight."""
 
     TAKE_OFF = "take-off"
     CLIMB = "climb"
@@ -38,7 +38,7 @@ class Trajectory:
 
     @property
     def end_s(self) -> float:
-        """Time of the last phase's end; the flight starts at zero."""
+        """End time of the last phase; the flight starts at zero."""
         return self.phases[-1][2]
 
     def cruise_s(self) -> tuple[float, float]:
@@ -48,7 +48,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Track:
-    """A polyline on the ground plan, by the distance along it."""
+    """A horizontal polyline, by the distance along it."""
 
     waypoints_m: Float[np.ndarray, "k 2"]
 
@@ -79,7 +79,7 @@ class Track:
 
 
 def plan_track(platform: Platform, centre_m: tuple[float, float] = (0.0, 0.0)) -> Track:
-    """Return the track of a scenario; without a start it is centred on the middle of the terrain."""
+    """Return the track of a scenario; without a start it is centred on the terrain."""
     if platform.waypoints_m:
         return Track(np.array(platform.waypoints_m, dtype=float))
     heading = np.deg2rad(platform.heading_deg)
@@ -102,7 +102,7 @@ def plan_trajectory(
     track:
         Where to cruise.
     ground_m:
-        Ground height at points [n, 2] of the plan; read under the start, or all along when the flight
+        Ground height at horizontal positions [n, 2]; read under the start, or all along if the flight
         follows the terrain.
 
     """
@@ -196,7 +196,7 @@ class _Legs:
     def _vertical(
         self, time_s: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[_VerticalPhase, Bool[np.ndarray, " n"], Float[np.ndarray, " inside"]]]:
-        """Yield each vertical phase, the times that lie in it, and how long after its start they do."""
+        """Yield each vertical phase, the times within it, and the same relative to its start."""
         found = self._phase_of(time_s)
         for index, part in enumerate((*self.before, None, *self.after)):
             if part is not None:
@@ -209,8 +209,8 @@ def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_g
     if platform.height == "level":
         level = start_ground + platform.altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
-    # The ground is averaged over follow_length_m, as a flight controller would, then splined. Toward the ends of the
-    # track the average narrows and stays centred: one-sided, it would fly beside a slope, not over it.
+    # The ground is averaged over follow_length_m, as by a flight controller, then splined. Toward the ends of the
+    # track the average narrows and stays centred: a one-sided one would be biased on a slope.
     step = platform.follow_length_m / 10
     distance = np.linspace(0.0, track.length_m, max(int(np.ceil(track.length_m / step)) + 1, 5))
     half = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
@@ -222,7 +222,7 @@ def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_g
 def _vertical_phases(
     platform: Platform, ground: float, height: float, *, landing: bool = False
 ) -> list[_VerticalPhase]:
-    """Return take-off and climb: each from rest to rest with a trapezoid of vertical speed."""
+    """Return take-off and climb: each from rest to rest with a trapezoidal vertical speed."""
     rate = platform.descent_rate_mps if landing else platform.climb_rate_mps
     names = (Phase.LANDING, Phase.DESCENT) if landing else (Phase.TAKE_OFF, Phase.CLIMB)
     low = ground + platform.takeoff_height_m

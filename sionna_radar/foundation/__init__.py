@@ -1,4 +1,4 @@
-"""What every room stands on: errors, rasters, random streams, progress."""
+"""Basis of all other packages: errors, rasters, random streams, progress."""
 
 import lazy_loader
 

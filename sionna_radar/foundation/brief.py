@@ -5,9 +5,9 @@ from importlib import import_module
 
 
 class Brief:
-    """A result whose `repr` is a few lines.
+    """A result with a short `repr`.
 
-    In a notebook it is what the report makes of it, which is loaded then.
+    In a notebook it is shown by the report, which is loaded on demand.
     """
 
     def _repr_html_(self) -> str:

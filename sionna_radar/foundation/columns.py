@@ -13,7 +13,7 @@ Table = TypeVar("Table", bound="Columns")
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """A table of columns, one entry of each column in a row.
+    """A table of columns; a row is one entry of each column.
 
     A subclass is a frozen dataclass whose fields are NumPy arrays of one length along their first axis.
     """
@@ -22,7 +22,7 @@ class Columns:
         return len(getattr(self, fields(self)[0].name))
 
     def rows(self: Table, chosen: Int[np.ndarray, " row"] | Bool[np.ndarray, " entry"] | slice) -> Table:
-        """Return some of the rows: by their numbers, by a mask, or a slice."""
+        """Return some of the rows: by index, mask or slice."""
         return type(self)(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
 
     @classmethod

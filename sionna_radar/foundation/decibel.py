@@ -17,5 +17,5 @@ def to_db(ratio: float) -> float:
 
 
 def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return power ratios in dB; NaN for one that is not positive."""
+    """Return power ratios in dB; NaN for ratios that are not positive."""
     return 10.0 * np.log10(np.where(ratio > 0, ratio, np.nan))

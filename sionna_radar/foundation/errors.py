@@ -1,4 +1,4 @@
-"""The errors a user can cause, each saying which field, which value and what to do."""
+"""The errors a user can cause, each naming the field, the value and the remedy."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class RadarError(Exception):
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong with an input: the dotted key of the field, what is wrong, and the remedy."""
+    """One problem of an input: the dotted key of the field, what is wrong, and the remedy."""
 
     field: str
     message: str
@@ -56,15 +56,15 @@ class ScenarioError(RadarError, ValueError):
 
 
 class InputFileError(RadarError, ValueError):
-    """A file that cannot be read or does not hold what it should."""
+    """A file that cannot be read or has the wrong content."""
 
 
 class OutputError(RadarError, OSError):
-    """A place that results cannot be written to."""
+    """A location that results cannot be written to."""
 
 
 class KeptElsewhereError(OutputError):
-    """Results that could not go where they were asked for, and were kept under another name."""
+    """Results that could not be written to the requested folder, and were saved under another name."""
 
 
 class BackendError(RadarError, RuntimeError):

@@ -1,4 +1,4 @@
-"""The place of the local frame on the Earth."""
+"""The position of the local frame on the Earth."""
 
 import math
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ class MapCells:
 
 @dataclass(frozen=True, kw_only=True)
 class Georeference:
-    """Place of the local frame: a projected metric CRS and the offset that local coordinates lack.
+    """Position of the local frame: a projected metric CRS and the offset of local coordinates.
 
     Local metres are map coordinates minus `origin_m` (easting, northing, height), so that float32 ray tracing keeps
     its precision.
 
-    crs_wkt: compound, with heights in metres, where the vertical datum is known.
-    cells: those of the elevation file, where it is kept in its own projection.
+    crs_wkt: compound, with heights in metres, if the vertical datum is known.
+    cells: those of the elevation file, if it is kept in its own projection.
     """
 
     crs_wkt: str
@@ -31,7 +31,7 @@ class Georeference:
 
     @property
     def vertical_name(self) -> str:
-        """What its heights are, as "NAVD88 height"; empty where the vertical datum is unknown."""
+        """Name of its heights, such as "NAVD88 height"; empty if the vertical datum is unknown."""
         crs = CRS.from_wkt(self.crs_wkt)
         if crs.is_compound:
             return str(crs.sub_crs_list[1].name)
@@ -39,7 +39,7 @@ class Georeference:
 
     @property
     def convergence_deg(self) -> float:
-        """True azimuth of grid north at the origin: what is added to a heading to count it from true north."""
+        """True azimuth of grid north at the origin: add it to a heading to refer it to true north."""
         crs = CRS.from_wkt(self.crs_wkt).to_2d()
         east, north = self.origin_m[:2]
         step_m = 100.0
@@ -49,10 +49,10 @@ class Georeference:
         return float(azimuth)
 
     def cell_centre_m(self, spacing_m: float) -> tuple[float, float]:
-        """Return the centre, in local metres, of a cell of the map's grid of some spacing.
+        """Return the centre, in local metres, of a cell of the map grid with a given spacing.
 
-        The edges of that grid are whole multiples of the spacing in map coordinates. Where the spacing is a whole
-        multiple or fraction of the elevation file's cells, it is moved to have its edges on theirs.
+        The edges of that grid are whole multiples of the spacing in map coordinates. If the spacing is a whole
+        multiple or fraction of the elevation file's cells, the grid is shifted to align with their edges.
         """
         edge = [0.0, 0.0]
         if self.cells and all(_one_holds_the_other(spacing_m, size) for size in self.cells.size_m):

@@ -1,7 +1,7 @@
-"""Files that a user hands in: regular, of a bounded size, and read as text or as TOML.
+"""Input files of the user: regular, of a bounded size, and read as text or as TOML.
 
-A pipe never ends, a device never fills up, and a path may hold characters that no file system takes: all of these end
-in one `InputFileError` that names what was asked for.
+A pipe may never end, a device has no size, and a path may contain characters that no file system accepts: all end
+in one `InputFileError` that names what was requested.
 """
 
 import errno
@@ -17,12 +17,12 @@ MOST_TEXT_BYTES = 10_000_000
 LONGEST_SHOWN = 120
 # Deeper than any table of a scenario; TOML's parser and pydantic recurse once or more for each level.
 DEEPEST_NESTING = 32
-# What TOML promises of a whole number.
+# Range of integers guaranteed by TOML.
 LEAST_WHOLE, MOST_WHOLE = -(2**63), 2**63 - 1
 
 
 def shown(value: object) -> str:
-    """Return a value as an error message shows it: on one line, printable anywhere, and not too long."""
+    """Return a value as shown in error messages: on one line, printable anywhere, and not too long."""
     text = str(value) if isinstance(value, os.PathLike) else repr(value)
     text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
@@ -32,23 +32,23 @@ def shown(value: object) -> str:
 
 
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT_BYTES) -> int:
-    """Check that a path leads to a regular file of a bounded size, and return its size in bytes.
+    """Check that a path is a regular file of a bounded size, and return its size in bytes.
 
     Parameters
     ----------
     path:
         The file.
     name:
-        What asked for it, as the message begins.
+        Beginning of the message: what requested the file.
     remedy:
-        What to give instead, as the message ends.
+        End of the message: what to give instead.
     most_bytes:
-        Largest size that is read.
+        Largest accepted size.
 
     Raises
     ------
     InputFileError
-        It does not exist, is not a regular file or is too large, or no file can have such a path.
+        It does not exist, is not a regular file or is too large, or the path is invalid.
 
     """
     try:
@@ -69,7 +69,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT
 def read_text(path: Path, name: str, remedy: str) -> str:
     """Return the text of a file in UTF-8.
 
-    Raises InputFileError as `regular_file` does, and where the file cannot be read or is not text.
+    Raises InputFileError as `regular_file` does, and if the file cannot be read or is not text.
     """
     regular_file(path, name, remedy)
     try:
@@ -113,9 +113,9 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def why_not(error: ValueError | OSError) -> str:
-    """Return why a path leads to no file."""
+    """Return why a path does not lead to a file."""
     if isinstance(error, ValueError):
-        return "holds characters that no path can"
+        return "contains characters that no path can contain"
     match error.errno:
         case errno.ENOENT | errno.ENOTDIR:
             return "does not exist"

@@ -1,10 +1,10 @@
-"""Ctrl-C and SIGTERM end the program with one line and exit code 130 or 143, whatever it is doing.
+"""Ctrl-C and SIGTERM end the program with one line and exit code 130 or 143 at any time.
 
 An exception that a signal raises can be lost: destructors and callbacks from C code swallow it, and a binding to C++
 may turn it into a TypeError. So the signal is also remembered: `raise_received`, called at every step of progress,
-raises it again, and whatever ends the program after a signal is taken for its interrupt.
+raises it again, and any end of the program after a signal counts as an interrupt.
 
-Nothing but the standard library's lightest modules is imported here: this stands before all other imports.
+Only the lightest modules of the standard library are imported here, as this comes before all other imports.
 """
 
 import signal
@@ -16,7 +16,7 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _received: list[int] = []
-# How many signals came in each block that holds the first of them back.
+# Number of signals received in each block that defers the first of them.
 _held_back: list[int] = []
 
 
@@ -32,7 +32,7 @@ def raise_received() -> None:
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Let the first signal wait for the end of a block, such as the writing of what hours have made."""
+    """Defer the first signal to the end of a block, such as the writing of results that took hours."""
     _held_back.append(0)
     try:
         yield
@@ -43,11 +43,11 @@ def held_back() -> Iterator[None]:
 
 
 @contextmanager
-def interrupts_told() -> Iterator[None]:
+def interrupts_reported() -> Iterator[None]:
     """Run the whole program: an interrupt ends it with one line on standard error and exit code 128 + signal."""
     _received.clear()
     for number in SIGNALS:
-        # A shell that starts a program in the background has it ignore Ctrl-C; that is to stay so.
+        # A shell that starts a program in the background makes it ignore Ctrl-C; this is kept.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
     try:
@@ -56,7 +56,7 @@ def interrupts_told() -> Iterator[None]:
         if not _received:
             raise
     finally:
-        # All is written by now; a traceback from the interpreter's own end would say nothing.
+        # Everything is written by now; a traceback from the interpreter's shutdown would be meaningless.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     if _received:

@@ -1,6 +1,6 @@
-"""Linear algebra on one thread: how it is split among several decides its rounding, the last bits of every result.
+"""Linear algebra on one thread: a split among several would change the rounding, the last bits of every result.
 
-For matrices as small as a survey's, several threads are no faster either.
+For the small matrices of a survey, several threads are not faster anyway.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 
 def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Return a function that runs with one thread of BLAS and OpenMP; the caller's settings come back after it."""
+    """Return a function that runs with one thread of BLAS and OpenMP; the caller's settings are restored afterwards."""
 
     @wraps(function)
     def limited(*given: Given.args, **named: Given.kwargs) -> Result:

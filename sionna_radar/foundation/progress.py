@@ -10,8 +10,8 @@ from sionna_radar.foundation.interrupts import raise_received
 if TYPE_CHECKING:
     from rich.console import Console
 
-# Called at the start of a stage and after each of its steps with the stage's name, the steps done, and the steps in
-# all; these are 0 where nobody knows them.
+# Called at the start of a stage and after each of its steps with the stage's name, the steps done, and the total number
+# of steps, 0 if unknown.
 Progress = Callable[[str, int, int], None]
 
 
@@ -21,7 +21,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 @contextmanager
 def default_progress(progress: Progress | None) -> Iterator[Progress]:
-    """Yield what shows the progress: the caller's own, or else a bar in a notebook and nothing in a script."""
+    """Yield a progress callback: the caller's if given, otherwise a bar in a notebook and nothing in a script."""
     if progress is not None or not in_notebook():
         yield progress or silent
         return
@@ -40,7 +40,7 @@ def in_notebook() -> bool:
 
 @contextmanager
 def progress_bar(console: "Console | None" = None) -> Iterator[Progress]:
-    """Yield what draws a bar for each stage, on a console or in a notebook."""
+    """Yield a progress callback that draws a bar for each stage, on a console or in a notebook."""
     from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
 

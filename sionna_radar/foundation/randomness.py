@@ -1,4 +1,4 @@
-"""Random numbers that belong to a pulse, whatever block or worker computes it.
+"""Random numbers tied to a pulse, whatever block or worker computes it.
 
 Every stream is a counter-based Philox generator keyed by (seed, stream) whose counter is set from the pulse
 index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone (Salmon et al.
@@ -10,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-STREAMS = 256  # more than there will ever be, so that no item's key is another stream's
+STREAMS = 256  # an upper bound, so that no item's key equals another stream's
 
 
 class Stream(IntEnum):
@@ -29,7 +29,7 @@ class Stream(IntEnum):
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:
-    """Return the generator of one pulse and stream; 2**64 numbers lie between two pulses."""
+    """Return the generator of one pulse and stream; pulses are 2**64 numbers apart."""
     return np.random.Generator(np.random.Philox(key=[seed, int(stream)], counter=[0, pulse, 0, 0]))
 
 
@@ -38,7 +38,7 @@ def pulse_uniforms(
 ) -> Float[np.ndarray, "pulse {count}"]:
     """Return `count` numbers in [0, 1) for each pulse; a stream is drawn with one `count` throughout.
 
-    item: which of several things alike the numbers are for, each with numbers of its own.
+    item: index among several similar items, each with its own numbers.
     """
     steps = -(-count // 4)  # a step of the counter yields four numbers
     out = np.empty((len(pulse), 4 * steps))

@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Square cells of the local ground plan, by their centres; rows run from south to north."""
+    """Square cells in the horizontal plane, by their centres; rows run from south to north."""
 
     west_m: float
     south_m: float
@@ -52,14 +52,14 @@ class Grid:
     def cell_of(
         self, place_m: Float[np.ndarray, "n k"]
     ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Return row and column of the cell nearest to each place (east, north, ...), and whether it holds it."""
+        """Return row and column of the cell nearest to each position (east, north, ...), and whether it is inside."""
         column = np.round((place_m[:, 0] - self.west_m) / self.spacing_m).astype(np.int64)
         row = np.round((place_m[:, 1] - self.south_m) / self.spacing_m).astype(np.int64)
         inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
         return np.clip(row, 0, self.rows - 1), np.clip(column, 0, self.columns - 1), inside
 
     def cut(self, rows: slice, columns: slice) -> "Grid":
-        """Return a part of the grid; both slices have a start and a stop within it."""
+        """Return a part of the grid; both slices need a start and a stop within it."""
         return Grid(
             west_m=float(self.x_m[columns.start]),
             south_m=float(self.y_m[rows.start]),
@@ -77,7 +77,7 @@ class Grid:
         spacing_m: float,
         centre_m: tuple[float, float] = (0.0, 0.0),
     ) -> "Grid":
-        """Return the grid of square cells, the centre of one of them at `centre_m`, that covers a rectangle."""
+        """Return the grid of square cells that covers a rectangle, with one cell centred at `centre_m`."""
         first_column, columns = _cells_over(west - centre_m[0], east - centre_m[0], spacing_m)
         first_row, rows = _cells_over(south - centre_m[1], north - centre_m[1], spacing_m)
         return Grid(
@@ -90,7 +90,7 @@ class Grid:
 
 
 def _cells_over(low_m: float, high_m: float, spacing_m: float) -> tuple[int, int]:
-    """Return the number of the first cell, counted from the one at 0, and how many centres reach from low to high."""
+    """Return the index of the first cell, relative to the one at 0, and the number of cells from low to high."""
     first = int(np.floor(low_m / spacing_m))
     return first, int(np.ceil(high_m / spacing_m)) - first + 1
 
@@ -118,7 +118,7 @@ class Raster:
 
     @property
     def filled(self) -> Bool[np.ndarray, "row column"]:
-        """Cells that hold a height."""
+        """Cells that have a height."""
         return np.isfinite(self.height_m)
 
     def within(self, cells: Bool[np.ndarray, "row column"]) -> "Raster":
@@ -126,7 +126,7 @@ class Raster:
         return Raster(grid=self.grid, height_m=np.where(cells, self.height_m, np.nan))
 
     def at(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return bilinear heights; NaN outside the cell centres or beside an empty cell."""
+        """Return bilinear heights; NaN outside the cell centres or next to an empty cell."""
         grid = self.grid
         column = (point_m[:, 0] - grid.west_m) / grid.spacing_m
         row = (point_m[:, 1] - grid.south_m) / grid.spacing_m

@@ -14,7 +14,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """Count the time of a block towards a stage."""
+        """Add the time of a block to a stage."""
         start = perf_counter()
         try:
             yield
@@ -22,5 +22,5 @@ class Stopwatch:
             self._spent[stage] = self._spent.get(stage, 0.0) + perf_counter() - start
 
     def seconds(self) -> dict[str, float]:
-        """Return the seconds of each stage, and since the stopwatch was made under `total`."""
+        """Return the seconds of each stage, and under `total` those since the stopwatch was created."""
         return {**self._spent, "total": perf_counter() - self._start}

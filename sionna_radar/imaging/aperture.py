@@ -23,9 +23,9 @@ class Aperture:
 
     width_rad: full angle about boresight in the plane of the azimuth cut.
     azimuth: the antenna's azimuth cut.
-    weighting: beam leaves the weight that the two-way beam gives (best signal-to-noise but for a few tenths of a
-        decibel); flat divides it out (finest for its width).
-    window: a further taper across the width, any of `scipy.signal.get_window`; lowers side lobes.
+    weighting: "beam" keeps the weight of the two-way beam (best signal-to-noise ratio, to within a few tenths of a
+        decibel); "flat" divides it out (finest resolution for the width).
+    window: an additional taper across the width, any of `scipy.signal.get_window`; lowers side lobes.
     """
 
     width_rad: float
@@ -43,37 +43,37 @@ class Aperture:
         return get_window(self.window, WINDOW_NODES, fftbins=False)
 
     def two_way(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the two-way voltage of the beam over its peak's at direction cosines."""
+        """Return the two-way voltage pattern relative to its peak at direction cosines."""
         return self.azimuth.at(u) ** 2
 
     def weight(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return what a pulse is multiplied with that sees the pixel at direction cosines within the reach."""
+        """Return the weight of a pulse that sees the pixel at direction cosines within the reach."""
         taper = np.interp(u, np.linspace(-self.reach, self.reach, WINDOW_NODES), self._taper)
         return taper / self.two_way(u) if self.weighting == "flat" else taper
 
     @cached_property
     def beam_reach(self) -> float:
-        """Direction cosine beyond which echoes of the main lobe are too weak to fold into the focused part."""
+        """Direction cosine beyond which main-lobe echoes are too weak to alias into the focused part."""
         beyond = lobe_samples(self.azimuth, FOLDING).stop
         return float(self.azimuth.cosine[beyond]) if beyond < len(self.azimuth.cosine) else 1.0
 
 
 def whole_beam(antenna: Antenna) -> Aperture:
-    """Return the aperture of an antenna's whole main lobe, as the beam weights it."""
+    """Return the aperture of an antenna's whole main lobe, with the weight of the beam."""
     aperture = Aperture(width_rad=1.0, azimuth=antenna.azimuth)
     return Aperture(width_rad=2 * float(np.arcsin(aperture.beam_reach)), azimuth=antenna.azimuth)
 
 
 def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture) -> None:
-    """Refuse a chirp rate whose pulses lie too far apart for the azimuth bandwidth.
+    """Refuse a chirp rate whose pulses are too far apart for the azimuth bandwidth.
 
-    Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). What the beam lights,
-    |u| <= beam_reach, must not fold into what is focused, |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
+    Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). The illuminated part
+    |u| <= beam_reach must not alias into the focused part |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
 
     Raises
     ------
     ScenarioError
-        They do.
+        The pulses are too far apart.
 
     """
     left = measured.R_world_antenna[:, :, 1]

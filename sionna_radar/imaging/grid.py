@@ -11,11 +11,11 @@ from sionna_radar.flight.pulses import Pose
 
 @dataclass(frozen=True, kw_only=True)
 class PixelGrid:
-    """Pixels by their places along and across the track.
+    """Pixels by their positions along and across the track.
 
     origin_m: the point that both axes count from, world frame.
     along, across: unit vectors of the axes.
-    along_m, across_m: places of the columns and of the rows.
+    along_m, across_m: positions of the columns and of the rows.
     """
 
     origin_m: Float[np.ndarray, " 3"]
@@ -53,7 +53,7 @@ def ground_pixels(
     height_m:
         Height of the ground, world frame.
     along_m, across_m:
-        Places along the track from under the first pose, and ground range from the track.
+        Positions along the track from below the first pose, and ground ranges from the track.
 
     """
     start, end = pose.position_m[0, :2], pose.position_m[-1, :2]

@@ -1,6 +1,6 @@
-"""The widths of point targets in images, measured where they can be: alone, steady and far brighter than the ground.
+"""The widths of point targets in images, measured if they are isolated, steady and far brighter than the ground.
 
-The targets are known to whoever judges an image, as corner reflectors are in a field; no image is made with them.
+Target positions are known for evaluating an image, like surveyed corner reflectors; imaging does not use them.
 """
 
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ from sionna_radar.imaging.slar import SlantImage
 from sionna_radar.imaging.strip import Strip
 from sionna_radar.scene.model import Target
 
-# Half extent of what a target is measured in, in its theoretical widths, and the samples in each.
+# Half extent of the patch for measuring a target, in theoretical widths, and the samples per width.
 PATCH_WIDTHS = 3.0
 SAMPLES_PER_WIDTH = 8
-# A target is measured that stands so far above the median around it. Speckle, exponential about 1.44 times its median,
+# A target is measured if it exceeds the median around it by this. Speckle, exponential about 1.44 times its median,
 # does so once in 2^30 cells.
 LEAST_CONTRAST = 30.0
-# Swerling's cases that change from pulse to pulse: their images have no width of their own.
+# Swerling cases that change from pulse to pulse: their images have no defined width.
 UNSTEADY = (2, 4)
 
 
@@ -35,9 +35,9 @@ class Widths:
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """A point target by its place beside a track.
+    """A point target by its position relative to a track.
 
-    along_m: along the track from under its start; ground_m: away from it, on the side looked at.
+    along_m: along the track from below its start; ground_m: ground range from it, on the side of the radar's view.
     height_m: world frame; slant_range_m, incidence_rad: from the nearest point of the track.
     """
 
@@ -50,7 +50,7 @@ class Point:
 
 
 def point_beside(target: Target, strip: Strip) -> Point:
-    """Return where a target lies beside the track of a strip."""
+    """Return the position of a target relative to the track of a strip."""
     frame = strip.pixels(np.zeros(1), np.zeros(1))
     away = np.array(target.position_m) - frame.origin_m
     along, ground = float(away @ frame.along), float(away @ frame.across)
@@ -66,7 +66,7 @@ def point_beside(target: Target, strip: Strip) -> Point:
 
 
 def isolated(point: Point, others: Sequence[Point], theory: Widths) -> bool:
-    """Tell whether no other point lies where it would disturb the response of one."""
+    """Return whether no other point is close enough to disturb the response of one."""
     return not any(
         other is not point
         and abs(other.along_m - point.along_m) < 2 * PATCH_WIDTHS * theory.along_m
@@ -76,7 +76,7 @@ def isolated(point: Point, others: Sequence[Point], theory: Widths) -> bool:
 
 
 def patch_around(point: Point, strip: Strip, theory: Widths) -> PixelGrid:
-    """Return the pixels that the focused response of a point is measured in, at its own height."""
+    """Return the pixels for measuring the focused response of a point, at the height of the point."""
     offset = np.arange(-PATCH_WIDTHS, PATCH_WIDTHS + 1e-9, 1 / SAMPLES_PER_WIDTH)
     return strip.pixels(
         point.along_m + offset * theory.along_m, point.ground_m + offset * theory.across_m, point.height_m
@@ -103,7 +103,7 @@ def _widths(
     along_m: Float[np.ndarray, " along"],
     across_m: Float[np.ndarray, " across"],
 ) -> Widths | None:
-    # The point stands in the middle; what is brighter near the edge is something else.
+    # The point is in the middle; anything brighter near the edge is something else.
     skip = [size // 3 for size in power.shape]
     inner = power[skip[0] : -skip[0], skip[1] : -skip[1]]
     brightest = np.unravel_index(inner.argmax(), inner.shape)

@@ -1,13 +1,13 @@
-"""What an image resolves, in closed form or by one quadrature, and the width of a measured response.
+"""The resolution of images, in closed form or by one quadrature, and the width of a measured response.
 
 Half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
 track where a scatterer has the direction cosine u; the image of a point is the Fourier transform of the weight W(u)
-that the beam and the processing give it,
+applied by the beam and the processing,
 
     h(x) = integral of W(u) exp(4 pi i u x / lambda) du
 
 A flat weight over |u| <= U gives a sinc with its first null at lambda / (4 U). An antenna of length d has the beam
-2 U = lambda / d, hence the null at d / 2: half the real aperture's length. Left as it is, its two-way beam is the
+2 U = lambda / d, hence the null at d / 2: half the real aperture's length. Not equalised, its two-way beam is the
 squared transform of the taper, so h(x) is the taper convolved with itself, at 2 x: a triangle that ends at d / 2 for
 a uniform taper, of half-power width (2 - sqrt 2) d / 2.
 """
@@ -27,7 +27,7 @@ NODES = 4001
 
 
 def window_factor(window_name: str) -> float:
-    """Return the half-power width of a window's spectrum in bins of one over its length: 0.886 for a boxcar."""
+    """Return the half-power width of a window's spectrum in units of one over its length: 0.886 for a boxcar."""
     weights = get_window(window_name, NODES - 1)
     place = (np.arange(NODES - 1) - (NODES - 1) // 2) / (NODES - 1)
 
@@ -48,12 +48,12 @@ def ground_range_resolution_m(chirp: Chirp, window_name: str, incidence_rad: flo
 
 
 def real_aperture_resolution_m(azimuth: Cut, range_m: float) -> float:
-    """Return the half-power width along the track of a point that is not focused: the two-way beam's at its range."""
+    """Return the half-power width along the track of an unfocused point: that of the two-way beam at its range."""
     return range_m * half_power_width(azimuth.cosine, azimuth.voltage**4)
 
 
 def azimuth_resolution_m(aperture: Aperture, wavelength_m: float) -> float:
-    """Return the half-power width along the track of a focused point; see the module's text."""
+    """Return the half-power width along the track of a focused point; see the module docstring."""
     u = np.linspace(-aperture.reach, aperture.reach, NODES)
     weight = aperture.weight(u) * aperture.two_way(u)
 

@@ -1,14 +1,14 @@
 """Stripmap SAR by back-projection.
 
 For every pulse and pixel the exact two-way delay and its rate follow from the measured position and velocity; the
-phase polynomial of `sionna_radar.signal.beat` then says at which beat frequency the pixel's echo lies (range, with
-the shift that Doppler adds within the sweep) and which phase it has in the middle of the sweep (the carrier's and the
-residual video phase). The pulse's range spectrum is read at that frequency, turned back by that phase, and summed:
+phase polynomial of `sionna_radar.signal.beat` then gives the beat frequency of the pixel's echo (range, with
+the Doppler shift within the sweep) and its phase in the middle of the sweep (of the carrier and the
+residual video phase). The pulse's range spectrum is read at that frequency, rotated back by that phase, and summed:
 
     image = sum of w(u) X(f) exp(-2 pi i c0) / sum of w(u) A(u)
 
-with A the two-way beam over its peak, so that the power of a point's image is what a chirp receives from it on the
-middle of the beam. Ground focuses only with tracing.speckle = "persistent": its scatterers must stay where they are.
+with A the two-way beam over its peak, so that the power of a point's image is what a chirp receives from it in the
+middle of the beam. Ground focuses only with tracing.speckle = "persistent": its scatterers must stay fixed.
 Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture Radar", 1995.
 """
 
@@ -35,10 +35,10 @@ PIXELS_AT_ONCE = 8192
 
 @dataclass(frozen=True, kw_only=True)
 class SarImage:
-    """A focused image, and what it was focused with.
+    """A focused image, and the settings of its focusing.
 
-    amplitude: sqrt(W), complex, its phase that of the scatterers' gains; 0 where no pulse looks.
-    pulses: how many pulses each pixel was focused from.
+    amplitude: sqrt(W), complex, with the phase of the scatterers' gains; 0 where no pulse looks.
+    pulses: number of pulses each pixel was focused from.
     """
 
     grid: PixelGrid
@@ -55,9 +55,9 @@ class SarImage:
 
 
 class BackProjection:
-    """An image that grows block of pulses by block of pulses.
+    """An image accumulated block by block of pulses.
 
-    Memory is that of the image and of `PULSES_AT_ONCE` spectra; the block sizes do not change the image beyond
+    Memory holds the image and `PULSES_AT_ONCE` spectra; the block size does not change the image beyond
     rounding.
     """
 
@@ -90,7 +90,7 @@ class BackProjection:
         Raises
         ------
         ScenarioError
-            The pulses lie too far apart; see `check_sampling`.
+            The pulses are too far apart; see `check_sampling`.
 
         """
         check_sampling(measured, self._chirp, self._aperture)
@@ -127,7 +127,7 @@ class BackProjection:
             yield slice(start, min(start + PIXELS_AT_ONCE, len(self._pixels)))
 
     def _lighting(self, pose: Pose, chunk: slice) -> Int[np.ndarray, " row"]:
-        """Return the pulses whose aperture reaches into the ball around some pixels."""
+        """Return the pulses whose aperture reaches into the sphere around some pixels."""
         low, high = self._pixels[chunk].min(axis=0), self._pixels[chunk].max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
         away = (low + high) / 2 - pose.position_m
@@ -143,8 +143,8 @@ class BackProjection:
         range_rate = -(away[use] @ pose.velocity_mps[row]) / range_m[use]
         phase = phase_polynomial(2 * range_m[use] / speed_of_light, range_rate, self._chirp)
         place = phase.frequency_hz * (self._chirp.duration_s * ZERO_PADDING)
-        told = (place >= 0) & (place < len(spectrum) - 1)
-        use, place, constant = use[told], place[told], phase.constant[told]
+        covered = (place >= 0) & (place < len(spectrum) - 1)
+        use, place, constant = use[covered], place[covered], phase.constant[covered]
         below = place.astype(np.int64)
         share = place - below
         value = spectrum[below] * (1 - share) + spectrum[below + 1] * share
@@ -174,7 +174,7 @@ def focus(
     chirp:
         The sweep.
     grid:
-        Where to image.
+        Pixels of the image.
     aperture:
         The part of the beam to use; `whole_beam(antenna)` for all of it.
     window_name:

@@ -1,8 +1,8 @@
-"""The image of a side-looking real-aperture radar: power against the place along the track and the slant range.
+"""The image of a side-looking real-aperture radar: power against along-track position and slant range.
 
 Along the track it resolves the beam's footprint, in range c / (2 B) times the window's factor. On level ground a
 point at slant range r, seen from the height h, lies at the ground range sqrt(r^2 - h^2); a range cell there is
-1 / sin(incidence) times as wide, and what stands up leans toward the track.
+1 / sin(incidence) times as wide, and elevated points shift toward the track (layover).
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from sionna_radar.flight.pulses import Pose
 
 @dataclass(frozen=True, kw_only=True)
 class SlantImage:
-    """Range-compressed pulses side by side, averaged in power over equal stretches of the track.
+    """Range-compressed pulses side by side, averaged in power over equal intervals of the track.
 
-    power: W; NaN in stretches without a pulse.
-    along_m: middle of each stretch, from the first pulse.
+    power: W; NaN in intervals without a pulse.
+    along_m: middle of each interval, from the first pulse.
     range_m: slant range, corrected for Doppler.
-    height_m: mean height of the radar in each stretch, world frame.
+    height_m: mean height of the radar in each interval, world frame.
     """
 
     power: Float[np.ndarray, "along range"]
@@ -32,7 +32,7 @@ class SlantImage:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundImage:
-    """A slant-range image laid on level ground.
+    """A slant-range image projected onto level ground.
 
     power: W, on the scale of the slant-range image; NaN nearer than the ground or beyond the last range.
     ground_m: distance from the point under the radar.
@@ -44,9 +44,9 @@ class GroundImage:
 
 
 class SideLooking:
-    """A slant-range image that grows block of pulses by block of pulses.
+    """A slant-range image accumulated block by block of pulses.
 
-    step_m: length of the stretches that pulses are averaged over.
+    step_m: length of the intervals over which pulses are averaged.
     """
 
     def __init__(self, analyser: SpectrumAnalyser, step_m: float) -> None:
@@ -97,7 +97,7 @@ class SideLooking:
         )
 
     def _corrected(self, power: Float[np.ndarray, "pulse bin"], measured: Pose) -> Float[np.ndarray, "pulse bin"]:
-        """Return spectra moved by the Doppler of the boresight, as the measured velocity says."""
+        """Return spectra shifted by the Doppler of the boresight, from the measured velocity."""
         range_m = self._analyser.range_m
         shift = self._analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
         if np.all(np.abs(shift) < 1e-3 * self._analyser.bin_m):
@@ -118,7 +118,7 @@ def slant_range_image(
     analyser:
         Window and zero-padding of the range spectra.
     step_m:
-        Length of track that pulses are averaged over.
+        Length of track over which pulses are averaged.
 
     """
     growing = SideLooking(analyser, step_m)
@@ -127,7 +127,7 @@ def slant_range_image(
 
 
 def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:
-    """Lay a slant-range image on level ground.
+    """Project a slant-range image onto level ground.
 
     Parameters
     ----------

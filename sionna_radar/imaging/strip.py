@@ -1,4 +1,4 @@
-"""The strip of ground that a side-looking radar images beside a straight track, and the pixels that suit it."""
+"""The strip of ground that a side-looking radar images beside a straight track, and suitable pixels."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +12,7 @@ from sionna_radar.imaging.grid import PixelGrid, ground_pixels
 from sionna_radar.imaging.resolution import azimuth_resolution_m, ground_range_resolution_m
 from sionna_radar.radar.chirp import Chirp
 
-# Angles from nadir that level ground is imaged between, whatever the beam.
+# Angles from nadir between which level ground is imaged, whatever the beam.
 STEEPEST_RAD, FLATTEST_RAD = np.deg2rad(1.0), np.deg2rad(85.0)
 # Pixels per half-power width of a focused point.
 PIXELS_PER_WIDTH = 2
@@ -21,7 +21,7 @@ MOST_PIXELS = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Strip:
-    """Level ground beside a straight track, as far across as the beam lights it.
+    """Level ground beside a straight track, as far across as the beam illuminates it.
 
     track: the first and the last measured pose.
     height_m: height of the ground, world frame.
@@ -53,7 +53,7 @@ class Strip:
         return float(np.hypot(self.clearance_m, ground_m))
 
     def pixels(self, along_m: np.ndarray, across_m: np.ndarray, height_m: float | None = None) -> PixelGrid:
-        """Return pixels by their places along and across the track, on the ground or at a given height."""
+        """Return pixels by their positions along and across the track, on the ground or at a given height."""
         height = self.height_m if height_m is None else height_m
         return ground_pixels(self.track, self.side, height, along_m, across_m)
 
@@ -66,7 +66,7 @@ def lit_strip(
     elevation_width_rad: float,
     max_range_m: float,
 ) -> Strip:
-    """Return the strip that a beam lights.
+    """Return the strip that a beam illuminates.
 
     Parameters
     ----------
@@ -96,19 +96,19 @@ def lit_strip(
 
 
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:
-    """Return pixels wherever the aperture is flown whole, so fine that a focused point covers two each way.
+    """Return pixels wherever the full aperture is flown, so fine that a focused point covers two each way.
 
     Raises
     ------
     ScenarioError
-        The track is shorter than the aperture, or makes too many pixels.
+        The track is shorter than the aperture, or needs too many pixels.
 
     """
     reach = aperture.reach / float(np.sqrt(1 - aperture.reach**2))
     margin = reach * strip.slant_range_m(strip.far_m)
     if strip.length_m <= 2 * margin:
         message = (
-            f"the radar sends over {strip.length_m:.1f} m, less than the {2 * margin:.1f} m that the beam is long at "
+            f"the radar transmits over {strip.length_m:.1f} m, less than the beam length of {2 * margin:.1f} m at "
             f"the far edge of the strip; raise it above {2 * margin:.1f}, or narrow radar.antenna.beamwidth_deg"
         )
         raise ScenarioError([Problem("platform.length_m", message)])
@@ -118,7 +118,7 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
     pixels = (strip.length_m - 2 * margin) / along * (strip.far_m - strip.near_m) / across
     if pixels > MOST_PIXELS:
         message = (
-            f"a track of {strip.length_m:.0f} m makes {pixels:,.0f} pixels of {1e3 * along:.0f} mm x "
+            f"a track of {strip.length_m:.0f} m needs {pixels:,.0f} pixels of {1e3 * along:.0f} mm x "
             f"{1e3 * across:.0f} mm, more than {MOST_PIXELS:,}; shorten it"
         )
         raise ScenarioError([Problem("platform.length_m", message)])

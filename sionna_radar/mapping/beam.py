@@ -1,4 +1,4 @@
-"""The beam as a map knows it: directions in the main lobe, and the share of the echo's power between them."""
+"""The beam as used in mapping: directions in the main lobe, and the share of the echo's power between them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,20 +11,20 @@ from scipy.sparse import csr_matrix
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 
-# Rays along which the range is found, in azimuth and elevation, and the finer samples that carry the power between two:
-# more of them in elevation, along which the range of level ground changes.
+# Rays along which the range is computed, in azimuth and elevation, and the finer samples of power between two rays:
+# more in elevation, along which the range of level ground changes.
 NODES = 12, 16
 SAMPLES_PER_STEP = 2, 8
 
 
 @dataclass(frozen=True)
 class BeamNodes:
-    """Directions of the main lobe on a coarse grid that rays are cast along, and a fine one that carries power.
+    """Directions of the main lobe on a coarse grid for ray casting, and on a fine one for power.
 
     direction: unit vectors of the nodes in the antenna's frame.
     share: two-way power of the fine samples, summing to one.
     azimuth, elevation: direction cosines of the fine samples, azimuth the slower in `share`.
-    between: takes values at the nodes to the samples, bilinear in the direction cosines.
+    between: interpolates values at the nodes to the samples, bilinear in the direction cosines.
     """
 
     direction: Float[np.ndarray, "node 3"]
@@ -51,7 +51,7 @@ class BeamNodes:
 
 
 def beam_nodes(antenna: Antenna) -> BeamNodes:
-    """Return the main lobe of an antenna: finer in elevation, along which the range changes."""
+    """Return the nodes of an antenna's main lobe: finer in elevation, along which the range changes."""
     u, fine_u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
     v, fine_v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
@@ -67,7 +67,7 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
 
 
 def _directions(u: Float[np.ndarray, " node"], v: Float[np.ndarray, " node"]) -> Float[np.ndarray, "node 3"]:
-    """Return unit vectors of direction cosines; those of no direction, in the corners of a wide beam, lie abeam."""
+    """Return unit vectors of direction cosines; invalid ones, in the corners of a wide beam, are set abeam."""
     direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
     beyond = u**2 + v**2 > 1
     direction[beyond] /= np.linalg.norm(direction[beyond], axis=1, keepdims=True)

@@ -1,8 +1,8 @@
-"""Covariance of a terrain's heights, learned from scattered heights by maximum likelihood.
+"""Covariance of terrain heights, estimated from scattered heights by maximum likelihood.
 
 The Matern family spans rough to infinitely smooth terrain: exponential (smoothness 1/2), 3/2, 5/2 and Gaussian
 (infinite), each with a length and a variance (Stein 1999, "Interpolation of Spatial Data"). The noise of the heights
-is known from speckle up to a factor, which is fitted too and takes up what the noise model leaves out.
+is known from speckle up to a factor, which is fitted too and absorbs errors of the noise model.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 from sionna_radar.foundation.raster import Grid
 
 SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
-# Likelihoods are summed over groups of near neighbours: of a large survey the whole would be too much at once.
+# Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 350, 2
 LEAST_NOISE_M = 1e-3
 
@@ -37,7 +37,7 @@ class Covariance:
     def spectrum_root(self, grid: Grid) -> Float[np.ndarray, "row frequency"]:
         """Return the square root of the power spectrum on the grid's real Fourier frequencies.
 
-        White noise of unit variance, filtered with it, gets this covariance (periodic over the grid).
+        White noise of unit variance, filtered with it, has this covariance (periodic over the grid).
         """
         north = 2 * np.pi * np.fft.fftfreq(grid.rows, grid.spacing_m)[:, None]
         east = 2 * np.pi * np.fft.fftfreq(grid.columns, grid.spacing_m)[None]
@@ -67,9 +67,9 @@ def fit_covariance(
     Parameters
     ----------
     place_m, height_m:
-        Points of the plan and their heights above a trend.
+        Horizontal positions and their heights above a trend.
     sigma_m:
-        Standard deviations of their noise, right up to a common factor.
+        Standard deviations of their noise, up to a common factor.
 
     """
     groups = _groups(place_m)
@@ -120,7 +120,7 @@ def _negative_log_likelihood(
 
 
 def _groups(place_m: Float[np.ndarray, "n 2"]) -> list[np.ndarray]:
-    """Return groups of neighbours about points far from each other."""
+    """Return groups of neighbours around points far from each other."""
     if len(place_m) <= GROUP * GROUPS:
         return [np.arange(len(place_m))]
     centre = int(np.argmin(np.sum((place_m - np.median(place_m, axis=0)) ** 2, axis=1)))

@@ -1,4 +1,4 @@
-"""Which cells a survey lit: those of the main beam, the lines between two scans closed, shadows left out."""
+"""Which cells a survey illuminated: those in the main beam, gaps between scan lines closed, shadows left out."""
 
 from collections.abc import Callable
 
@@ -12,30 +12,30 @@ Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Boo
 
 
 class Illumination:
-    """The cells that the main beam reached, gathered block by block, and where each was seen from."""
+    """The cells that the main beam reached, collected block by block, and where each was seen from."""
 
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
         self._origin_m = np.full((*grid.shape, 3), np.nan)
 
     def add(self, hit_m: Float[np.ndarray, "hit 3"], origin_m: Float[np.ndarray, "hit 3"]) -> None:
-        """Mark the cells under some hits of the main beam, sent from some places."""
+        """Mark the cells under hits of the main beam, seen from their origins."""
         row, column, inside = self._grid.cell_of(hit_m)
         self._origin_m[row[inside], column[inside]] = origin_m[inside]
 
     def mask(self, gap_m: float, surface: Raster, visible: Visible) -> Bool[np.ndarray, "row column"]:
-        """Return the lit cells with gaps narrower than `gap_m` closed: the lines between two scans.
+        """Return the illuminated cells, with the gaps between scan lines closed if narrower than `gap_m`.
 
-        A gap that is hidden from where the nearest lit cell was seen is a shadow, and stays open.
+        A gap that is hidden from where the nearest illuminated cell was seen is a shadow, and stays open.
 
         Parameters
         ----------
         gap_m:
-            Widest gap between lit cells that counts as lit.
+            Widest gap between illuminated cells that counts as illuminated.
         surface:
             Heights of the cells, on the same grid.
         visible:
-            Tells whether points are seen from origins.
+            Returns whether points are visible from origins.
 
         """
         lit = np.isfinite(self._origin_m[..., 0])
@@ -49,16 +49,16 @@ class Illumination:
 
 
 def closed(cells: Bool[np.ndarray, "row column"], gap_m: float, spacing_m: float) -> Bool[np.ndarray, "row column"]:
-    """Return some cells with the gaps between them closed that are narrower than `gap_m`.
+    """Return cells with the gaps between them closed that are narrower than `gap_m`.
 
-    A closing by a disk of whole cells: what lies within its radius of a cell is taken, then what lies within it of a
-    cell not taken is given back. By distances this costs the same whatever the radius.
+    Morphological closing by a disk of whole cells: dilation by its radius, then erosion by as much. Computed by
+    distance transforms, it costs the same whatever the radius.
     """
     reach = closing_cells(gap_m, spacing_m)
     if reach == 0 or not cells.any():
         return cells.copy()
     taken = distance_transform_edt(~np.pad(cells, reach)) <= reach
-    # The corners of the border lie farther off than the radius, so that some cells are not taken.
+    # The corners of the border are farther off than the radius, so that some cells stay outside the dilation.
     kept: Bool[np.ndarray, "row column"] = distance_transform_edt(taken) > reach
     return kept[reach : reach + cells.shape[0], reach : reach + cells.shape[1]]
 

@@ -1,17 +1,17 @@
-"""The echoes that a surface would send back, and how they change with its heights.
+"""The echoes predicted for a surface, and their derivatives with respect to its heights.
 
-A forward model of the map's own, from measured poses and the known antenna alone. Rays along the nodes of the beam
+A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
 meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
-the beam adds power to the two range cells about its range, Doppler included, and the window's response spreads it.
+the beam adds power to the two range cells around its range, Doppler included, and the window's response spreads it.
 Power per solid angle falls with the square of the range (constant gamma: sigma0 dA = gamma r^2 dOmega, over r^4).
 
-Powers are exponential about their means mu. A change of the surface changes log mu, and what a change of the echo's
-level explains is taken out, so that reflectivity need not be known. Cells far below the echo's level hold side
-lobes and a handful of scatterers: each cell counts with a weight w(mu) that fades there, which leaves the
+Powers are exponential about their means mu. A change of the surface changes log mu; the part explained by a change of
+the echo's level is projected out, so that reflectivity need not be known. Cells far below the echo's level hold side
+lobes and a handful of scatterers: each cell has a weight w(mu) that decreases there, which leaves the
 score w (P / mu - 1) unbiased, as it does not depend on P.
 
-Behind a volume such as rain, mu has the volume's power too, as far as the beam is in the air: a sample ends it at its
-own range, shifted by the motion of the volume. So the end of the rain moves the surface as the ground's echo does.
+Behind a volume such as rain, mu includes the volume's power, as far as the beam is in the air: a sample ends it at its
+own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 """
 
 from dataclasses import dataclass, replace
@@ -27,29 +27,29 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 
-# Level, relative to the echo's, at which a cell counts a quarter.
+# Level, relative to the echo's, at which the weight of a cell is a quarter.
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
-# Of exponential powers one in 3000 exceeds 8 means: what does is no terrain, and counts no more than that.
+# One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
 HIGHEST_RATIO = 8.0
-# Of noise alone one cell in 10^13 exceeds this many of its means.
+# One cell of pure noise in 10^13 exceeds this many means.
 OUT_OF_NOISE = 30.0
 STEEPEST = 0.05
 LEVEL_ITERATIONS = 12
-# A spread of the volume's drift below this moves nothing.
+# A spread of the volume's drift below this has no effect.
 LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sightings:
-    """What a map is made from: the profiles of some pulses and the measured pose of each.
+    """Input of the mapping: the profiles of some pulses and the measured pose of each.
 
     chirp, beam: the sweep and the antenna.
-    response: power response of the spectrum to one range, on cells about its own; an odd number of them.
-    looks_per_cell: independent looks that a range cell is worth.
+    response: power response of the spectrum to a point target, on an odd number of cells centred on it.
+    looks_per_cell: independent looks per range cell.
     doppler: whether ranges shift with the range rate, 1, or not, 0.
-    reach_m: farthest range that the sampling can tell.
+    reach_m: unambiguous range of the sampling.
     """
 
     profiles: Profiles
@@ -65,7 +65,7 @@ class Sightings:
         return len(self.profiles)
 
     def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
-        """Return those of some pulses."""
+        """Return the sightings of some pulses."""
         return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
@@ -82,7 +82,7 @@ class Sightings:
 class Footprints:
     """Where the beam's nodes meet a surface.
 
-    range_m: NaN where a ray meets nothing; range_per_height: its change with the height of the surface there.
+    range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height there.
     """
 
     range_m: Float[np.ndarray, "pulse node"]
@@ -92,9 +92,9 @@ class Footprints:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The log-likelihood about a surface, in the heights under the nodes.
+    """The log-likelihood linearised about a surface, in the heights under the nodes.
 
-    score: its gradient; factor: per pulse F with F^T F its expected curvature.
+    score: its gradient; factor: for each pulse F, with F^T F the expected curvature.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
@@ -120,7 +120,7 @@ def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
 
 @dataclass(frozen=True)
 class _Spread:
-    """The samples of one pulse on its range cells: those that lie inside, with cell, share of it, and power.
+    """The samples of one pulse that fall inside its range cells, with cell, share of the cell, and power.
 
     share_before: share of the beam that meets the surface before the first cell.
     """
@@ -143,7 +143,7 @@ class EchoModel:
         self._half = len(sightings.response) // 2
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
-        """Return the power-weighted mean range of every predicted echo; NaN without one."""
+        """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
         mean = np.full(len(self._sightings), np.nan)
         for pulse in range(len(mean)):
             spread = self._spread(pulse, -np.inf, np.inf)
@@ -156,7 +156,7 @@ class EchoModel:
     def linearise(self, noise_factor: float) -> Linearised:
         """Return score and curvature of the likelihood of the profiles.
 
-        noise_factor: by which errors outside the model raise the variance of the data.
+        noise_factor: factor by which errors outside the model raise the variance of the data.
         """
         nodes = self._sightings.beam.direction.shape[0]
         score = np.zeros((len(self._sightings), nodes))
@@ -194,7 +194,7 @@ class EchoModel:
         return looks * (weight * residual) @ jacobian, root.astype(np.float32)
 
     def _volume(self, pulse: int) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "cell node"]]:
-        """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes."""
+        """Return the mean power of a volume in front of the ground, and its derivative by the nodes' heights."""
         profiles = self._sightings.profiles
         inside = slice(profiles.start[pulse], profiles.start[pulse + 1])
         cells, first = inside.stop - inside.start, float(profiles.first[pulse])
@@ -214,9 +214,9 @@ class EchoModel:
         return power * both[:, 0], power[:, None] * both[:, 1:]
 
     def _spread(self, pulse: int, first: float, last: float, drift_m: float = 0.0) -> _Spread:
-        """Return the samples of a pulse between two range cells, which count from the first.
+        """Return the samples of a pulse between two range cells, numbered from the first.
 
-        drift_m: by how much they are read farther than the ground's echoes.
+        drift_m: by how much they appear farther than the ground's echoes.
         """
         beam = self._sightings.beam
         range_m = self._feet.range_m[pulse]
@@ -234,7 +234,7 @@ class EchoModel:
         return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2, before)
 
     def _mean(self, spread: _Spread, cells: int) -> Float[np.ndarray, " cell"]:
-        """Return the profile that the samples make, of unit level."""
+        """Return the profile of the samples at unit level."""
         pad = 2 * self._half + 1
         hit = self._hits(spread, spread.power, cells)
         profile: Float[np.ndarray, " cell"] = np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
@@ -250,7 +250,7 @@ class EchoModel:
     def _moved(
         self, pulse: int, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int
     ) -> Float[np.ndarray, "padded node"]:
-        """Return the change of those with the heights under the nodes."""
+        """Return the derivative of the hits with respect to the heights under the nodes."""
         sightings = self._sightings
         pad = 2 * self._half + 1
         moved = power * spread.stretch / sightings.profiles.cell_m
@@ -267,7 +267,7 @@ class EchoModel:
         return np.asarray(raw * (inverse**2 * self._feet.range_per_height[pulse]))
 
     def _responded(self, raw: Float[np.ndarray, "padded node"], cells: int) -> Float[np.ndarray, "cell node"]:
-        """Return values on cells, spread by the window's response."""
+        """Return values on cells, convolved with the window's response."""
         pad = 2 * self._half + 1
         spread = np.zeros((cells, raw.shape[1]))
         for offset, response in enumerate(self._sightings.response):
@@ -277,7 +277,7 @@ class EchoModel:
 
 
 def _up_to_middle(values: Float[np.ndarray, "cell n"]) -> Float[np.ndarray, "cell n"]:
-    """Return the sums of values up to the middle of each cell."""
+    """Return the cumulative sums of values up to the middle of each cell."""
     total = np.cumsum(values, axis=0)
     return np.asarray(total - values / 2)
 
@@ -285,9 +285,9 @@ def _up_to_middle(values: Float[np.ndarray, "cell n"]) -> Float[np.ndarray, "cel
 def echo_level(
     power: Float[np.ndarray, " cell"], noise: float, background: float | Float[np.ndarray, " cell"]
 ) -> float:
-    """Return the level of the box of an echo's power, from E[P^2] = 2 E[P]^2; 0 where nothing leaves the noise.
+    """Return the level of a box with the echo's power, from E[P^2] = 2 E[P]^2; 0 if nothing exceeds the noise.
 
-    noise: of the receiver; background: that and the mean of a volume in front of the ground.
+    noise: receiver noise power; background: that plus the mean of a volume in front of the ground.
     """
     above = np.maximum(power - (background - noise) - OUT_OF_NOISE * noise, 0.0)
     return float(above @ above / above.sum() / 2) if above.any() else 0.0
@@ -300,7 +300,7 @@ def _fit_level(
     noise: float,
     top: float,
 ) -> tuple[float, Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-    """Return the most likely level of an echo, with the mean powers and the weights of the cells there."""
+    """Return the most likely level of an echo, with the mean powers and weights of the cells at that level."""
     level = float(power.sum() / shape.sum())
     for _ in range(LEVEL_ITERATIONS):
         mean, weight = _at_level(level, shape, volume, noise, top)

@@ -1,18 +1,18 @@
-"""What the echoes say for and against a surface at every height over every cell of a map.
+"""Evidence of the echoes for and against a surface at every height over every cell of a map.
 
-A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, brings at least the mean power
-m = n + g w to the range cell it lies in, n being the receiver's noise; the power P there is exponential about the
-mean of all that lies in the cell.
+A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, contributes at least the mean power
+m = n + g w to its range cell, n being the receiver noise; the power P there is exponential about the
+mean of everything in the cell.
 
-* Against: P far below m. The likelihood of m over that of the best of all means is log(P / m) - P / m + 1, at most 0.
-  It does not count where something nearer in the same pulse is bright enough to stand before the patch, unless a map
-  at hand shows the patch in plain view.
-* For: P as the patch would have it. Held against the alternative that P comes from elsewhere and is anything between
-  the noise and the strongest power there is (evenly in its logarithm, over K nepers), the gain is
-  log(P / m) - P / m + log K, where that is positive. Power that a neighbour's window spills does not count.
+** Against: P far below m. The log-likelihood of m relative to the best mean is log(P / m) - P / m + 1, at most 0.
+  It does not count where something nearer in the same pulse is bright enough to occlude the patch, unless a map
+  already shows the patch in plain view.
+** For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
+  the noise and the strongest power (uniform in its logarithm, over K nepers), the gain is
+  log(P / m) - P / m + log K, where that is positive. Power leaked by the window from a neighbour does not count.
 
-The reflectivity of each height of each cell is the one, out of steps of 6 dB, that all pulses together like best. So a
-bright roof at the rim of the beam is not taken for ground on its axis: their powers go differently from pulse to pulse.
+The reflectivity of each height of each cell is the one, in steps of 6 dB, that is likeliest for all pulses. So a
+bright roof at the edge of the beam is not taken for ground on its axis: their powers vary differently between pulses.
 """
 
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ from sionna_radar.mapping.echo_model import Sightings, echo_level
 
 # A step of reflectivity: 6 dB, in nepers of power.
 STEP = float(np.log(4.0))
-# What a patch of one map cell brings at least, of the level of a whole echo.
+# Least power of a patch of one map cell, relative to the level of a whole echo.
 LEAST_SHARE = 0.3
-# Two-way gain over the axis' down to which echoes speak for a patch.
+# Least two-way gain, relative to the axis, at which echoes count as evidence for a patch.
 WIDEST_FOR = 0.02
-# Cells over which the window spreads a strong power.
+# Cells over which the window leaks a strong power.
 SPREAD_CELLS = 4
-# A cell with less than this of what its neighbours' windows spill holds nothing of its own.
+# A cell with less than this share of the power leaked from its neighbours holds no echo.
 SPILT = 0.25
 
 
@@ -51,13 +51,13 @@ def evidence_against(
     grid:
         Cells of the map.
     base_m, level_m:
-        Heights of the cells that levels count from, and the levels, increasing.
+        Base heights of the cells, and the levels above them, increasing.
     in_view_m:
-        Heights above which the cells are known to be in view; None where nothing is known of it.
+        Heights above which the cells are known to be in view; None if unknown.
 
     Returns
     -------
-    Negative log-likelihood ratios, in nepers: 0 where nothing was seen, below it where echoes agree.
+    Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
 
     """
     bright = _reflectivities(sightings)
@@ -74,14 +74,14 @@ def evidence_against(
             seen = _seen(sightings, pulse, np.stack(patch, axis=-1), in_view, bright)
             part = against[:, rows, columns]
             for number, step in enumerate(bright.step):
-                part[number][seen.where] -= seen.speaks_for(step)
+                part[number][seen.where] -= seen.support(step)
     lowest: Float32[np.ndarray, "row column level"] = against.min(axis=0)
     return lowest
 
 
 @dataclass(frozen=True)
 class _Reflectivities:
-    """What patches may bring on the axis: steps from the weakest, a typical one, and the span K of all powers."""
+    """Powers of patches on the axis: steps from the weakest, a typical one, and the span K of all powers."""
 
     step: Float[np.ndarray, " step"]
     typical: float
@@ -119,9 +119,9 @@ def _window(sightings: Sightings, pulse: int, grid: Grid, span_m: tuple[float, f
 class _Seen:
     """The patches that one pulse sees.
 
-    where: which they are; gain: two-way, over the axis'; noise: of the receiver.
-    power: in the patch's range cell, and most: in it and its two neighbours; at least the noise.
-    own: whether the power is the cell's own; open: whether nothing stands before the patch.
+    where: their indices; gain: two-way, relative to the axis; noise: receiver noise power.
+    power: in the patch's range cell; most: largest in it and its two neighbours; at least the noise.
+    own: whether the power comes from the cell itself; open: whether nothing occludes the patch.
     """
 
     where: Bool[np.ndarray, "row column level"]
@@ -133,7 +133,7 @@ class _Seen:
     own: Bool[np.ndarray, " patch"]
     open: Bool[np.ndarray, " patch"]
 
-    def speaks_for(self, reflectivity: float) -> Float[np.ndarray, " patch"]:
+    def support(self, reflectivity: float) -> Float[np.ndarray, " patch"]:
         """Return the log-likelihood ratio of patches of a reflectivity, in nepers."""
         mean = self.noise + reflectivity * self.gain
         short = np.minimum(self.most / mean, 1.0)
@@ -161,7 +161,7 @@ def _seen(
     cell = np.round(apparent / profiles.cell_m).astype(np.int64) - int(profiles.first[pulse])
     spill = SPILT * sightings.response / sightings.response.max()
     spill[len(spill) // 2] = 0.0
-    # Beside the profile, which reaches past all echoes, there is noise.
+    # Outside the profile, which extends past all echoes, there is noise.
     edged = np.concatenate([[noise, noise], np.maximum(power, noise), [noise, noise]])
     place = np.clip(cell, -1, len(power)) + 2
     nearer = np.concatenate([np.full(SPREAD_CELLS + 1, noise), np.maximum.accumulate(edged[2:-2])])

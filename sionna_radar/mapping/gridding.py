@@ -1,8 +1,8 @@
 """From points to a DEM: linear interpolation in their Delaunay triangles, empty where nothing was seen.
 
-Empty stay cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
-gaps (they close the bays of the outline, where nothing was seen), and cells in triangles that span a radar shadow.
-Such a triangle reaches from an occluding edge to the ground behind it, and lies along the rays that passed the
+Left empty are cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
+gaps (they close the bays of the outline, where nothing was seen), and cells in triangles across a radar shadow.
+Such a triangle extends from an occluding edge to the ground behind it, parallel to the rays that passed the
 edge: seen from the radar it is edge-on.
 """
 
@@ -15,7 +15,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 
 LONGEST_SIDE_GAPS = 3.0
-# Width of a triangle over its length below which it holds no cell.
+# Triangles with a smaller ratio of width to length hold no cell.
 FLAT = 1e-9
 
 
@@ -25,24 +25,24 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     Parameters
     ----------
     points:
-        Located echoes; of several over one place of the plan the highest counts.
+        Located echoes; of several at one horizontal position the highest counts.
     grid:
-        Where the DEM is wanted.
+        Grid of the DEM.
     max_gap_m:
-        Farthest that a filled cell may lie from a point.
+        Largest distance of a filled cell from a point.
     shadow_incidence_rad:
-        A triangle wider than the gap that the radar sees at a greater incidence is a shadow.
+        A triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
 
     """
     height = np.full(grid.rows * grid.columns, np.nan)
     place, z, origin = _highest(points)
     try:
         triangles = Delaunay(place)
-    except (QhullError, ValueError):  # too few points, or all on a line: they span no surface
+    except (QhullError, ValueError):  # too few points, or all on one line
         return Raster(grid=grid, height_m=height.reshape(grid.shape))
     cell = grid.centres_m
     near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
-    # SciPy's own search is slow for points outside the hull; matplotlib's trapezoid map is not.
+    # SciPy's search is slow for points outside the hull; matplotlib's trapezoid map is not.
     inside = _trifinder(place, triangles.simplices)(*cell.T)
     kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
     use = near & (inside >= 0)
@@ -53,7 +53,7 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
 
 
 def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "triangle 3"]) -> TriFinder:
-    # Points on straight lines make triangles of no width but for rounding, and the trapezoid map refuses them.
+    # Collinear points form triangles with no width but rounding, which the trapezoid map rejects.
     side = np.roll(place[simplices], -1, axis=1) - place[simplices]
     area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
     flat = area <= FLAT * np.max(np.sum(side**2, axis=2), axis=1)
@@ -63,7 +63,7 @@ def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "tria
 def _highest(
     points: Points,
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """Return the plan, height and origin of the points, one of each place."""
+    """Return the horizontal position, height and origin of the points, one for each position."""
     order = np.lexsort((-points.position_m[:, 2], points.position_m[:, 1], points.position_m[:, 0]))
     place = points.position_m[order, :2]
     new = np.ones(len(place), dtype=bool)

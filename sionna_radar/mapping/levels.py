@@ -1,22 +1,22 @@
-"""One height for every cell of a map, out of a few levels: smooth where it may be, broken where it must.
+"""One height for every cell of a map, out of a few levels: smooth where possible, broken where necessary.
 
 Semi-global matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI
-30, 328-341): along each of eight directions dynamic programming finds the cost of the best row of heights that ends
-at each level of each cell, a change by one level and a jump by any number each at a price; the eight costs are added.
+30, 328-341): along each of eight directions dynamic programming finds the cost of the best path of heights that ends
+at each level of each cell, with one penalty for a change by one level and one for any jump; the eight costs are added.
 """
 
 import numpy as np
 from jaxtyping import Float32, Int
 
-# Prices in nepers: of neighbours one in three differs by a level, one in twenty by a jump.
+# Penalties in nepers: one in three neighbours differs by a level, one in twenty by a jump.
 CHANGE, JUMP = 1.0, 3.0
-# Levels that cost no more than this above the best, along each direction, are as good.
+# Levels whose cost exceeds the best by no more than this, along each direction, are as good.
 AS_GOOD = 0.5
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
 def choose_levels(cost: Float32[np.ndarray, "row column level"]) -> Int[np.ndarray, "row column"]:
-    """Return the level of each cell: of those as good as the best the highest, since nothing hides what lies above.
+    """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def choose_levels(cost: Float32[np.ndarray, "row column level"]) -> Int[np.ndarr
 def _along(
     cost: Float32[np.ndarray, "row column level"], down: int, right: int
 ) -> Float32[np.ndarray, "row column level"]:
-    """Return the cost of the best rows of heights that come from one direction."""
+    """Return the cost of the best paths of heights from one direction."""
     if down == 0:
         return _along(cost.transpose(1, 0, 2), right, 0).transpose(1, 0, 2)
     result = np.empty_like(cost)
@@ -45,7 +45,7 @@ def _along(
         if before is None:
             result[row] = cost[row]
         else:
-            # A row of heights that comes slantwise starts at the border.
+            # A diagonal path starts at the border.
             shifted = np.zeros_like(before)
             to, source = _shifted(right)
             shifted[to] = before[source]
@@ -61,7 +61,7 @@ def _shifted(right: int) -> tuple[slice, slice]:
 
 
 def _cheapest(before: Float32[np.ndarray, "column level"]) -> Float32[np.ndarray, "column level"]:
-    """Return the least cost to come to each level from the cell before, over that cell's least."""
+    """Return the least cost of reaching each level from the previous cell, relative to that cell's minimum."""
     least = before.min(axis=-1, keepdims=True)
     best = np.minimum(before, least + JUMP)
     best[:, 1:] = np.minimum(best[:, 1:], before[:, :-1] + CHANGE)

@@ -1,6 +1,6 @@
-"""From points and echoes to a DEM: what every method is given, and how a scenario names one.
+"""From points and echoes to a DEM: the inputs of every method, and its registration under a name.
 
-A mapper knows the measured poses, the antenna and what was measured, and nothing of the truth.
+A mapper knows the measured poses, the antenna and the echoes, but not the truth.
 """
 
 from collections.abc import Callable
@@ -30,13 +30,13 @@ Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])
 
 @dataclass(frozen=True, kw_only=True)
 class MapInputs:
-    """What a DEM is made from.
+    """Input of a DEM method.
 
     points: located echoes.
-    sightings: range profiles of the pulses with their measured poses; None where the sensor brings none.
+    sightings: range profiles of the pulses with their measured poses; None if the sensor provides none.
     grid: cells of the DEM.
-    max_gap_m: farthest that a filled cell may lie from what was measured.
-    shadow_incidence_rad: what the radar sees at a greater incidence is a shadow.
+    max_gap_m: largest distance of a filled cell from a measured one.
+    shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     """
 
     points: Points
@@ -48,15 +48,15 @@ class MapInputs:
 
 @runtime_checkable
 class DemMethod(Protocol):
-    """Makes DEMs."""
+    """Computes a DEM."""
 
     @property
     def profiles(self) -> Literal["unused", "optional", "required"]:
-        """What the method does with range profiles; where they are required, every sensor must bring them."""
+        """How the method uses range profiles; if they are required, the sensor must provide them."""
         ...
 
     def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM on the grid that is given, empty (NaN) where nothing was seen."""
+        """Return the DEM on `given.grid`, NaN where nothing was seen."""
         ...
 
 
@@ -66,13 +66,13 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
-        Its table of parameters, `[dem.method_parameters]`; without it there are none.
+        Its table of parameters, `[dem.method_parameters]`; None if it takes none.
 
     Returns
     -------
-    A decorator of what builds a `DemMethod`: a class or a function, called with the parameters if there are any.
+    A decorator for a class or function that builds a `DemMethod`; it is called with the parameters, if any.
 
     Raises
     ------
@@ -106,12 +106,12 @@ def build_dem_method(table: DemTable) -> DemMethod:
 
 @dataclass(frozen=True, kw_only=True)
 class Mapper:
-    """Makes the DEMs of a survey.
+    """Computes the DEMs of a survey.
 
-    method, name: the method, and what the scenario calls it.
+    method, name: the method, and its name in the scenario.
     grid, max_gap_m, shadow_incidence_rad: see `MapInputs`.
     antenna, analyser: for methods that model whole echoes.
-    doppler_corrected: whether ranges lose their Doppler shift.
+    doppler_corrected: whether ranges are corrected for Doppler shift.
     """
 
     method: DemMethod
@@ -125,7 +125,7 @@ class Mapper:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the method has a use for range profiles."""
+        """Whether the method uses range profiles."""
         return self.method.profiles != "unused"
 
     @on_one_thread
@@ -142,18 +142,18 @@ class Mapper:
         points:
             Located echoes.
         profiles:
-            Range profiles around them; None where the sensor brings none.
+            Range profiles around them; None if the sensor provides none.
         measured:
-            Returns the measured poses of pulses by their running numbers.
+            Returns the measured poses of pulses by their indices.
 
         Raises
         ------
         ScenarioError
-            The method models whole echoes, and there are none.
+            The method requires range profiles, and there are none.
 
         """
         if profiles is None and self.method.profiles == "required":
-            message = f"{self.name!r} models whole echoes, and this sensor brings none; set dem.method = 'smooth'"
+            message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError([Problem("dem.method", message)])
         sightings = None
         if profiles is not None and self.keeps_profiles:
@@ -161,7 +161,7 @@ class Mapper:
         return self.method(self.inputs(points, sightings))
 
     def inputs(self, points: Points, sightings: Sightings | None = None) -> MapInputs:
-        """Return what a method is given."""
+        """Return the input of the method."""
         return MapInputs(
             points=points,
             sightings=sightings,
@@ -171,7 +171,7 @@ class Mapper:
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:
-        """Return range profiles with what a map may know of the radar: its measured pose, its sweep and its beam."""
+        """Return range profiles with what mapping may know of the radar: its measured pose, its sweep and its beam."""
         return Sightings(
             profiles=profiles,
             pose=pose,

@@ -15,7 +15,7 @@ from sionna_radar.foundation.columns import Columns
 class Points(Columns):
     """Located echoes, one row each, in the order of the echoes.
 
-    pulse, number: running number of the pulse, and of the echo in it.
+    pulse, number: index of the pulse, and of the echo in it.
     position_m: world frame (local ENU), shape (point, 3).
     origin_m: where the radar was, as measured, shape (point, 3).
     range_m, range_sigma_m: slant range and its standard deviation.
@@ -54,7 +54,7 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
     echoes:
         Echoes of a block of pulses.
     pulse:
-        Sorted running numbers of the block's pulses.
+        Sorted indices of the block's pulses.
     measured:
         Their poses as the navigation system reports them.
 

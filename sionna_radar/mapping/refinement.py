@@ -1,14 +1,14 @@
-"""A DEM that knows its beam: the most probable terrain given the whole echoes, found by iteration.
+"""A DEM with the beam modelled: the most probable terrain given the whole echoes, found by iteration.
 
 1. The power-weighted mean range of each echo, placed on the beam axis, gives a first smoothing surface, and the
-   covariance of the terrain and the noise are learned from it (`smoothing`).
-2. The forward model (`echo_model`) predicts every echo from the surface of the moment. Fisher scoring moves the
-   surface to where the likelihood of the measured profiles and the terrain model meet.
-3. Once the echoes' bias is known from the prediction, covariance and noise are learned again from bias-free
-   heights, and the scoring goes on.
+   covariance of the terrain and the noise are estimated from it (`smoothing`).
+2. The forward model (`echo_model`) predicts every echo from the current surface. Fisher scoring moves the
+   surface to the maximum of the posterior of measured profiles and terrain model.
+3. Once the echoes' bias is known from the prediction, covariance and noise are estimated again from unbiased
+   heights, and the scoring continues.
 
-Nothing enters but the measured poses, the antenna and the measured profiles. A large survey is mapped in square
-tiles that overlap; each learns its own terrain model, and their surfaces are blended.
+Only the measured poses, the antenna and the measured profiles are used. A large survey is mapped in square
+overlapping tiles; each has its own terrain model, and their surfaces are blended.
 """
 
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, c
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
-# As many, however small they get: where they end must not depend on rounding.
+# A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
 FIRST_STEPS, LAST_STEPS = 2, 5
 CELLS_BELOW_PEAK = 1e-2
 OUTLIER_SIGMAS = 4.0
 
 
 def refine(sightings: Sightings, grid: Grid) -> Heightfield:
-    """Return the most probable surface over a grid; it is defined everywhere, seen or not.
+    """Return the most probable surface over a grid, defined everywhere whether seen or not.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def refine(sightings: Sightings, grid: Grid) -> Heightfield:
 
 @dataclass(frozen=True, kw_only=True)
 class MeanRanges(Columns):
-    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle."""
+    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle error."""
 
     range_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
@@ -75,7 +75,7 @@ class MeanRanges(Columns):
 def mean_ranges(sightings: Sightings) -> MeanRanges:
     """Return the mean range of every profile, from the cells within 20 dB of its strongest.
 
-    Behind a volume of rain the strongest cell may be the rain's, and it is the range that detection found.
+    Behind a volume of rain, where the strongest cell may be rain, it is the detected range.
     """
     profiles = sightings.profiles
     axis = sightings.pose.boresight[:, None]
@@ -142,7 +142,7 @@ def _curvature(linear: Linearised, heights: Float[np.ndarray, "pulse node"]) -> 
 def _bias(
     sightings: Sightings, surface: Heightfield, echoes: MeanRanges
 ) -> tuple[Float[np.ndarray, " pulse"], Bool[np.ndarray, " pulse"]]:
-    """Return by how much each predicted mean range exceeds the axis', and which echoes the surface leaves odd."""
+    """Return how far each predicted mean range exceeds the axis range, and which echoes do not fit the surface."""
     pose = sightings.pose
     axis = pose.boresight
     predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
@@ -185,7 +185,7 @@ def _reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
 
 
 def _tiles(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
-    """Return the bounds of tiles over a row of cells; one tile where it is short."""
+    """Return the bounds of tiles over a row of cells; a short row is one tile."""
     length = float(cells_m[-1] - cells_m[0])
     count = max(1, int(np.ceil(length / TILE_M)))
     bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
@@ -194,7 +194,7 @@ def _tiles(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
 
 
 def _taper(place: Float[np.ndarray, "row column"], low: float, high: float) -> Float[np.ndarray, "row column"]:
-    """Return the weight of a tile: 1 inside, falling to 0 over the overlap about its bounds."""
+    """Return the weight of a tile: 1 inside, falling to 0 over the overlap at its bounds."""
     half = OVERLAP_M / 2
     return np.clip((place - low + half) / OVERLAP_M, 0, 1) * np.clip((high + half - place) / OVERLAP_M, 0, 1)
 

@@ -1,4 +1,4 @@
-"""Which cells of an estimated surface were seen: shadow and what lies beyond stay empty."""
+"""Which cells of an estimated surface were seen: shadow and ground beyond the swath stay empty."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,14 +12,14 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.main_lobe import LIT
 
 PULSES_AT_ONCE = 256
-# A sample between two nodes that straddle an edge lies off the surface by more than this.
+# A sample between two nodes on opposite sides of an edge is off the surface by more than this.
 OFF_SURFACE_M = 0.5
-# A point of the surface counts as seen when its ray meets the surface no more than this before it.
+# A point of the surface counts as seen if its ray meets the surface no more than this before it.
 VISIBLE_M = 0.5
 
 
 def seen_part(surface: Heightfield, given: MapInputs) -> Raster:
-    """Return the part of a surface that a survey saw: by the main beam where it is known, or else by the points."""
+    """Return the part of a surface seen by a survey: from the main beam if known, otherwise from the points."""
     grid = given.grid
     if given.sightings is None:
         seen = seen_from_points(given.points, surface, grid, given.max_gap_m)
@@ -29,7 +29,7 @@ def seen_part(surface: Heightfield, given: MapInputs) -> Raster:
 
 
 def seen_from_points(points: Points, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
-    """Return the cells with points in them, and those between that are in view from where the next point was seen."""
+    """Return the cells with points, and those between them in view from where the nearest point was seen."""
     illumination = Illumination(grid)
     illumination.add(points.position_m, points.origin_m)
     return _closed(illumination, surface, grid, gap_m)
@@ -75,5 +75,5 @@ def _heights(surface: Heightfield, grid: Grid) -> Float[np.ndarray, "row column"
 
 
 def empty(grid: Grid) -> Raster:
-    """Return a DEM without a height."""
+    """Return an empty DEM."""
     return Raster(grid=grid, height_m=np.full(grid.shape, np.nan))

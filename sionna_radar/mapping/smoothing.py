@@ -21,18 +21,18 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
 
-# Reach of the padding in covariance lengths: the periodic field must not tie opposite borders together.
+# Padding in covariance lengths: the periodic field must not couple opposite borders.
 PADDING_LENGTHS = 1.0
 PADDING_M = 20.0
-# Systems are solved so far that one iteration more or less, which rounding may decide, changes nothing that is seen.
+# Tolerance at which one iteration more or less, which rounding may decide, has no visible effect.
 MOST_ITERATIONS = 1000
 
 
 @dataclass(frozen=True)
 class TerrainModel:
-    """What is taken for known of a terrain before its heights: trend, covariance, and the grid they live on.
+    """Prior of a terrain: trend, covariance, and their grid.
 
-    trend: height at the origin of the plan, slope toward east, slope toward north.
+    trend: height at the horizontal origin, slope toward east, slope toward north.
     """
 
     grid: Grid
@@ -49,13 +49,13 @@ class TerrainModel:
         return self.covariance.spectrum_root(self.grid)
 
     def coloured(self, white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        """Return the field that a white one makes; the operation is its own transpose."""
+        """Return a white field filtered to this covariance; the operation is its own transpose."""
         spectrum = self._root * scipy.fft.rfft2(white.reshape(self.grid.shape))
         field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
         return field.ravel()
 
     def surface(self, white: Float[np.ndarray, " cell"]) -> Heightfield:
-        """Return the terrain that a white field stands for."""
+        """Return the terrain that a white field represents."""
         return Heightfield(grid=self.grid, height_m=self.trend_m + self.coloured(white).reshape(self.grid.shape))
 
 
@@ -88,9 +88,9 @@ def smooth(heights: Heights, grid: Grid) -> Smoothed:
     Parameters
     ----------
     heights:
-        What was measured.
+        The measured heights.
     grid:
-        Cells that the surface must cover; it reaches beyond them.
+        Cells that the surface must cover; it extends beyond them.
 
     """
     x, y = heights.place_m.T

@@ -1,11 +1,11 @@
-"""A DEM of ground with steps in it: walls stay steep, and each level between them is mapped by itself.
+"""A DEM of ground with steps: walls stay steep, and each level between them is mapped separately.
 
-1. What all echoes together say for and against every height of every cell (`evidence`), and the heights that agree
-   best with it and with each other (`levels`), give a coarse map that may jump. What this map shows to be in plain
-   view is then known to hide nothing, and it is made once more.
-2. It falls into parts where neighbours differ by more than a step. A part that enough pulses see alone is mapped from
-   their whole echoes (`refinement`). This tells how far coarse heights spread; a smaller part whose heights spread
-   about a plane no more than twice as far is that plane, set by the echoes on it.
+1. The evidence of all echoes for and against every height of every cell (`evidence`), and the heights that agree
+   best with it and with each other (`levels`), give a coarse map that may have jumps. What this map shows in plain
+   view is then known not to be occluded, and the map is computed once more.
+2. It is split into parts where neighbours differ by more than a step. A part that alone fills enough main lobes is
+   mapped from their whole echoes (`refinement`). This shows how far coarse heights scatter; a smaller part whose
+   heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 """
 
 import numpy as np
@@ -24,11 +24,11 @@ from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, refine
 
-# The coarse map is made in blocks of cells, each with the cells about it that its pulses reach.
+# The coarse map is computed in blocks of cells, each with the cells around it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24
 MARGIN_M = 3.0
 MOST_LEVELS = 128
-# A step is more than so many levels, and steeper than 45 deg.
+# A step is more than this many levels, and steeper than 45 deg.
 STEP_LEVELS = 4
 FEWEST_CELLS = 6
 PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
@@ -37,7 +37,7 @@ PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
 def step_surface(
     sightings: Sightings, points: Points, grid: Grid, gap_m: float
 ) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
-    """Return the most probable surface that may have steps, and the cells that some echo speaks for.
+    """Return the most probable surface, with steps, and the cells supported by an echo.
 
     Parameters
     ----------
@@ -48,24 +48,24 @@ def step_surface(
     grid:
         Cells of the DEM.
     gap_m:
-        Widest gap, within a part, that is filled between cells that echoes speak for.
+        Widest gap, within a part, that is filled between cells supported by echoes.
 
     """
-    coarse, heard, level_m = _coarse(sightings, points, grid)
+    coarse, supported, level_m = _coarse(sightings, points, grid)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
-    height, alone, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), heard.copy()
+    height, refined, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), supported.copy()
     for number in np.unique(part):
         inside = part == number
         window = _window(inside)
-        filled[window] |= inside[window] & closed((heard & inside)[window], gap_m, grid.spacing_m)
+        filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
         own = whole == number
         if own.sum() >= FEWEST_PULSES:
             mapped = refine(sightings.rows(own), grid.cut(*window)).height_m
             height[window] = np.where(inside[window], mapped, height[window])
-            alone |= inside
-    spread_m = max(_spread((coarse - height)[alone & heard]), level_m / 2)
-    for number in np.unique(part[~alone]):
+            refined |= inside
+    spread_m = max(_spread((coarse - height)[refined & supported]), level_m / 2)
+    for number in np.unique(part[~refined]):
         inside = part == number
         height[inside] = _plane(coarse, inside, spread_m, points, grid)
     return Heightfield(grid=grid, height_m=height), filled
@@ -74,8 +74,8 @@ def step_surface(
 def _coarse(
     sightings: Sightings, points: Points, grid: Grid
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"], float]:
-    """Return heights of the cells by levels, block by block, whether echoes speak for them, and the widest level."""
-    height, heard = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
+    """Return heights of the cells by levels, block by block, whether echoes support them, and the widest level."""
+    height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     widest = sightings.profiles.cell_m
     axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
     for row in range(0, grid.rows, BLOCK_CELLS):
@@ -94,9 +94,9 @@ def _coarse(
             core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
             inner = slice(row - rows.start, None), slice(column - columns.start, None)
             height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-            heard[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
             widest = max(widest, float(level[1] - level[0]))
-    return height, heard, widest
+    return height, supported, widest
 
 
 def _block(
@@ -106,21 +106,21 @@ def _block(
     base_m: Float[np.ndarray, "row column"],
     level_m: Float[np.ndarray, " level"],
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
-    """Return the heights of a block, from the echoes alone and once more with what is in view, and which are heard."""
+    """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
     height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m))]
     nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
     origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
     against = evidence_against(sightings, grid, base_m, level_m, in_view)
     chosen = choose_levels(against)
-    heard = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
-    return base_m + level_m[chosen], heard
+    supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
+    return base_m + level_m[chosen], supported
 
 
 def lowest_in_view_m(
     height_m: Float[np.ndarray, "row column"], grid: Grid, origin_m: Float[np.ndarray, "row column 3"]
 ) -> Float[np.ndarray, "row column"]:
-    """Return the height over each cell above which a place is in view from its origin, over a map."""
+    """Return the height over each cell above which a point is visible from its origin, over a map."""
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     east, north, up = np.moveaxis(origin_m, -1, 0)
     distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
@@ -139,7 +139,7 @@ def lowest_in_view_m(
 def _levels(
     point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
-    """Return a plane through some echoes, and levels about it that span them, a range cell apart."""
+    """Return a plane through some echoes, and levels around it that span them, a range cell apart."""
     design = np.column_stack([np.ones(len(point_m)), point_m[:, :2]])
     plane = np.linalg.lstsq(design, point_m[:, 2], rcond=None)[0]
     low, high = np.percentile(point_m[:, 2] - design @ plane, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
@@ -148,7 +148,7 @@ def _levels(
 
 
 def _parts(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.ndarray, "row column"]:
-    """Return the part that each cell belongs to: neighbours in one differ by less than a step; crumbs join others."""
+    """Return the part of each cell: neighbours within a part differ by less than a step; tiny parts join others."""
     number = np.arange(height_m.size).reshape(height_m.shape)
     along = np.abs(np.diff(height_m, axis=1)) <= step_m
     across = np.abs(np.diff(height_m, axis=0)) <= step_m
@@ -165,14 +165,14 @@ def _parts(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.n
 
 
 def _whole_part(sightings: Sightings, part: Int[np.ndarray, "row column"], grid: Grid) -> Int[np.ndarray, " pulse"]:
-    """Return the part of the map that the main lobe of each pulse lies in; -1 where in more than one."""
+    """Return the part of the map that contains the main lobe of each pulse; -1 if in more than one."""
     pose = sightings.pose
     range_m = mean_ranges(sightings).range_m
     place = pose.position_m + range_m[:, None] * pose.boresight
     reach_m = range_m * sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
     row, column, inside = grid.cell_of(place)
-    alone = inside & (_to_border_m(part, grid)[row, column] > reach_m)
-    return np.where(alone, part[row, column], -1)
+    within_one = inside & (_to_border_m(part, grid)[row, column] > reach_m)
+    return np.where(within_one, part[row, column], -1)
 
 
 def _plane(
@@ -182,11 +182,11 @@ def _plane(
     points: Points,
     grid: Grid,
 ) -> Float[np.ndarray, " cell"]:
-    """Return the plane through the coarse heights of a part, moved onto the echoes in it; the heights if it is none."""
+    """Return the plane through a part's coarse heights, moved onto its echoes; the heights if they are not planar."""
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     design = np.column_stack([np.ones(int(inside.sum())), x[inside], y[inside]])
     height = coarse[inside]
-    # Heights beside a step lean toward the other side.
+    # Heights next to a step are biased toward the other side.
     deep = distance_transform_edt(inside)[inside] > BESIDE_CELLS
     deep = deep if deep.sum() >= FEWEST_CELLS else np.ones(len(height), dtype=bool)
     kept = deep
@@ -206,7 +206,7 @@ def _plane(
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> float:
-    """Return the standard deviation that the middle half of some values, about zero, would have if normal."""
+    """Return a robust standard deviation about zero: that of a normal distribution with the same middle half."""
     return 1.4826 * float(np.median(np.abs(values))) if len(values) else 0.0
 
 
@@ -223,7 +223,7 @@ def _to_border_m(part: Int[np.ndarray, "row column"], grid: Grid) -> Float[np.nd
 
 
 def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
-    """Tell which pulses' axes come near the cells of a grid between two heights."""
+    """Return which pulses' axes come near the cells of a grid between two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in (low_m, high_m):
@@ -233,7 +233,7 @@ def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -
 
 
 def _window(inside: Bool[np.ndarray, "row column"]) -> tuple[slice, slice]:
-    """Return the rows and columns that hold some cells."""
+    """Return the rows and columns that contain the given cells."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 

@@ -2,7 +2,7 @@
 
 In the antenna's frame (x boresight, y left, z up) a direction has the cosines u = y and v = z. The voltage
 pattern is a product of two cuts and the projected aperture, f(u, v) = A(u) E(v) sqrt(cos), cos = x the angle
-from boresight, nothing is sent backward, and the gain is 4 pi |f|^2 over its integral: that of a lossless
+from boresight, there is no backward radiation, and the gain is 4 pi |f|^2 over its integral: that of a lossless
 antenna.
 """
 
@@ -41,7 +41,7 @@ class Cut:
 
     @cached_property
     def power(self) -> Float[np.ndarray, " n"]:
-        """Power in the cut's plane over the peak's, with the projected aperture of the whole antenna."""
+        """Power in the cut's plane over the peak, including the projected aperture of the antenna."""
         return self.voltage**2 * np.sqrt(1 - self.cosine**2)
 
     @cached_property
@@ -57,7 +57,7 @@ class Cut:
 
     @cached_property
     def side_lobe_level(self) -> float:
-        """Power of the strongest side lobe over the peak's; 0 without side lobes."""
+        """Power of the strongest side lobe over the peak; 0 without side lobes."""
         power = self.power
         inner = (power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])
         lobes = np.sort(power[1:-1][inner])
@@ -78,13 +78,13 @@ class Cut:
 
 @dataclass(frozen=True)
 class Antenna:
-    """A pencil-beam antenna, the same for sending and receiving.
+    """A pencil-beam antenna, with the same beam for transmission and reception.
 
     azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up.
-    polarization: of the sent field on boresight: up (V), left (H), or circular to the right or left (RHCP, LHCP).
-    receives: the same polarisation ("co") or the orthogonal one ("cross"). Of a circular wave, "co" is the same
-        sense, each as seen along its own way, and a mirror returns the opposite one.
-    axial_ratio_db: of the ellipse of a circular antenna, its major axis along V; 0 for a circle.
+    polarization: of the transmitted field on boresight: up (V), left (H), or right- or left-hand circular (RHCP, LHCP).
+    receives: the same polarization ("co") or the orthogonal one ("cross"). For a circular wave, "co" is the same
+        sense, each viewed along its own propagation, and a mirror returns the opposite one.
+    axial_ratio_db: of a circular antenna's polarization ellipse, major axis along V; 0 for a circle.
     """
 
     azimuth: Cut
@@ -110,15 +110,15 @@ class Antenna:
 
     @property
     def circular(self) -> bool:
-        """Whether the wave is circular, well or badly."""
+        """Whether the wave is circular, whatever its axial ratio."""
         return self.polarization in ("RHCP", "LHCP")
 
     @cached_property
     def jones(self) -> tuple[Inexact[np.ndarray, "2"], Inexact[np.ndarray, "2"]]:
-        """The sent field and the one received, both as sent, by their shares of V and H; time as exp(+j w t).
+        """V and H components of the transmit and the receive field, both as if transmitting; time as exp(+j w t).
 
-        What is received of a field e is the product with the second one, no part of it conjugated (reciprocity).
-        With V up and H left, the field turns to the right where H leads V by a quarter of a turn. The two ports of
+        The received part of a field e is its product with the second one, without conjugation (reciprocity).
+        With V up and H left, the field rotates to the right if H leads V by a quarter cycle. The two ports of
         an antenna of axial ratio r are orthogonal: (r, j) and (1, -j r) over sqrt(r^2 + 1).
         """
         if not self.circular:
@@ -133,29 +133,29 @@ class Antenna:
 
     @property
     def mirrored(self) -> complex:
-        """Share of the field that is received of a wave that a sphere or a mirror returns.
+        """Share of the field received from the echo of a sphere or a mirror.
 
-        One for a linear antenna that receives what it sends, zero for its cross-polar port. Of a circular antenna of
+        One for a linear co-polar antenna, zero for its cross-polar port. For a circular antenna of
         axial ratio r it is (r^2 - 1) / (r^2 + 1) in the same sense and 2 r / (r^2 + 1) in the opposite one; the first
-        bounds what it rejects of rain (the integrated cancellation ratio).
+        bounds its rain rejection (the integrated cancellation ratio).
         """
-        sent, received = self.jones
-        return complex(sent @ received)
+        transmitted, received = self.jones
+        return complex(transmitted @ received)
 
     def fields(
         self, direction: Float[np.ndarray, "n 3"]
     ) -> tuple[Inexact[np.ndarray, "n 3"], Inexact[np.ndarray, "n 3"]]:
-        """Return the sent and the received field toward unit vectors, all in the antenna's frame."""
+        """Return the transmit and the receive field toward unit vectors, all in the antenna's frame."""
         if not self.circular:
-            sent, received = ("VH"[int(port[1])] for port in self.jones)
-            return self.field(direction, sent), self.field(direction, received)
+            transmitted, received = ("VH"[int(port[1])] for port in self.jones)
+            return self.field(direction, transmitted), self.field(direction, received)
         axes = np.stack([self.field(direction, p) for p in "VH"])
         sent_field, received_field = (np.tensordot(port, axes, 1) for port in self.jones)
         return sent_field, received_field
 
     @staticmethod
     def field(direction: Float[np.ndarray, "n 3"], polarization: str) -> Float[np.ndarray, "n 3"]:
-        """Return the unit electric field sent toward unit vectors, both in the antenna's frame.
+        """Return the unit electric field transmitted toward unit vectors, both in the antenna's frame.
 
         V is the meridian through the antenna's up axis, H the circle of latitude, the fields of a
         short vertical electric dipole and of a short vertical magnetic one.
@@ -176,7 +176,7 @@ class Antenna:
 def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]) -> Cut:
     """Return a cut from measured power against the angle from boresight, in increasing order.
 
-    Angles outside the measurement get the power of its nearest end. Raises ValueError for angles out of order.
+    Angles outside the measurement get the power of its nearest end. Raises ValueError if the angles do not increase.
     """
     if np.any(np.diff(angle_rad) <= 0):
         message = "angle_rad must increase from sample to sample; sort the cut"
@@ -193,13 +193,13 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
         Its table of parameters, `[radar.antenna]`.
 
     Returns
     -------
-    A decorator of what builds an `Antenna`: a function, called with the parameters.
+    A decorator for a function that builds an `Antenna`; it is called with the parameters.
 
     Raises
     ------

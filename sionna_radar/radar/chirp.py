@@ -1,4 +1,4 @@
-"""The linear FMCW sweep and what follows from it."""
+"""The linear FMCW sweep and its derived quantities."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,10 +12,10 @@ from sionna_radar.scenario.radar import RadarTable
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp:
-    """One linear sweep, sampled over its whole length.
+    """One linear sweep, sampled over its full duration.
 
     carrier_hz: the frequency in the middle of the sweep.
-    centre_s: the middle of the sweep after the time at which the pulse's pose is taken; zero for a sawtooth.
+    centre_s: time from the pose of the pulse to the middle of the sweep; zero for a sawtooth.
     """
 
     carrier_hz: float
@@ -28,7 +28,7 @@ class Chirp:
 
     @property
     def duration_s(self) -> float:
-        """Length of the sweep."""
+        """Duration of the sweep."""
         return 1 / self.rate_hz
 
     @property
@@ -53,12 +53,12 @@ class Chirp:
 
     @property
     def sample_time_s(self) -> Float[np.ndarray, " sample"]:
-        """Sampling times from the middle of the sweep; sample `samples // 2` lies there."""
+        """Sampling times from the middle of the sweep, which is sample `samples // 2`."""
         return (np.arange(self.samples) - self.samples // 2) / self.sampling_rate_hz
 
     @property
     def range_resolution_m(self) -> float:
-        """Range that one period of beat over the sweep stands for: c / (2 B)."""
+        """Range corresponding to one beat period per sweep: c / (2 B)."""
         return speed_of_light / (2 * self.bandwidth_hz)
 
     @property
@@ -68,29 +68,29 @@ class Chirp:
 
     @property
     def max_range_m(self) -> float:
-        """Unambiguous range: that of the highest beat frequency the sampling represents."""
+        """Unambiguous range: that of the highest beat frequency of the sampling."""
         return self.samples * self.range_resolution_m / (2 if self.sampling == "real" else 1)
 
     def doppler_hz(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the part of the beat frequency that motion adds: 2 f0 v / c, the mirror on a down-sweep.
+        """Return the Doppler part of the beat frequency: 2 f0 v / c, with opposite sign on a down-sweep.
 
-        Source: Rouveure et al. 2017, eq. 2, with the sign of the range rate: an approaching target reads
-        short on an up-sweep and long on a down-sweep.
+        Source: Rouveure et al. 2017, eq. 2, with the sign of the range rate: an approaching target appears
+        too near on an up-sweep and too far on a down-sweep.
         """
         return self.direction * 2 * self.carrier_hz * range_rate_mps / speed_of_light
 
     def doppler_range_m(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the range by which that beat shifts an echo."""
+        """Return the range shift of an echo by its Doppler frequency."""
         return self.doppler_hz(range_rate_mps) / self.beat_per_metre_hz
 
 
 def build_chirp(radar: RadarTable) -> Chirp:
-    """Return the chirp of a scenario; of a triangular sweep its rising half."""
+    """Return the chirp of a scenario; for a triangular sweep its rising half."""
     return build_sweeps(radar)[0]
 
 
 def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
-    """Return the sweeps of one period: one, or the two halves of a triangle, each with all samples."""
+    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)

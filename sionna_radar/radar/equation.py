@@ -17,16 +17,16 @@ def plane_echo(
     height_m: float,
     incidence_rad: float,
 ) -> float:
-    """Return received over sent power for a beam over a horizontal plane.
+    """Return received over transmitted power for a beam over a horizontal plane.
 
     P / P_t = lambda^2 / (4 pi)^3 * integral of G^2 sigma0(t) / r^4 dA (Rouveure et al. 2017, eq. 5, summed
     over the plane), and the plane's element dA = r^2 dOmega / cos t. The nodes are the midpoints of equal
-    shares of the two-way beam, which carry equal weights.
+    shares of the two-way beam, which have equal weights.
 
     Parameters
     ----------
     antenna, backscatter:
-        The beam, and what the plane scatters.
+        The beam, and the backscatter of the plane.
     wavelength_m, height_m:
         Wavelength, and height above the plane.
     incidence_rad:
@@ -56,6 +56,6 @@ def two_way_beam_sr(antenna: Antenna) -> float:
 
 
 def _equal_shares(cut: Cut) -> Float[np.ndarray, " node"]:
-    """Return direction cosines that split what the cut receives into equal shares."""
+    """Return direction cosines that divide the two-way power of a cut into equal shares."""
     shares = (np.arange(NODES) + 0.5) / NODES
     return np.interp(shares, cut.two_way_distribution, cut.cosine)

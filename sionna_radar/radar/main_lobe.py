@@ -1,7 +1,7 @@
-"""Where the main lobe of an antenna ends.
+"""The extent of the main lobe of an antenna.
 
-How far a lobe is followed depends on what for, so every use names its own level, as two-way power over the peak's:
-`LIT` for what a survey could have mapped, `FOLDING` for echoes that must not fold into an image, `FOLLOWED` for models
+How far a lobe is followed depends on the use, so every use has its own level, as two-way power over the peak:
+`LIT` for what a survey could have mapped, `FOLDING` for echoes that must not alias into an image, `FOLLOWED` for models
 of the whole echo.
 """
 
@@ -12,16 +12,16 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.radar.antenna import Antenna, Cut
 
-# Half of the one-way power: inside the half-power beam, as a radar engineer counts it.
+# Half of the one-way power: inside the usual half-power beam.
 LIT: Final = 0.25
-# What folds in from farther out is 20 dB down, less than the side lobes of a focused point.
+# Echoes aliasing in from farther out are 20 dB down, less than the side lobes of a focused point.
 FOLDING: Final = 1e-2
-# Three parts in a thousand of an echo's power lie farther out than 30 dB down, less than its speckle shows.
+# 0.3 % of an echo's power is farther out than 30 dB down, less than its speckle reveals.
 FOLLOWED: Final = 1e-3
 
 
 def lobe_samples(cut: Cut, level: float) -> slice:
-    """Return the samples of a cut about its peak that have at least a level of the peak's two-way power."""
+    """Return the samples of a cut around its peak with at least a given level of the peak's two-way power."""
     power = cut.voltage**4
     peak = int(np.argmax(power))
     weak = np.flatnonzero(power < level * power[peak])
@@ -30,11 +30,11 @@ def lobe_samples(cut: Cut, level: float) -> slice:
 
 
 def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: float = LIT) -> Bool[np.ndarray, " n"]:
-    """Mark the unit vectors, in the antenna's frame, along which the two-way gain is at least a level of the peak's."""
+    """Mark the unit vectors, in the antenna's frame, whose two-way gain relative to the peak is at least a level."""
     return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
 
 
 def reach_of_power(cut: Cut, outside: float) -> float:
-    """Return the direction cosine within which all but a share of the two-way power of a cut lies, on either side."""
+    """Return the direction cosine, on either side, that contains all but a share of the two-way power of a cut."""
     low, high = np.interp([outside / 2, 1 - outside / 2], cut.two_way_distribution, cut.cosine)
     return float(max(-low, high))

@@ -9,9 +9,9 @@ from sionna_radar.radar.antenna import Antenna, Cut, register_antenna
 from sionna_radar.scenario.radar import AntennaTable
 
 # Low side lobes lengthen the array by up to 1.7 at the same number of elements: this keeps them within half a
-# wavelength, and leaves a wide beam enough of them to shape its side lobes.
+# wavelength, and leaves a wide beam enough elements to shape its side lobes.
 SPACING_WAVELENGTHS = 0.25
-# A taper has side lobes below its peak.
+# The side lobes of a taper are below its peak.
 HIGHEST_DESIGN_DB = -3.0
 
 
@@ -19,7 +19,7 @@ def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     """Return the cut of a line of elements, half a wavelength apart or closer, with a Taylor taper.
 
     The spacing is trimmed so that the half-power width is exact, and the taper's design level so that the
-    measured side lobe is the wanted one. The number of nearly equal side lobes, nbar, is the least for which
+    measured side lobe is as requested. The number of nearly equal side lobes, nbar, is the least for which
     the taper falls monotonically (Taylor 1955, "Design of line-source antennas": nbar >= 2 A^2 + 1/2, with
     cosh(pi A) the voltage ratio).
     """
@@ -29,7 +29,7 @@ def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
         if cut.side_lobe_level == 0.0:  # a beam too wide to have side lobes
             break
         wanted_db = design_db + (side_lobe_db - to_db(cut.side_lobe_level))
-        if wanted_db > HIGHEST_DESIGN_DB:  # what is left of a side lobe at the horizon says nothing of the taper
+        if wanted_db > HIGHEST_DESIGN_DB:  # a side lobe truncated at the horizon does not depend on the taper
             break
         design_db = wanted_db
         cut = _designed_cut(beamwidth_rad, design_db)

@@ -1,4 +1,4 @@
-"""The ray tracer's set-up: libLLVM, the Dr.Jit variant, and what `doctor` reports of them."""
+"""Set-up of the ray tracer: libLLVM, the Dr.Jit variant, and the report on them for `doctor`."""
 
 import lazy_loader
 

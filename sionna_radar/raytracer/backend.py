@@ -1,7 +1,7 @@
 """Mitsuba and Dr.Jit: finding the libLLVM that their CPU variant needs, and choosing the variant.
 
 Dr.Jit compiles kernels with a shared libLLVM. Versions before 17 cannot compile Mitsuba's and end the process
-with a signal instead of an exception, so the library is chosen, and an old one refused, before Dr.Jit loads.
+with a signal instead of an exception, so the library is selected, and an old one refused, before Dr.Jit loads.
 """
 
 import ctypes
@@ -35,7 +35,7 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class LlvmLibrary:
-    """A libLLVM and how it was found."""
+    """A libLLVM and where it was found."""
 
     path: str
     version: str
@@ -44,12 +44,12 @@ class LlvmLibrary:
 
 @functools.cache
 def find_llvm() -> LlvmLibrary:
-    """Return the first usable libLLVM: the user's own, the wheel's, then the system's.
+    """Return the first usable libLLVM: the user's, the wheel's, then the system's.
 
     Raises
     ------
     BackendError
-        None is found, or the user's own is too old.
+        None is found, or the user's is too old.
 
     """
     own = os.environ.get(LLVM_VARIABLE)
@@ -71,7 +71,7 @@ def find_llvm() -> LlvmLibrary:
         if version is not None:
             return LlvmLibrary(name, version, "system")
     remedy = REMEDIES.get(platform.system(), "install LLVM")
-    message = f"no libLLVM of version {OLDEST_LLVM} or newer is found; {remedy}, or point {LLVM_VARIABLE} at one"
+    message = f"no libLLVM of version {OLDEST_LLVM} or newer was found; {remedy}, or point {LLVM_VARIABLE} at one"
     raise BackendError(message)
 
 
@@ -79,12 +79,12 @@ def find_llvm() -> LlvmLibrary:
 def load_mitsuba() -> Any:
     """Import Mitsuba with a variant that Sionna RT runs on, and return the module.
 
-    The variant is CUDA where a GPU is usable, else LLVM; SIONNA_RADAR_VARIANT overrides the choice.
+    The variant is CUDA if a GPU is usable, otherwise LLVM; SIONNA_RADAR_VARIANT overrides the choice.
 
     Raises
     ------
     BackendError
-        SIONNA_RADAR_VARIANT names no variant, no libLLVM serves, or Dr.Jit was imported before one was chosen.
+        SIONNA_RADAR_VARIANT is not a variant, no libLLVM is usable, or Dr.Jit was imported before one was selected.
 
     """
     wanted = os.environ.get(VARIANT_VARIABLE)
@@ -96,7 +96,7 @@ def load_mitsuba() -> Any:
         library = find_llvm()
         if "drjit" in sys.modules and os.environ.get(LLVM_VARIABLE) is None and library.origin != "system":
             message = (
-                f"Dr.Jit was imported before its libLLVM was chosen; set {LLVM_VARIABLE}={library.path}, "
+                f"Dr.Jit was imported before its libLLVM was selected; set {LLVM_VARIABLE}={library.path}, "
                 "or import drjit, mitsuba and sionna only after sionna_radar has built a scene"
             )
             raise BackendError(message)
@@ -111,9 +111,9 @@ def load_mitsuba() -> Any:
 
 
 def _use_two_threads() -> None:
-    """Have Dr.Jit use two threads at least, on a single core too.
+    """Make Dr.Jit use at least two threads, even on a single core.
 
-    With one, rays along the edge of two triangles are decided otherwise; from two on, their number does not matter.
+    With one, rays along the edge of two triangles give different hits; from two on, their number does not matter.
     """
     import drjit
 
@@ -122,7 +122,7 @@ def _use_two_threads() -> None:
 
 
 def _wheel_libraries() -> list[Path]:
-    """Return the libraries of the wheel, newest first, wherever it is installed: in a prefix, for a user, on a path."""
+    """Return the libraries of the wheel, newest first, from any install location: prefix, user or path."""
     try:
         files = metadata.files(WHEEL) or []
     except metadata.PackageNotFoundError:
@@ -153,7 +153,7 @@ def _number_in_name(path: Path) -> int:
 def _llvm_version(path: str) -> str | None:
     """Return the version of a libLLVM, or None when it does not load or is too old.
 
-    Versions before 16 lack LLVMGetVersion, so its absence alone reveals an unusable library.
+    Versions before 16 lack LLVMGetVersion, so its absence marks an unusable library.
     """
     try:
         get_version = ctypes.CDLL(path).LLVMGetVersion
@@ -166,7 +166,7 @@ def _llvm_version(path: str) -> str | None:
 
 
 def _cuda_usable() -> bool:
-    """Tell whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
+    """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
     try:
         cuda = ctypes.CDLL(library)
@@ -178,7 +178,7 @@ def _cuda_usable() -> bool:
 
 @dataclass(frozen=True)
 class BackendReport:
-    """What the ray tracer runs on here."""
+    """The backend of the ray tracer on this machine."""
 
     variant: str
     threads: int
@@ -187,9 +187,9 @@ class BackendReport:
 
 
 def describe_backend() -> BackendReport:
-    """Load the backend, trace one ray on it, and report what it is.
+    """Load the backend, trace one ray on it, and describe it.
 
-    Raises BackendError where it does not load or traces wrongly.
+    Raises BackendError if it does not load or traces incorrectly.
     """
     mi = load_mitsuba()
     import drjit as dr

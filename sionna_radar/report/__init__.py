@@ -1,4 +1,4 @@
-"""What a survey leaves behind: figures, rasters, point clouds and numbers."""
+"""Products of a survey: figures, rasters, point clouds and numbers."""
 
 import lazy_loader
 

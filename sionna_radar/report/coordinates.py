@@ -1,4 +1,4 @@
-"""Which coordinates figures show: those of the local frame, or of the map with the heights of its datum."""
+"""Coordinates of figures: those of the local frame, or map coordinates with heights above the vertical datum."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from sionna_radar.foundation.georeference import Georeference
 
 
 class Coordinates(StrEnum):
-    """Coordinates to show; MAP where the world has a place on the map, else the local ones."""
+    """Coordinates to show; MAP falls back to local ones if the scene is not georeferenced."""
 
     MAP = "map"
     LOCAL = "local"
@@ -19,7 +19,7 @@ class Coordinates(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """What is added to local coordinates (east, north, up), and how the axes are called."""
+    """The offset of local coordinates (east, north, up), and the names of the axes."""
 
     origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     east: str = "East (m)"
@@ -32,11 +32,11 @@ LOCAL_FRAME = Frame()
 
 
 def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
-    """Return the frame that figures of a world are drawn in."""
+    """Return the frame in which figures are drawn."""
     if place is None or coordinates is Coordinates.LOCAL:
         return LOCAL_FRAME
     height = f"{place.vertical_name or 'Height above datum'} (m)"
-    # Six or seven digits: no more than four of them fit side by side.
+    # Labels of six or seven digits: no more than four fit side by side.
     return Frame(origin_m=place.origin_m, east="Easting (m)", north="Northing (m)", height=height, most_ticks=4)
 
 
@@ -52,7 +52,7 @@ class _ShiftedLocator(MaxNLocator):
 
 
 def shift_ticks(axis: Axis, shift: float, most: int) -> None:
-    """Label an axis with its values plus a shift, at round numbers and without an offset beside it."""
+    """Label an axis with its values plus a shift, at round numbers and without a separate offset."""
     axis.set_major_locator(_ShiftedLocator(shift, most))
-    # A micrometre: what the shift leaves of round-off is not shown.
+    # To a micrometre: round-off of the shift is not shown.
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{round(value + shift, 6):.12g}"))

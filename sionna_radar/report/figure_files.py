@@ -1,4 +1,4 @@
-"""Figures for print, which a notebook shows too, and their files."""
+"""Figures for print and for notebooks, and their files."""
 
 import io
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ Subject = TypeVar("Subject")
 
 
 class ReportFigure(Figure):
-    """A figure outside pyplot: no window, no state shared between figures; a notebook shows it as it is printed."""
+    """A figure outside pyplot: no window, no state shared between figures; a notebook shows it as in print."""
 
     def _repr_png_(self) -> bytes:
         file = io.BytesIO()
@@ -23,7 +23,7 @@ class ReportFigure(Figure):
 
 
 def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Figure]], directory: Path) -> list[Path]:
-    """Draw a subject in several ways into `NAME.png` of a directory, one after the other, and return the files."""
+    """Draw several figures of a subject, each into `NAME.png` of a directory, and return the files."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = [directory / f"{name}.png" for name in drawings]
     for path, draw in zip(paths, drawings.values(), strict=True):

@@ -1,10 +1,10 @@
-"""Folders of results: whole or not at all, and nothing in them touched that this program did not write.
+"""Folders of results: written whole or not at all; files that this program did not write are never touched.
 
-A result is made in a staging folder (`staging`) and put in place by renames, so that a failure, a full disk or an
-interrupt leaves an earlier result as it was. A new folder is one rename. In a folder that exists, the files of the
-earlier result, known by its manifest and unchanged since, move out one by one, the manifest first, and those of the
-new result move in, the manifest last: a folder without its manifest, with a staging folder inside, is one whose
-replacement was cut short, and the next run puts the earlier result back.
+A result is written to a staging folder (`staging`) and put in place by renames, so that a failure, a full disk or an
+interrupt leaves an earlier result as it was. A new folder takes one rename. In an existing folder, the files of the
+earlier result, listed in its manifest and unchanged since, move out one by one, the manifest first, and those of the
+new result move in, the manifest last: a folder without a manifest, with a staging folder inside, is one whose
+replacement was interrupted, and the next run restores the earlier result.
 """
 
 import json
@@ -26,21 +26,21 @@ MOST_NAMED = 5
 
 
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
-    """Let a function fill a folder, put it in place with its manifest, and return the files written.
+    """Have a function fill a folder, put it in place with its manifest, and return the files written.
 
     Parameters
     ----------
     directory:
-        Where the results go; of what is there, only an earlier result's own files are replaced.
+        Output folder; only the files of an earlier result in it are replaced.
     marker:
-        File that every result of this kind holds, and by which the kind is known.
+        File that every result of this kind contains, and that identifies the kind.
     fill:
         Writes the results into the folder it is given.
 
     Raises
     ------
     KeptElsewhereError
-        The directory holds something else, or a file in it cannot be replaced; the result is beside it.
+        The directory holds something else, or a file in it cannot be replaced; the result is saved beside it.
     OutputError
         The results cannot be written at all.
 
@@ -49,7 +49,7 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
     try:
         _clear_abandoned(directory)
         with _missing_parents(directory), staged(_staging_place(directory)) as staging:
-            # The staging folder itself is private to the user; a folder made inside it has usual permissions.
+            # The staging folder itself is private to the user; a folder made inside it has the usual permissions.
             fresh = staging / FRESH
             fresh.mkdir()
             fill(fresh)
@@ -76,7 +76,7 @@ def write_study(
     Parameters
     ----------
     directory:
-        Where the results go; of what is there, only an earlier result's own files are replaced.
+        Output folder; only the files of an earlier result in it are replaced.
     marker:
         File of the numbers, as strict JSON; a number that does not exist becomes null.
     document:
@@ -84,7 +84,7 @@ def write_study(
     draw:
         Draws the figures into the folder it is given, `figures`.
     tables:
-        Texts of further files by their names.
+        Texts of additional files, by name.
 
     Raises
     ------
@@ -124,15 +124,15 @@ def without_nan(value: Any) -> Any:
 
 
 def check_output(directory: Path, marker: str) -> Path:
-    """Return the resolved directory, or refuse it before any work is lost on it.
+    """Return the resolved directory, or refuse it before any work is done.
 
-    What killed runs have left there or beside it is cleared away first, an earlier result put back.
+    Leftovers of killed runs in it or beside it are removed first, and an earlier result restored.
 
     Raises
     ------
     OutputError
-        It is a file, holds something other than an earlier result of this kind, unchanged, or the place that it
-        would be made in is not a folder or cannot be written.
+        It is a file, holds anything but an unchanged earlier result of this kind, or the folder in which it
+        would be created is not a folder or cannot be written.
 
     """
     try:
@@ -154,7 +154,7 @@ def _obstacle(directory: Path, marker: str) -> str:
         return "is a file; name a folder" if place == directory else f"cannot be made: {place} is a file; name another"
     _clear_abandoned(directory)
     try:
-        # Permission bits do not show read-only mounts and quotas; making a folder does.
+        # Permission bits do not show read-only mounts and quotas; creating a folder does.
         tempfile.TemporaryDirectory(dir=place).cleanup()
     except OSError as error:
         return f"cannot be made: {place} is not writable ({error.strerror}); name a folder elsewhere"
@@ -162,7 +162,7 @@ def _obstacle(directory: Path, marker: str) -> str:
 
 
 def _clear_abandoned(directory: Path) -> None:
-    """Take away what killed runs have left in a folder and beside it, earlier results put back."""
+    """Remove leftovers of killed runs in a folder and beside it, and restore earlier results."""
     for folder in (directory, directory.parent):
         if folder.is_dir():
             for staging in abandoned(folder):
@@ -170,7 +170,7 @@ def _clear_abandoned(directory: Path) -> None:
 
 
 def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
-    """Return what stands in the way of a result in a folder that exists, beside one's own staging folder."""
+    """Return what prevents a result in an existing folder, apart from this run's staging folder."""
     entries = [path for path in directory.iterdir() if path != own]
     if not entries:
         return ""
@@ -193,10 +193,10 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
         )
     for name in filter(lambda name: (directory / name).exists(), (*earlier.names, MANIFEST)):
         try:
-            # Nothing happens here, but where a program that has the file open forbids its removal this shows.
+            # This changes nothing, but fails if another program has the file open and blocks its removal.
             (directory / name).replace(directory / name)
         except OSError as error:
-            return f"cannot be replaced: {name} is held by another program ({error.strerror}); close it there"
+            return f"cannot be replaced: {name} is open in another program ({error.strerror}); close it there"
     return ""
 
 
@@ -204,12 +204,12 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
 
 
 def _staging_place(directory: Path) -> Path:
-    """Return where renames to the directory stay on one file system."""
+    """Return a parent from which renames to the directory stay on one file system."""
     return directory if directory.is_dir() else directory.parent
 
 
 def _put_in_place(directory: Path, staging: Path, manifest: Manifest) -> None:
-    """Move a fresh result to its folder, or where it cannot go there to another beside it."""
+    """Move a new result to its folder, or if that fails to another one beside it."""
     try:
         if staging.parent == directory:
             _replace(directory, staging, manifest)
@@ -223,7 +223,7 @@ def _put_in_place(directory: Path, staging: Path, manifest: Manifest) -> None:
 
 
 def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
-    """Move the files of the earlier result out and those of the new one in; on failure all moves back."""
+    """Move the files of the earlier result out and those of the new one in; on failure undo all moves."""
     problem = _unwanted(directory, manifest.kind, own=staging)
     if problem:
         message = f"it {problem}"
@@ -247,7 +247,7 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
 
 
 def _put_back(directory: Path, staging: Path) -> None:
-    """Undo a replacement that was cut short; one that was not begun, or was finished, stays as it is."""
+    """Undo an interrupted replacement; one not begun or already finished stays as it is."""
     coming = read_manifest(staging / COMING)
     if coming is None or (directory / MANIFEST).exists():
         return
@@ -267,7 +267,7 @@ def _move(source: Path, name: str, target: Path) -> None:
 
 
 def _drop_empty_folders(directory: Path, names: list[str]) -> None:
-    """Take away the folders of some files that nothing is left in."""
+    """Remove the folders of some files if they are empty."""
     folders = {parent for name in names for parent in (directory / name).parents if parent.is_relative_to(directory)}
     for folder in sorted(folders - {directory}, reverse=True):
         if folder.is_dir() and not any(folder.iterdir()):
@@ -275,7 +275,7 @@ def _drop_empty_folders(directory: Path, names: list[str]) -> None:
 
 
 def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
-    """Move a result to a free name beside its folder, or inside it where there is no place beside."""
+    """Move a result to a free name beside its folder, or inside it if that is impossible."""
     for parent in (directory.parent, directory):
         kept = next(path for n in count(2) if not (path := parent / f"{directory.name}-{n}").exists())
         try:
@@ -288,7 +288,7 @@ def _keep_elsewhere(fresh: Path, directory: Path) -> Path:
 
 @contextmanager
 def _missing_parents(directory: Path) -> Iterator[None]:
-    """Make the parents of a directory, and take them away again on failure."""
+    """Create the parents of a directory, and remove them again on failure."""
     missing = [path for path in directory.parents if not path.exists()]
     try:
         directory.parent.mkdir(parents=True, exist_ok=True)

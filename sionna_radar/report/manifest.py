@@ -1,7 +1,7 @@
-"""What a folder of results holds of ours: the list of files that this program wrote, each with its size and hash.
+"""Manifest of a folder of results: the files that this program wrote, each with its size and hash.
 
-Only a file that is listed and still what it was may ever be replaced. A file that the user has added, edited or put
-in the place of ours is the user's.
+Only a listed and unchanged file may ever be replaced. A file that the user has added, edited or put
+in place of ours belongs to the user.
 """
 
 import hashlib
@@ -19,8 +19,8 @@ PROGRAM = "sionna-radar"
 class Manifest:
     """The files of one result, by their paths inside the folder, with forward slashes.
 
-    kind: file that every result of this kind holds, such as `summary.json`.
-    sha256: of each file; size_bytes: too.
+    kind: file that every result of this kind contains, such as `summary.json`.
+    sha256, size_bytes: of each file.
     """
 
     kind: str
@@ -44,7 +44,7 @@ class Manifest:
         return list(self.sha256)
 
     def holds(self, folder: Path, name: str) -> bool:
-        """Return whether a file of a folder is the one listed: there, a plain file in its own place, and unchanged."""
+        """Return whether a file of a folder is the one listed: present, a regular file at its path, and unchanged."""
         path = folder / name
         return (
             path.is_file()
@@ -54,7 +54,7 @@ class Manifest:
         )
 
     def changed(self, folder: Path) -> list[str]:
-        """Return the listed paths where something else stands now; a file that is gone is no loss."""
+        """Return the listed paths whose files have changed; missing files do not count."""
         there = (name for name in self.names if (folder / name).exists() or (folder / name).is_symlink())
         return [name for name in there if not self.holds(folder, name)]
 
@@ -65,9 +65,9 @@ class Manifest:
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """Return the manifest in a file; None where there is none of ours.
+    """Return the manifest in a file; None if there is none of ours.
 
-    Raises OutputError for one that cannot be read.
+    Raises OutputError if it cannot be read.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

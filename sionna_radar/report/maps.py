@@ -34,14 +34,14 @@ def map_bounds(
         low, high = position_m.min(axis=0) - pad, position_m.max(axis=0) + pad
         west, east = min(west, low[0]), max(east, high[0])
         south, north = min(south, low[1]), max(north, high[1])
-    # A strip gets room at its sides: a sliver of a map has no place for its ticks and its colour bar.
+    # A narrow strip gets room at its sides, for the ticks and the colour bar.
     shortest = max(east - west, north - south) / MAX_ASPECT
     across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
     return float(west - across), float(east + across), float(south - along), float(north + along)
 
 
 def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> None:
-    """Show a raster in its place, empty cells in plain grey."""
+    """Show a raster at its position, empty cells in plain grey."""
     axes.set_facecolor(EMPTY)
     height = np.ma.masked_invalid(raster.height_m)
     # Smoothing would let colours bleed into empty cells.
@@ -58,7 +58,7 @@ def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str
     shift_ticks(axes.yaxis, frame.origin_m[1], 7 if aspect < 2 else 4)
     halo = [withStroke(linewidth=2.5, foreground="white")]
     arrow = {"arrowstyle": "-|>", "lw": 1.5, "path_effects": halo, "shrinkA": 0, "shrinkB": 0}
-    # Offsets from the corner, in points, keep the arrow's size whatever the size of the map.
+    # Offsets from the corner are in points, so that the arrow's size does not depend on that of the map.
     corner = axes.transAxes + ScaledTranslation(-14 / 72, -8 / 72, axes.figure.dpi_scale_trans)
     axes.annotate(
         "N",
@@ -75,11 +75,11 @@ def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str
 
 
 def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither") -> None:
-    """Put a colour bar beside a map that is so many inches wide."""
-    # An inset keeps the height of its map, which the layout engine's own bars do not where scales are equal.
+    """Put a colour bar beside a map of the given width in inches."""
+    # An inset keeps the height of its map; colour bars of the layout engine do not if axis scales are equal.
     inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
     bar = axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
-    # Heights of a mountain: 1203, not 3 and "+1.2e3" above the bar.
+    # Heights of a mountain: 1203, not 3 with "+1.2e3" above the bar.
     bar.formatter.set_useOffset(False)
 
 
@@ -89,12 +89,12 @@ def empty_patch(why: str = "shadow or no echo") -> Patch:
 
 
 def height_limits(*rasters: Raster) -> tuple[float, float]:
-    """Return the lowest and the highest of all heights, in metres, some way apart."""
+    """Return the lowest and the highest of all heights, in metres, with a minimum difference."""
     heights = np.concatenate([r.height_m[r.filled] for r in rasters])
     if len(heights) == 0:
         return 0.0, 1.0
     low, high = float(heights.min()), float(heights.max())
-    # A level surface needs a scale too.
+    # A level surface also needs a scale.
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
 
 
@@ -105,5 +105,5 @@ def height_colours(limits: tuple[float, float], frame: Frame = LOCAL_FRAME) -> S
 
 
 def dot_size(map_in: tuple[float, float], count: int) -> float:
-    """Return the size of a dot, in points, at which that many leave most of a map to be seen."""
+    """Return the size of a dot, in points, at which this many leave most of a map visible."""
     return float(np.clip(72 * np.sqrt(map_in[0] * map_in[1] / max(count, 1)) / 8, 0.75, 2.5))

@@ -26,13 +26,13 @@ from sionna_radar.studies.images import Imagery
 from sionna_radar.studies.sweep import Sweep
 from sionna_radar.survey.result import Survey
 
-# On a screen beside text; the files for print are finer.
+# For a screen, next to text; the files for print are finer.
 DPI = 80
 PRE = "<pre style='line-height: 1.2'>{code}</pre>"
 
 
 def html_of(result: object) -> str | None:
-    """Return a result as HTML; None for one that has no table."""
+    """Return a result as HTML; None for one without a table."""
     parts = [_html_of_table(part) if isinstance(part, Table) else _html_of_figure(part) for part in shown(result)]
     parts += [f"<p>warning: {html.escape(warning)}</p>" for warning in getattr(result, "warnings", ())]
     return "\n".join(parts) or None

@@ -1,4 +1,4 @@
-"""Keys of a scenario as a reader of figures knows them: words, with the unit in brackets."""
+"""Scenario keys as labels of figures: words, with the unit in brackets."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ UNITS = {
     "m": "m",
     "s": "s",
 }
-# Last parts of keys that say too little without the table they stand in.
+# Last parts of keys that need the name of their table.
 VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path", "rank", "seed", "training", "window")
 
 
@@ -35,5 +35,5 @@ def readable(key: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """Return a value of a scenario in short."""
+    """Return a short form of a scenario value."""
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,7 @@
-"""Folders in which results are made before they are put in place, and what killed runs have left of them.
+"""Folders in which results are written before they are put in place, and leftovers of killed runs.
 
-A staging folder holds a file that its process keeps locked. The system drops the lock when the process ends, however
-it ends, so an unlocked staging folder is an abandoned one.
+A staging folder contains a file that its process keeps locked. The system releases the lock when the process ends,
+however it ends, so an unlocked staging folder is an abandoned one.
 """
 
 import shutil
@@ -14,17 +14,17 @@ from filelock import FileLock, Timeout
 
 PREFIX = ".sionna-radar-"
 LOCK, OWNER = "lock", "owner"
-OWNER_TEXT = "Results in the making by sionna-radar; the next run takes this folder away if its own has ended.\n"
+OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this folder if its own run has ended.\n"
 
 
 @contextmanager
 def staged(parent: Path) -> Iterator[Path]:
-    """Yield a new staging folder inside a folder, and take it away with all that is left in it."""
+    """Yield a new staging folder inside a folder, and remove it afterwards with all its contents."""
     folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
     lock = FileLock(folder / LOCK)
     try:
         with lock:
-            # Written under the lock: a staging folder with this file and no lock has lost its process.
+            # Written under the lock: a staging folder with this file but no lock is abandoned.
             (folder / OWNER).write_text(OWNER_TEXT, encoding="utf-8")
             yield folder
     finally:
@@ -32,7 +32,7 @@ def staged(parent: Path) -> Iterator[Path]:
 
 
 def abandoned(parent: Path) -> Iterator[Path]:
-    """Yield the staging folders inside a folder whose processes have ended; each is taken away afterwards."""
+    """Yield the staging folders inside a folder whose processes have ended; each is removed afterwards."""
     for folder in sorted(parent.glob(f"{PREFIX}*")):
         if folder.is_symlink() or not (folder / OWNER).is_file():
             continue
@@ -45,5 +45,5 @@ def abandoned(parent: Path) -> Iterator[Path]:
 
 
 def in_use(path: Path) -> bool:
-    """Tell whether a path is a staging folder; once `abandoned` has been used up, one of a run that goes on."""
+    """Return whether a path is a staging folder; once `abandoned` is exhausted, one of a live run."""
     return path.name.startswith(PREFIX) and (path / OWNER).is_file()

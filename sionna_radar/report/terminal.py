@@ -1,7 +1,7 @@
-"""The terminal: tables and text as they are, on any encoding, and progress where somebody watches.
+"""The terminal: literal tables and text, in any encoding, and progress on interactive terminals.
 
-Descriptions, names and paths are the user's, and may hold what a terminal library takes for markup or an encoding
-does not know. All that is printed goes through here.
+Descriptions, names and paths come from the user, and may contain what a terminal library takes for markup or an
+encoding cannot represent. All output goes through here.
 """
 
 import codecs
@@ -16,7 +16,7 @@ from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
 from sionna_radar.foundation.progress import progress_bar
 
-# In the place of a number that does not exist.
+# Shown for a number that does not exist.
 NONE = "-"
 PLAIN = {"±": "+-", "→": "->", "–": "-", "…": "...", "²": "2", "°": " deg", "µ": "u", "×": "x"}
 SECONDS_BETWEEN_LINES = 10.0
@@ -33,7 +33,7 @@ def number(value: float, form: str, unit: str = "") -> str:
 
 
 def print_on_any_encoding() -> None:
-    """Let standard output and error spell out what their encoding does not know, instead of failing."""
+    """Let standard output and error replace what their encoding cannot represent, instead of failing."""
     codecs.register_error("sionna_radar.plain", _spelled_out)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -49,7 +49,7 @@ def _spelled_out(error: UnicodeError) -> tuple[str | bytes, int]:
 
 @contextmanager
 def shown_progress() -> Iterator[Report]:
-    """Show a bar for each stage on a terminal; elsewhere a line now and then, on standard error."""
+    """Show a bar for each stage on a terminal; elsewhere an occasional line on standard error."""
     screen = Console(stderr=True, markup=False)
     if not screen.is_terminal:
         yield lines(lambda text: print(text, file=sys.stderr, flush=True), monotonic)
@@ -59,7 +59,7 @@ def shown_progress() -> Iterator[Report]:
 
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
-    """Return a report of progress in lines of text, at most one in ten seconds."""
+    """Return a report of progress in lines of text, at most one every ten seconds."""
     last = clock()
 
     def report(stage: str, done: int, total: int) -> None:
@@ -73,5 +73,5 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
 
 
 def quiet_progress() -> Report:
-    """Return a report that shows nothing, but does not let an interrupt be lost."""
+    """Return a report that shows nothing, but still handles interrupts."""
     return lambda stage, done, total: raise_received()

@@ -128,7 +128,7 @@ class UlabyDobson(EmpiricalTable):
                 f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}",
             )
         if not self.source.strip():
-            raise refuse("source", "empty; say where the parameters come from: document, band, polarisation")
+            raise refuse("source", "empty; say where the parameters come from: document, band, polarization")
         return self
 
 
@@ -193,7 +193,7 @@ class IntegralEquation(RoughTable):
 class SionnaItu(MaterialParameters):
     """A slab with the coefficients of Sionna RT's ITURadioMaterial: `scattering_coefficient` of the field scatters.
 
-    The scattering matrix is that of the materials above, which keeps the polarisation at every scan angle; Sionna's
+    The scattering matrix is that of the materials above, which keeps the polarization at every scan angle; Sionna's
     own loses 4.5 to 24 dB of the co-polar echo off nadir.
     """
 

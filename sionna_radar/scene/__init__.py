@@ -1,4 +1,4 @@
-"""The environment: terrain, buildings, cities, targets, and what a ray from above sees of them."""
+"""The environment: terrain, buildings, cities, targets, and ray casting against them."""
 
 import lazy_loader
 

@@ -18,9 +18,9 @@ from sionna_radar.surfaces.material import build_materials, channel_of
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltScene:
-    """A scene with what the rest of the survey asks of it.
+    """A scene with what the survey needs from it.
 
-    ground_m: height of the bare ground at points of the plan, holes bridged; NaN beyond the terrain.
+    ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
     """
 
@@ -40,16 +40,16 @@ def build_scene(
     Parameters
     ----------
     scenario:
-        What to build.
+        The scenario.
     window_m:
-        What the survey can see (west, south, east, north); no more of a file is read.
+        Extent that the survey can see (west, south, east, north); no more of a file is read.
     terrain, materials:
-        A custom terrain and custom materials in place of the scenario's.
+        A custom terrain and custom materials instead of the scenario's.
 
     Raises
     ------
     ScenarioError, InputFileError
-        A building or target lies beyond the terrain; a material is undefined at the carrier; an input file
+        A building or target is beyond the terrain; a material is undefined at the carrier; an input file
         cannot be used.
 
     """
@@ -78,7 +78,7 @@ def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     for index, target in enumerate(scenario.targets):
         ground = float(height[index])
         if not np.isfinite(ground):
-            message = f"{target.position_m} lies beyond the terrain; move it or enlarge the terrain"
+            message = f"{target.position_m} is beyond the terrain; move it or enlarge the terrain"
             raise ScenarioError([Problem(f"targets.{index}.position_m", message)])
         position = (*target.position_m, ground + target.height_m)
         targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm), swerling=target.swerling))

@@ -14,12 +14,12 @@ from sionna_radar.scene.model import Surface
 def build_box(
     building: Building, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 ) -> Surface:
-    """Return a building as a box: its base on the lowest ground under its outline, its height above that.
+    """Return a building as a box: its base on the lowest ground in its outline, its height above that.
 
     Raises
     ------
     ScenarioError
-        Part of the outline lies outside the terrain.
+        Part of the outline is outside the terrain.
 
     """
     length, width, height = building.size_m
@@ -29,7 +29,7 @@ def build_box(
     a, b = (grid.ravel()[:, None] for grid in np.meshgrid(share * length, share * width))
     base = float(np.min(ground_m(np.array(building.position_m) + a * along + b * across)))
     if not np.isfinite(base):
-        message = f"the building at {building.position_m} reaches beyond the terrain; move it or enlarge the terrain"
+        message = f"the building at {building.position_m} extends beyond the terrain; move it or enlarge the terrain"
         raise ScenarioError([Problem(f"buildings.{index}.position_m", message)])
     place = np.eye(4)
     place[:2, 0], place[:2, 1] = across, along

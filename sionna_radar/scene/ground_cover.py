@@ -1,7 +1,7 @@
-"""Splitting the ground's mesh by what covers it: rectangles, polygons, and a raster of classes.
+"""Splitting the ground's mesh by land cover: rectangles, polygons, and a raster of classes.
 
-A face belongs to the cover that its middle lies in, so borders follow the mesh: its spacing is their accuracy.
-Later covers lie over earlier ones: the raster's classes, then `fields`, then `cover`, each in the order given.
+A face belongs to the cover that contains its centre, so borders follow the mesh: its spacing is their accuracy.
+Later covers override earlier ones: the raster's classes, then `fields`, then `cover`, each in the order given.
 """
 
 import numpy as np
@@ -27,12 +27,12 @@ def cover_ground(
     terrain: CoveredTerrain,
     georeference: Georeference | None,
 ) -> tuple[Surface, ...]:
-    """Return the ground's mesh as one surface for each cover that shows.
+    """Return the ground's mesh as one surface for each visible cover.
 
     Raises
     ------
     ScenarioError, InputFileError
-        A polygon covers nothing; the raster of classes cannot be read or placed.
+        A polygon covers no face; the raster of classes cannot be read or georeferenced.
 
     """
     if terrain.cover_raster is None and not terrain.cover and not getattr(terrain, "fields", ()):
@@ -68,13 +68,13 @@ def cover_ground(
 def _part(
     vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], number: int, material: str
 ) -> Surface:
-    """Return some faces of the ground as a surface, with no more vertices than they need."""
+    """Return some faces of the ground as a surface, with only the vertices they need."""
     used, index = np.unique(faces, return_inverse=True)
     return Surface(name=f"terrain-{number}", vertices_m=vertices_m[used], faces=index.reshape(-1, 3), material=material)
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
-    """Return which points lie in a polygon; only those in the box around it are tested against its sides."""
+    """Return which points lie in a polygon; only those in its bounding box are tested against its sides."""
     low, high = corner_m.min(axis=0), corner_m.max(axis=0)
     near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
     return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near
@@ -83,14 +83,14 @@ def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, 
 def classes_at(
     cover: CoverRaster, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
-    """Return the class value of the cell that each point of the plan lies in; NO_CLASS beyond the raster.
+    """Return the class value of the raster cell at each horizontal position; NO_CLASS beyond the raster.
 
     Raises
     ------
     InputFileError
-        The raster cannot be read, or lies nowhere over the points.
+        The raster cannot be read, or does not overlap the points.
     ScenarioError
-        Only one of the raster and the terrain has a place on the Earth.
+        Only one of the raster and the terrain is georeferenced.
 
     """
     with open_raster(cover.path, "terrain.cover_raster.path") as source:
@@ -100,15 +100,15 @@ def classes_at(
         inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
         value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
         if not inside.any():
-            message = f"{cover.path}: lies nowhere over the terrain; check its place and CRS"
+            message = f"{cover.path}: does not overlap the terrain; check its position and CRS"
             raise InputFileError(message)
         column, row = (c[inside].astype(np.int64) for c in (column, row))
-        # No more of the file is read than the ground needs.
+        # Only the part of the file that covers the ground is read.
         window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
         if window.width * window.height > MOST_CELLS_READ:
             message = (
                 f"{cover.path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
-                f"{MOST_CELLS_READ:,}; make it coarser, with gdal_translate -tr"
+                f"{MOST_CELLS_READ:,}; coarsen it with gdal_translate -tr"
             )
             raise InputFileError(message)
         cells = _whole(source.read(1, window=window, masked=True))
@@ -117,7 +117,7 @@ def classes_at(
 
 
 def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, "row column"]:
-    """Return class values as whole numbers; what cannot be one is NO_CLASS."""
+    """Return class values as integers; invalid ones are NO_CLASS."""
     if cells.dtype.kind != "f":
         return np.ma.filled(cells.astype(np.int64), NO_CLASS)
     stored = cells.filled(np.nan)

@@ -1,6 +1,6 @@
-"""The ground of a survey, whatever it comes from, and how to add a source of it.
+"""The ground of a survey, whatever its source, and how to add a source.
 
-Synthetic ground lies nowhere on the Earth; ground from a file carries its place. Everything is in the local frame:
+Synthetic ground is not georeferenced; ground from a file has its georeference. Everything is in the local frame:
 metres, x east, y north, z up.
 """
 
@@ -29,10 +29,10 @@ Builder = TypeVar("Builder", bound=Callable[..., "Landscape"])
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainInputs:
-    """What a terrain is built from, beside its parameters.
+    """Inputs of a terrain, besides its parameters.
 
-    window_m: what the survey can see (west, south, east, north); ground beyond it need not be there.
-    carrier_hz, channel: of the radar, for terrain that brings materials of its own.
+    window_m: extent that the survey can see (west, south, east, north); ground beyond it is not needed.
+    carrier_hz, channel: of the radar, for terrain with its own materials.
     """
 
     window_m: tuple[float, float, float, float]
@@ -45,12 +45,12 @@ class Landscape:
     """The ground of a survey.
 
     surfaces: its triangles.
-    ground_m: height of the bare ground at points of the plan, holes bridged; NaN beyond the terrain.
-    standing_m: height that objects stand on: that of the triangles themselves.
-    ground_material: the material of the ground where one must be named, as for a reference echo.
-    georeference: None for ground that lies nowhere on the Earth.
-    materials: those that the terrain brings.
-    heights: the raster that the triangles were made of, where there is one.
+    ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
+    standing_m: height on which objects stand: that of the triangles themselves.
+    ground_material: the material of the ground where a single one is needed, as for a reference echo.
+    georeference: None if the ground is not georeferenced.
+    materials: those that come with the terrain.
+    heights: the raster from which the triangles were made, if any.
     """
 
     surfaces: tuple[Surface, ...]
@@ -70,7 +70,7 @@ def landscape_of_heights(
     Raises
     ------
     ScenarioError, InputFileError
-        A polygon covers nothing; the raster of classes cannot be read or placed.
+        A polygon covers no face; the raster of classes cannot be read or georeferenced.
 
     """
     surfaces = cover_ground(*mesh_of(raster), terrain, georeference)
@@ -78,7 +78,7 @@ def landscape_of_heights(
     top_m = max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0
 
     def standing_m(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        # Between the posts of a coarse raster the bilinear ground lies metres above or below the triangles.
+        # Between the posts of a coarse raster the bilinear ground is metres above or below the triangles.
         mesh = RayCaster(surfaces).from_above(place_m, top_m)
         return np.where(np.isnan(mesh), ground_m(place_m), mesh)
 
@@ -93,7 +93,7 @@ def landscape_of_heights(
 
 
 def _bridged(raster: Raster) -> Raster:
-    """Return a raster whose holes hold the nearest height, so that a flight can be planned across a lake."""
+    """Return a raster with voids filled by the nearest height, so that a flight can be planned across a lake."""
     if raster.filled.all():
         return raster
     nearest = distance_transform_edt(~raster.filled, return_distances=False, return_indices=True)
@@ -106,13 +106,13 @@ def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
-        Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` has the keys of cover, too.
+        Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` also has the keys of land cover.
 
     Returns
     -------
-    A decorator of what builds a `Landscape`: a function, called with the parameters and `TerrainInputs`.
+    A decorator for a function that builds a `Landscape`; it is called with the parameters and `TerrainInputs`.
 
     Raises
     ------

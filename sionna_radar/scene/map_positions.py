@@ -1,4 +1,4 @@
-"""Positions of a scenario that are given on the map, brought into the local frame of its terrain."""
+"""Transforming map positions of a scenario into the local frame of its terrain."""
 
 import numpy as np
 from pyproj import CRS
@@ -19,7 +19,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
     Raises
     ------
     ScenarioError, InputFileError
-        There is no such CRS, a position has no place in it, or the terrain cannot be read.
+        There is no such CRS, a position is not valid in it, or the terrain cannot be read.
 
     """
     if not isinstance(scenario.terrain, SampleTerrain | RasterTerrain) or scenario.coordinates == "local":
@@ -66,7 +66,7 @@ def _crs(name: str) -> CRS:
 
 
 class _Moving:
-    """Brings positions on the map into the local frame, and collects those that have no place there."""
+    """Transforms map positions into the local frame, and collects those that cannot be transformed."""
 
     def __init__(self, crs: CRS, place: PlacedRaster) -> None:
         self._crs, self._place = crs, place
@@ -80,6 +80,6 @@ class _Moving:
             raise ScenarioError([Problem("coordinates", f"{message}; give another")]) from error
         if not (np.isfinite(x[0]) and np.isfinite(y[0])):
             order = "longitude and latitude" if self._crs.is_geographic else "easting and northing"
-            message = f"{position} has no place in {self._crs.name!r}; give {order}, in this order"
+            message = f"{position} is not valid in {self._crs.name!r}; give {order}, in this order"
             self.problems.append(Problem(key, message))
         return float(x[0] - self._place.origin[0]), float(y[0] - self._place.origin[1])

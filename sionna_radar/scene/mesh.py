@@ -7,13 +7,13 @@ from sionna_radar.foundation.raster import Raster
 
 
 def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
-    """Return vertices and triangles of a raster: two triangles between any four filled neighbours.
+    """Return vertices and triangles of a raster: two triangles for every four filled neighbours.
 
         c---d
         | / |      counter-clockwise seen from above: a b d, a d c
         a---b
 
-    Empty cells leave holes, and cells that bear no triangle no vertex.
+    Empty cells leave holes, and cells without a triangle have no vertex.
     """
     index = np.arange(raster.height_m.size).reshape(raster.grid.shape)
     corners = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]

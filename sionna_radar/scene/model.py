@@ -1,4 +1,4 @@
-"""What a scene is made of, in plain arrays that any engine can use."""
+"""The contents of a scene, in plain arrays that any engine can use."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from sionna_radar.surfaces.backscatter import Backscatter
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """A triangle mesh of one material, world frame; triangles turn counter-clockwise seen from outside."""
+    """A triangle mesh of one material, world frame; triangles are counter-clockwise seen from outside."""
 
     name: str
     vertices_m: Float[np.ndarray, "vertex 3"]
@@ -22,9 +22,9 @@ class Surface:
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A point target: where it is, its mean radar cross-section, and how that fluctuates.
+    """A point target: its position, mean radar cross-section, and fluctuation.
 
-    swerling: 0 not at all, 1 to 4 by Swerling's cases (see `tracing.targets`).
+    swerling: 0 for a constant one, 1 to 4 for Swerling's cases (see `tracing.effects.targets`).
     """
 
     position_m: tuple[float, float, float]
@@ -37,8 +37,8 @@ class Scene:
     """Everything the radar can see.
 
     materials: how each scatters; one that distinguishes V, H and specular reflection is a `RadarMaterial`.
-    ground_material: the material of the ground where one must be named, as for a reference echo.
-    georeference: None for a scene that lies nowhere on the Earth.
+    ground_material: the material of the ground where a single one is needed, as for a reference echo.
+    georeference: None if the scene is not georeferenced.
     """
 
     surfaces: tuple[Surface, ...]

@@ -11,7 +11,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
 
-# How far beside a vertical ray the one is cast that catches slips, and the least difference that is a slip.
+# Offset of the second vertical ray that detects slips between triangles, and the least difference that is a slip.
 EDGE_STEP_M = np.array([7e-4, 4e-4])
 EDGE_JUMP_M = 0.01
 
@@ -20,7 +20,7 @@ EDGE_JUMP_M = 0.01
 class Hits:
     """First hits of rays; a miss has infinite distance and surface -1.
 
-    cosine: of the angle between the ray and the surface's normal, not negative; of a miss anything.
+    cosine: of the angle between the ray and the surface's normal, not negative; undefined for a miss.
     """
 
     distance_m: Float[np.ndarray, " ray"]
@@ -45,7 +45,7 @@ def mitsuba_mesh(surface: Surface) -> Any:
 
 
 class RayCaster:
-    """Rays against a set of surfaces."""
+    """Casts rays against a set of surfaces."""
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         mi = load_mitsuba()
@@ -58,8 +58,8 @@ class RayCaster:
         self._surface_of_shape[ids] = np.arange(len(ids))
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
-        """Return what rays along unit vectors hit first."""
-        if len(origin_m) == 0:  # Dr.Jit ends the process on arrays of no size
+        """Return the first hits of rays along unit vectors."""
+        if len(origin_m) == 0:  # Dr.Jit crashes on empty arrays
             return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64), cosine=np.zeros(0))
         mi = load_mitsuba()
         import drjit as dr
@@ -85,7 +85,7 @@ class RayCaster:
         return ray
 
     def intersect(self, ray: Any) -> Any:
-        """Return Mitsuba's surface interactions of prepared rays, computed and complete."""
+        """Return Mitsuba's surface interactions of prepared rays, fully evaluated."""
         import drjit as dr
 
         found = self._scene.ray_intersect(ray)
@@ -99,22 +99,22 @@ class RayCaster:
         point_m: Float[np.ndarray, "ray 3"],
         tolerance_m: float = 0.01,
     ) -> Bool[np.ndarray, " ray"]:
-        """Tell whether points are seen from origins; a point may lie on a surface within the tolerance."""
+        """Return whether points are visible from origins; a point may lie on a surface within the tolerance."""
         away = point_m - origin_m
         distance = np.linalg.norm(away, axis=1)
         return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
 
     def from_above(self, point_m: Float[np.ndarray, "n 2"], top_m: float) -> Float[np.ndarray, " n"]:
-        """Return the height of the highest surface over points of the plan, seen from `top_m`; NaN if none."""
+        """Return the height of the highest surface at horizontal positions, seen from `top_m`; NaN if none."""
         return self._vertical(point_m, top_m, -1.0)
 
     def from_below(self, point_m: Float[np.ndarray, "n 2"], bottom_m: float) -> Float[np.ndarray, " n"]:
-        """Return the height of the lowest surface over points of the plan, seen from `bottom_m`."""
+        """Return the height of the lowest surface at horizontal positions, seen from `bottom_m`."""
         return self._vertical(point_m, bottom_m, 1.0)
 
     def _vertical(self, point_m: Float[np.ndarray, "n 2"], start_m: float, up: float) -> Float[np.ndarray, " n"]:
         first = self._plumb(point_m, start_m, up)
-        # A ray along the edge of two triangles may slip between them; one a little aside then decides.
+        # A ray along the edge of two triangles may slip between them; a slightly offset one then decides.
         aside = self._plumb(point_m + EDGE_STEP_M, start_m, up)
         slipped = np.nan_to_num(up * (first - aside), nan=np.inf) > EDGE_JUMP_M
         return np.where(slipped & np.isfinite(aside), aside, first)
@@ -126,5 +126,5 @@ class RayCaster:
 
 
 def truth_dem(caster: RayCaster, grid: Grid, top_m: float) -> Raster:
-    """Return what a vertical ray sees from above at every cell centre."""
+    """Return the height hit by a vertical ray from above at every cell centre."""
     return Raster(grid=grid, height_m=caster.from_above(grid.centres_m, top_m).reshape(grid.shape))

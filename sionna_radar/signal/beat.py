@@ -1,13 +1,13 @@
 """Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp.
 
-With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the sent and the
+With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the transmitted and the
 received wave is (t from the middle of the sweep, S its slope)
 
     phi(t) / 2 pi = f0 tau(t) + S t tau(t) - S tau(t)^2 / 2 = c0 + c1 t + c2 t^2
 
 c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross terms, and c2 the drift of the
-beat while the scatterer moves. A chirp's paths share nearly the same c2: their power-weighted mean is applied
-exactly, and what each differs by enters as a power series, as long as it matters.
+beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
+exactly, and the differences from it as a power series, as far as they matter.
 """
 
 import math
@@ -38,7 +38,7 @@ class PhasePolynomial:
 def phase_polynomial(
     delay_s: Float[np.ndarray, " path"], range_rate_mps: Float[np.ndarray, " path"], chirp: Chirp
 ) -> PhasePolynomial:
-    """Return the beat phase of paths; a down-sweep is mixed so that range still reads positive."""
+    """Return the beat phase of paths; a down-sweep is mixed so that ranges stay positive."""
     f0, slope, sign = chirp.carrier_hz, chirp.slope_hz_s, chirp.direction
     stretch = 2 * np.asarray(range_rate_mps, dtype=np.float64) / speed_of_light
     return PhasePolynomial(
@@ -49,7 +49,7 @@ def phase_polynomial(
 
 
 def beat_phase(paths: Paths, chirp: Chirp) -> PhasePolynomial:
-    """Return the beat phase of paths, whose delays are those of the pulse, in one of its sweeps."""
+    """Return the beat phase of paths in one sweep of their pulse; their delays refer to the whole pulse."""
     delay_s = paths.delay_s
     if chirp.centre_s:
         delay_s = delay_s + chirp.centre_s * 2 * paths.range_rate_mps.astype(np.float64) / speed_of_light
@@ -57,10 +57,10 @@ def beat_phase(paths: Paths, chirp: Chirp) -> PhasePolynomial:
 
 
 def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return the noise-free beat signals of a block of pulses for a unit sent power.
+    """Return the noise-free beat signals of a block of pulses for unit transmitted power.
 
-    A path of gain a adds the power |a|^2: as a complex exponential of that magnitude to I/Q samples, as a
-    cosine of sqrt(2) times it to real ones. An ideal filter removes beats beyond the unambiguous band of the sampling.
+    A path of gain a adds the power |a|^2: a complex exponential of magnitude |a| in I/Q samples, a
+    cosine of amplitude sqrt(2) |a| in real ones. An ideal filter removes beats outside the unambiguous band.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     first = np.searchsorted(paths.pulse, pulses.index, side="left")
     last = np.searchsorted(paths.pulse, pulses.index, side="right")
     beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
-    # Within a beam the points come in no order worth sorting; the smaller grid suits few points per chirp.
+    # The points of a beam are in no useful order, so they are not sorted; the smaller grid suits few points per chirp.
     plan = finufft.Plan(1, (chirp.samples,), eps=NUFFT_ACCURACY, isign=1, nthreads=1, spread_sort=0, upsampfac=1.25)
     for row, (start, stop) in enumerate(zip(first, last, strict=True)):
         if start < stop:
@@ -105,7 +105,7 @@ def _one_chirp(
     if total == 0.0:
         return np.zeros(len(time_s), dtype=np.complex128)
     mean_drift = float(power @ drift_hz_s / total)
-    # Phase that each path's own drift adds at the ends of the sweep.
+    # Phase added by each path's individual drift at the ends of the sweep.
     excess = 2 * np.pi * (drift_hz_s - mean_drift) * (chirp.duration_s / 2) ** 2
     plan.setpts(turn)
     beat = plan.execute(weight)
@@ -119,7 +119,7 @@ def _one_chirp(
 
 
 def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Bool[np.ndarray, " path"]:
-    """Tell which beats lie inside the sampled band."""
+    """Return which beats lie inside the sampled band."""
     half = chirp.sampling_rate_hz / 2
     # Complex samples cover 0 to the sampling rate; a real signal folds negative frequencies onto positive.
     centre = half if chirp.sampling == "iq" else 0.0

@@ -1,13 +1,13 @@
-"""A high-pass at the intermediate frequency, between mixer and sampler.
+"""A high-pass at the intermediate frequency, between mixer and ADC.
 
-The beat of a near echo is low and strong, that of far ground high and weak. A high-pass takes the near ones down before
-they are sampled: with its corner beyond the ranges of interest, an order n weighs powers by r^2n, so that order 1
-makes up for the r^-2 of a volume that fills the beam, and order 2 for r^-4 of points. What it buys is dynamic range
-of the converter and less of the transmitter's leakage; calibrated spectra are the same with and without.
+The beat of a near echo is low and strong, that of far ground high and weak. A high-pass attenuates near echoes before
+sampling: with its corner beyond the ranges of interest, order n weights powers by r^2n, so that order 1
+compensates the r^-2 of a beam-filling volume, and order 2 the r^-4 of points. The benefit is dynamic range
+of the ADC and less transmitter leakage; calibrated spectra are the same with and without it.
 
-Each path's beat is a steady tone, which the filter turns and weakens by its response at the tone's frequency; a chirp
-is long against the filter's settling. Thermal noise enters before the filter and is shaped like the echoes, so that
-its level in a calibrated spectrum stays one number for all ranges.
+Each path's beat is a steady tone, which the filter multiplies by its complex response at that frequency; a chirp
+is much longer than the filter's settling time. Thermal noise enters before the filter and is shaped like the echoes, so
+its level in a calibrated spectrum is the same at all ranges.
 """
 
 from dataclasses import dataclass, replace
@@ -40,12 +40,12 @@ class HighPass:
         return response
 
     def power_response(self, frequency_hz: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the ratio of powers behind the filter and before it."""
+        """Return the ratio of the powers after and before the filter."""
         raised: Float[np.ndarray, " n"] = np.abs(frequency_hz / self.corner_hz) ** (2 * self.order)
         return raised / (1 + raised)
 
     def filtered(self, paths: Paths, chirp: Chirp) -> Paths:
-        """Return paths with the gains that their beats have behind the filter."""
+        """Return paths with the gains of their beats after the filter."""
         response = self.response(beat_phase(paths, chirp).frequency_hz)
         # An up-sweep's beat has the conjugate of a path's gain.
         return replace(paths, gain=paths.gain * (np.conj(response) if chirp.direction > 0 else response))
@@ -53,10 +53,10 @@ class HighPass:
     def shaped(
         self, noise: Inexact[np.ndarray, "pulse sample"], sampling_rate_hz: float
     ) -> Inexact[np.ndarray, "pulse sample"]:
-        """Return noise that has passed the filter: stationary, so taken as periodic over the chirp."""
+        """Return noise after the filter; being stationary, it is treated as periodic over the chirp."""
         samples = noise.shape[1]
         if np.iscomplexobj(noise):
-            # I/Q samples stand for beats from zero to the sampling rate.
+            # I/Q samples represent beats from zero to the sampling rate.
             response = self.response(np.arange(samples) * (sampling_rate_hz / samples))
             return scipy.fft.ifft(scipy.fft.fft(noise) * response)
         response = self.response(scipy.fft.rfftfreq(samples, 1 / sampling_rate_hz))
@@ -64,7 +64,7 @@ class HighPass:
 
 
 def build_high_pass(table: ReceiverTable) -> HighPass | None:
-    """Return the high-pass of a scenario; None without one."""
+    """Return the high-pass of a scenario; None if it has none."""
     if table.high_pass_corner_hz == 0:
         return None
     return HighPass(corner_hz=table.high_pass_corner_hz, order=table.high_pass_order)

@@ -1,21 +1,21 @@
-"""What a time-of-flight lidar makes of the air and the ground along one beam: which range a pulse of light reads.
+"""Time-of-flight lidar in air and over ground: the range that a light pulse measures along one beam.
 
-All is told as the reflectivity of a Lambertian target at right angles that fills the beam and returns as much, after
-the loss on the way (extinction a, both ways):
+Returns are expressed as the reflectivity of an equally strong Lambertian target, normal to and filling the beam, after
+the two-way loss (extinction a):
 
     ground   reflectivity * cos(incidence) * exp(-2 a r)
-    volume   pi b L exp(-2 a r),  b the backscatter, L = (1 - exp(-2 a l)) / (2 a) what a pulse lights of it at a time,
+    volume   pi b L exp(-2 a r),  b the backscatter, L = (1 - exp(-2 a l)) / (2 a) the length illuminated by a pulse,
              l = c t / 2 its length
     drop     pi s / A(r) * exp(-2 a r),  s its backscatter, A the beam's cross-section
 
-A return is what exceeds the threshold max(least, 10 % (r / clear range)^2): the receiver's noise, which is that of a
-10 % target at its clear range, and the least target that is reported. It is read at its near edge, exactly.
-The first return is the volume at the near range where it exceeds the threshold there; else the nearest drop that does
-before the ground; else the ground. The last return is the ground where it is heard, else what is heard before it.
+A return must exceed the threshold max(least, 10 % (r / clear range)^2): the receiver noise, equal to a
+10 % target at its clear range, and the weakest reported target. Its range is that of its near edge, without error.
+The first return is the volume at the near range if it exceeds the threshold there; otherwise the nearest drop that
+does before the ground; otherwise the ground. The last return is the ground if detected, otherwise the return before it.
 
-Drops lie in the beam by chance (Poisson, Marshall-Palmer), each alone; that several share a pulse and add up is left
-out, as is the mean echo of the many small ones, which at 50 mm/h is that of a target of 0.004 %. So are multiple
-scattering, which brings some of a fog's light back into the field of view, speckle, and the detector's noise itself.
+Drops are random in the beam (Poisson, Marshall-Palmer) and seen singly; the sum of several within a pulse is left
+out, as is the mean echo of the many small ones, which at 50 mm/h equals a target of 0.004 %. So are multiple
+scattering, which returns some of a fog's light to the field of view, speckle, and range errors by detector noise.
 """
 
 from dataclasses import dataclass
@@ -33,38 +33,38 @@ from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr, optical_air
 
-# Of the target that `clear_range_m` is told of.
+# Reflectivity of the target for which `clear_range_m` is given.
 CLEAR_REFLECTIVITY = 0.1
-# Diameters at which drops are counted, and steps of range, both even in the logarithm.
+# Drop diameters, and number of range steps, both logarithmically spaced.
 DROPS_M = np.geomspace(0.1e-3, 8e-3, 200)
 STEPS = 200
 
 
 @dataclass(frozen=True, kw_only=True)
 class LidarReceiver:
-    """A lidar in its air."""
+    """A lidar receiver in a given atmosphere."""
 
     table: LidarTable
     air: OpticalAir
     seed: int
 
     def received(self, paths: Paths, pulses: Pulses) -> Paths:
-        """Return the paths along the beam axes as the lidar reads them; a pulse that hears nothing has none.
+        """Return the paths along the beam axes as measured by the lidar; a pulse without a return has none.
 
-        A pulse without a path, which meets no ground, may yet hear the air.
+        A pulse without a path, which meets no ground, may still have a return from the air.
         """
         ground_m = np.full(len(pulses), np.inf)
         cosine = np.zeros(len(pulses))
         row = pulses.row_of(paths.pulse)
         ground_m[row] = paths.delay_s * (speed_of_light / 2)
         cosine[row] = np.cos(paths.incidence_rad)
-        heard = self.hears_ground(ground_m, cosine)
+        ground_seen = self.detects_ground(ground_m, cosine)
         before_m = self.nearest_in_air_m(pulses)
-        # What hangs or falls behind the ground is not seen.
+        # Particles behind the ground are not seen.
         in_air = before_m < ground_m
-        read_air = in_air if self.table.returns == "first" else in_air & ~heard
+        read_air = in_air if self.table.returns == "first" else in_air & ~ground_seen
         range_m = np.where(read_air, before_m, ground_m)
-        read = read_air | heard
+        read = read_air | ground_seen
         surface = np.full(len(pulses), VOLUME)
         surface[row] = paths.surface
         incidence = np.full(len(pulses), np.nan)
@@ -79,42 +79,44 @@ class LidarReceiver:
         )
 
     def threshold(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the reflectivity that a return must exceed at ranges."""
+        """Return the reflectivity that a return must exceed at given ranges."""
         return np.maximum(self.table.least_reflectivity, CLEAR_REFLECTIVITY * (range_m / self.table.clear_range_m) ** 2)
 
     def left(self, range_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return what the air leaves of an echo."""
+        """Return the two-way transmittance of the air."""
         return np.exp(-2 * self.air.extinction_per_m * range_m)
 
-    def hears_ground(self, range_m: Float[np.ndarray, " n"], cosine: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Tell at which ranges ground is heard; at infinity there is none."""
+    def detects_ground(
+        self, range_m: Float[np.ndarray, " n"], cosine: Float[np.ndarray, " n"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Return at which ranges the ground is detected; never at infinity."""
         echo = self.table.ground_reflectivity * cosine * self.left(range_m)
         far_enough = np.isfinite(range_m) & (range_m >= self.table.near_range_m)
         return far_enough & (echo >= self.threshold(np.where(far_enough, range_m, 0.0)))
 
     @cached_property
     def volume_reflectivity(self) -> float:
-        """Reflectivity that the volume returns as, before the loss on the way to it."""
+        """Equivalent reflectivity of the volume, before propagation loss."""
         lit_m = speed_of_light * self.table.pulse_ns * 1e-9 / 2
         loss = 2 * self.air.extinction_per_m * lit_m
         return float(np.pi * self.air.backscatter_per_m_sr * lit_m * (-np.expm1(-loss) / loss if loss > 0 else 1.0))
 
     def nearest_in_air_m(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
-        """Return where each pulse first hears the air, infinite where it does not."""
+        """Return the range of each pulse's first return from the air, infinite without one."""
         near = np.array([self.table.near_range_m])
         if (self.volume_reflectivity * self.left(near) >= self.threshold(near))[0]:
             return np.full(len(pulses), near[0])
         if self.air.drops is None:
             return np.full(len(pulses), np.inf)
         drawn = pulse_uniforms(self.seed, Stream.LIDAR_DROPS, pulses.index, 1)[:, 0]
-        range_m, expected = self.drops_heard
-        # The nearest of Poisson places: the range up to which the expected number is an exponential draw.
+        range_m, expected = self.detectable_drops
+        # The nearest point of a Poisson process: the range up to which the expected number is an exponential draw.
         wanted = -np.log1p(-drawn)
         return np.where(wanted < expected[-1], np.interp(wanted, expected, range_m), np.inf)
 
     @cached_property
-    def drops_heard(self) -> tuple[Float[np.ndarray, " range"], Float[np.ndarray, " range"]]:
-        """Ranges, and the expected number of drops in the beam up to each that exceed the threshold."""
+    def detectable_drops(self) -> tuple[Float[np.ndarray, " range"], Float[np.ndarray, " range"]]:
+        """Ranges, and the expected number of drops above the threshold in the beam up to each."""
         assert self.air.drops is not None
         near_m = self.table.near_range_m
         range_m = np.geomspace(near_m, max(self.table.clear_range_m, 2 * near_m), STEPS)
@@ -122,14 +124,14 @@ class LidarReceiver:
         area_m2 = np.pi / 4 * width_m**2
         back = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm)
         echo = np.pi * back / area_m2[:, None] * self.left(range_m)[:, None]
-        heard = echo >= self.threshold(range_m)[:, None]
-        per_m = area_m2 * np.trapezoid(heard * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
+        detectable = echo >= self.threshold(range_m)[:, None]
+        per_m = area_m2 * np.trapezoid(detectable * self.air.drops.density_per_m4(DROPS_M), DROPS_M, axis=1)
         steps = (per_m[1:] + per_m[:-1]) / 2 * np.diff(range_m)
         return range_m, np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def lidar_receiver(table: LidarTable, weather: WeatherTable, seed: int) -> LidarReceiver | None:
-    """Return the receiver of a scenario; None for a lidar that sees through everything."""
+    """Return the receiver of a scenario; None for a lidar unaffected by the weather."""
     if table.wavelength_nm is None:
         return None
     air = optical_air(

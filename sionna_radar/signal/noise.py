@@ -11,22 +11,22 @@ from sionna_radar.scenario.radar import RadarTable
 
 
 def transmit_power_w(radar: RadarTable) -> float:
-    """Return the sent power; 1 where the scenario gives a signal-to-noise ratio instead."""
+    """Return the transmitted power; 1 if the scenario gives a signal-to-noise ratio instead."""
     return 1.0 if radar.transmit_power_dbm is None else 1e-3 * from_db(radar.transmit_power_dbm)
 
 
 def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float:
     """Return the noise power of a sample.
 
-    From the noise figure it is k T F times the sampled bandwidth. From `snr_db` it is that much below the
-    reference echo, and constant over the survey as a receiver's noise is.
+    With a noise figure it is k T F times the sampled bandwidth. With `snr_db` it is that much below the
+    reference echo, and constant over the survey like receiver noise.
 
     Parameters
     ----------
     radar, chirp:
         The radar and its sweep.
     reference_echo:
-        Received over sent power of the echo that `snr_db` refers to.
+        Received over transmitted power of the echo that `snr_db` refers to.
 
     """
     if radar.snr_db is not None:
@@ -39,9 +39,9 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
 def add_noise(
     beat: Inexact[np.ndarray, "pulse sample"], power: float, seed: int, pulse: Int[np.ndarray, " pulse"]
 ) -> Inexact[np.ndarray, "pulse sample"]:
-    """Return beat signals with white Gaussian noise of a given power; complex signals get half in each part.
+    """Return beat signals with white Gaussian noise of a given power; complex signals get half of it in each part.
 
-    The generator of a pulse fills its samples; with a zero signal it is the noise alone.
+    Each pulse has its own generator; a zero signal gives the noise alone.
     """
     noisy = beat.copy()
     for row, index in zip(noisy, pulse, strict=True):

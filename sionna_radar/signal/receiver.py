@@ -1,4 +1,4 @@
-"""The receiver: from paths to the beat signals that it samples."""
+"""The receiver: from paths to sampled beat signals."""
 
 from dataclasses import dataclass
 
@@ -17,10 +17,10 @@ from sionna_radar.tracing.paths import Paths
 class Receiver:
     """Sweeps, powers and noise of a radar.
 
-    sweeps: of one pulse: one, or the up- and the down-sweep of a triangle.
+    sweeps: the sweeps of one pulse: a single one, or the up- and the down-sweep of a triangle.
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     seed: of the noise.
-    high_pass: None without one.
+    high_pass: None if there is none.
     """
 
     sweeps: tuple[Chirp, ...]
@@ -39,7 +39,7 @@ class Receiver:
         return self._receive(paths, pulses, self.sweeps[:1])[0]
 
     def beats(self, paths: Paths, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of a block's pulses: scaled to the sent power, with noise."""
+        """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise."""
         return self._receive(paths, pulses, self.sweeps)
 
     def _receive(

@@ -81,7 +81,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
 
 
 def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarisation.
+    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarization.
 
     Raises ScenarioError for a material that the scenario does not have, and as `fit_gamma` does.
     """

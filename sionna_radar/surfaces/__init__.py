@@ -1,4 +1,4 @@
-"""What a surface does to a wave: permittivity, rough-surface models, measured tables."""
+"""Scattering by surfaces: permittivity, rough-surface models, measured tables."""
 
 import lazy_loader
 

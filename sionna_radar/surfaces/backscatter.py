@@ -1,4 +1,4 @@
-"""How strongly a surface scatters back: sigma0 against the local incidence angle."""
+"""Backscatter of surfaces: sigma0 against the local incidence angle."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from jaxtyping import Float
 class Backscatter(Protocol):
     """A model of the monostatic backscatter of an extended surface.
 
-    A custom model is any object with this method.
+    Any object with this method is a model.
     """
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -21,7 +21,7 @@ class Backscatter(Protocol):
 
 @runtime_checkable
 class ScatteredShare(Protocol):
-    """A model that knows its scatter into all directions, not only back."""
+    """A model that knows its scattering into all directions, not only back."""
 
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return scattered over incident power of the co-polar field at incidence angles."""
@@ -41,7 +41,7 @@ class ConstantGammaBackscatter:
 
 @dataclass(frozen=True)
 class LambertianBackscatter:
-    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law, seen back along the ray."""
+    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law in the backscatter direction."""
 
     nadir_sigma0: float
 

@@ -1,4 +1,4 @@
-"""The materials of a scenario at its carrier and polarisation, how to add one, and where they do not hold."""
+"""The materials of a scenario at its carrier and polarization, how to add one, and their limits of validity."""
 
 import logging
 import re
@@ -19,26 +19,26 @@ from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical
 
 logger = logging.getLogger("sionna_radar")
 
-# Beyond this every model is at its weakest, and a survey has few echoes.
+# Beyond this every model is least reliable, and a survey has few echoes.
 STEEPEST_CHECKED_DEG = 85
 
 Builder = TypeVar("Builder", bound=Callable[..., Backscatter])
 
 
 def register_material(name: str, parameters: type[MaterialParameters]) -> Callable[[Builder], Builder]:
-    """Register a model of backscatter, for `materials.NAME.model` in a scenario.
+    """Register a backscatter model, for `materials.NAME.model` in a scenario.
 
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
         Its table of parameters, `[materials.NAME]`.
 
     Returns
     -------
-    A decorator of what builds a `Backscatter` (or a `RadarMaterial`, which distinguishes polarisations): a class or a
-    function, called with the parameters, the carrier (Hz) and the channel, such as "VV".
+    A decorator for a class or function that builds a `Backscatter` (or a `RadarMaterial`, which distinguishes
+    polarizations); it is called with the parameters, the carrier (Hz) and the channel, such as "VV".
 
     Raises
     ------
@@ -66,22 +66,22 @@ def register_material(name: str, parameters: type[MaterialParameters]) -> Callab
 
 
 def channel_of(radar: RadarTable) -> Channel:
-    """Return what a radar sends and receives: received first, then sent."""
-    sent = radar.antenna.polarization
-    if sent in ("RHCP", "LHCP"):
+    """Return the polarization channel of a radar: received first, then transmitted."""
+    transmitted = radar.antenna.polarization
+    if transmitted in ("RHCP", "LHCP"):
         return "same" if radar.antenna.receive_polarization == "co" else "opposite"
     if radar.antenna.receive_polarization == "co":
-        return "VV" if sent == "V" else "HH"
-    return "HV" if sent == "V" else "VH"
+        return "VV" if transmitted == "V" else "HH"
+    return "HV" if transmitted == "V" else "VH"
 
 
 def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:
-    """Return the materials of a scenario, and log which are used beyond their range.
+    """Return the materials of a scenario, and log which are used outside their range of validity.
 
     Raises
     ------
     ScenarioError
-        Parameters out of the range of a formula, each with its dotted key.
+        Parameters outside the range of a formula, each with its dotted key.
     InputFileError
         A table cannot be read.
 
@@ -104,16 +104,16 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
 
 
 def _alike(model: Backscatter, channel: Channel) -> RadarMaterial:
-    """Return a custom model as a material that treats V and H alike."""
+    """Return a custom model as a material with equal V and H."""
     return RadarMaterial(vertical=model, horizontal=model, cross_polar=typical_cross_polar(channel), channel=channel)
 
 
 def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float) -> list[str]:
-    """Return what to know of a material at the carrier: conditions it violates, and power out of nothing."""
+    """Return doubts about a material at the carrier: violated conditions, and more power scattered than received."""
     found = []
     if isinstance(table, SurfaceTable) and table.cross_polar_db is None and material.cross_polar > 0:
         found.append(
-            "no cross_polar_db is given, which rules the echo of a circular wave; taken as "
+            "no cross_polar_db is given, which determines the echo of a circular wave; assumed to be "
             f"{to_db(material.cross_polar):g}"
         )
     if isinstance(table, SurfaceTable) and table.medium is not None:
@@ -133,7 +133,7 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
 
 
 def _key(name: str, table: MaterialParameters, message: str) -> str:
-    """Return the dotted key that a message of a formula is about: it starts with the parameter's name."""
+    """Return the dotted key for a message of a formula, which starts with the parameter's name."""
     first = re.match(r"\w*", message)
     field = first.group() if first else ""
     if isinstance(table, SionnaItu):

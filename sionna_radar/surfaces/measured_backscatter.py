@@ -1,10 +1,10 @@
-"""Backscatter that was measured: the handbook's fitted form, and tables of sigma0 against incidence.
+"""Measured backscatter: the handbook's fitted form, and tables of sigma0 against incidence.
 
 The fitted form is that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech
-House, 1989). Its W-band parameters could not be read in any source at hand (the only parameters found were a
+House, 1989). Its W-band parameters were not found in any available source (the only parameters found were a
 public transcription for the L, S and C bands, one set of which its author had refitted), so none is shipped:
-the form takes the user's own parameters, from the handbook or from a fit to measurements near the carrier.
-MathWorks documents its implementation of the same model for 1 to 18 GHz only: do not carry those to 77 GHz.
+the form takes the user's parameters, from the handbook or from a fit to measurements near the carrier.
+MathWorks documents its implementation of the same model for 1 to 18 GHz only: do not use those at 77 GHz.
 """
 
 import csv
@@ -27,10 +27,10 @@ _COLUMNS = ("incidence_deg", "sigma0_db")
 class UlabyDobsonBackscatter:
     """The handbook's form, sigma0_dB = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t the incidence in radians.
 
-    All parameters are the user's: p1, p2 and p4 in dB, p3 and p5 per radian, p6 in radians.
+    All parameters come from the user: p1, p2 and p4 in dB, p3 and p5 per radian, p6 in radians.
     `min_incidence_rad` and `max_incidence_rad` bound the fit; beyond them the value at the nearer bound is
-    held, because an exponential plus a cosine means nothing outside the angles it was fitted to. `source`
-    says where the parameters come from: document, band and polarisation.
+    used, because an exponential plus a cosine is meaningless outside the angles it was fitted to. `source`
+    states where the parameters come from: document, band and polarization.
     """
 
     p1: float
@@ -55,7 +55,7 @@ class UlabyDobsonBackscatter:
             )
             raise ValueError(message)
         if not self.source.strip():
-            message = "source is empty; say where the parameters come from (document, band, polarisation)"
+            message = "source is empty; say where the parameters come from (document, band, polarization)"
             raise ValueError(message)
 
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -69,8 +69,8 @@ class UlabyDobsonBackscatter:
 class TableBackscatter:
     """sigma0 given at some incidence angles, interpolated in dB without overshoot (monotone cubic, PCHIP).
 
-    Outside the table the value at its nearer end is held: terrain has facets at every angle, and a survey
-    should not stop for one of them. At and beyond 90 deg the surface faces away and sigma0 is zero.
+    Outside the table the value at its nearer end is used: terrain has facets at every angle, and a survey
+    should not fail because of one of them. At and beyond 90 deg the surface faces away and sigma0 is zero.
     """
 
     incidence_rad: tuple[float, ...]
@@ -98,7 +98,7 @@ class TableBackscatter:
     def from_csv(cls, path: Path) -> "TableBackscatter":
         """Read a table with the columns incidence_deg and sigma0_db; lines starting with # are comments.
 
-        Raises InputFileError, naming the line, for a file that is missing or does not hold such a table.
+        Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
         """
         rows = _read_rows(path)
         angles_deg, levels_db = zip(*rows, strict=True)
@@ -107,7 +107,7 @@ class TableBackscatter:
     def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the radar cross-section per unit of surface area."""
         angle = np.clip(np.abs(incidence_rad), self.incidence_rad[0], self.incidence_rad[-1])
-        # The interpolator divides by the steps in level: one of a billionth of a dB is taken as none.
+        # The interpolator divides by the steps in level: a billionth of a dB counts as zero.
         levels_db = np.round(self.sigma0_db, 9)
         level_db = PchipInterpolator(self.incidence_rad, levels_db)(angle)
         return np.where(_is_lit(incidence_rad), 10.0 ** (level_db / 10.0), 0.0)

@@ -36,7 +36,7 @@ def permittivity_of(medium: Medium, carrier_hz: float) -> complex:
 
 
 def extrapolation_of(medium: Medium, carrier_hz: float) -> str | None:
-    """Return what to know of a formula that is used beyond the measurements behind it; None within them."""
+    """Return a note on a formula used beyond the measurements behind it; None within them."""
     source = SOURCES.get(medium.kind)
     if source is None or source.measured_hz is None:
         return None

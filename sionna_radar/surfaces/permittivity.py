@@ -1,9 +1,9 @@
-"""Complex relative permittivity of natural and built surfaces, with the range each formula is published for.
+"""Complex relative permittivity of natural and built surfaces, with the published range of each formula.
 
 Convention: eps = eps' - j eps'' for fields that vary as exp(+j w t); a lossy medium has a negative imaginary
 part. Frequencies are in hertz, temperatures in degrees Celsius, densities in g/cm3, as in the sources.
 
-Where the numbers come from (all read while this file was written):
+Sources of the numbers (all read while this file was written):
 
 * ITU-R P.527-6, "Electrical characteristics of the surface of the Earth". The Recommendation's own text could
   not be read; its equations were taken, with their numbers, from The MathWorks' `earthSurfacePermittivity.m`
@@ -18,9 +18,9 @@ Where the numbers come from (all read while this file was written):
   Band", Adv. Radio Sci. 19 (2021) 165-172: abstract read there, the numbers in the authors' own data files
   (github LudwigFriedmann/OpenMATERIAL, `materials/data/*_permittivity.gltf`: 76-81 GHz, 280 K, 45 deg).
 
-`SOURCES` says for each function over which band its formula is published and over which band the
-measurements behind it were made, where that is known. At 77 GHz soil and vegetation are inside the first but
-not backed by the second: the formula is ITU's, the confidence is not that of a measurement.
+`SOURCES` gives for each function the band its formula is published for and the band in which the
+measurements behind it were made, where known. At 77 GHz soil and vegetation are inside the first but
+not the second: the formula is ITU's, but not confirmed by measurement.
 """
 
 import math
@@ -37,7 +37,7 @@ _GHZ = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where a permittivity comes from and how far it reaches (frequencies in hertz)."""
+    """The source of a permittivity and its range (frequencies in hertz)."""
 
     document: str
     published_hz: tuple[float, float]
@@ -96,8 +96,8 @@ SOURCES: Mapping[str, Source] = MappingProxyType(
             measured_hz=(76e9, 81e9),
             note=(
                 "measured at 77 GHz, from the power reflected at 45 deg by Fresnel's equations: an effective real "
-                "permittivity that holds the loss and the texture of the road; P.2040-3 has 4.83 - j1.09 if carried "
-                "on from 40 GHz"
+                "permittivity that includes the loss and the texture of the road; P.2040-3 has 4.83 - j1.09 "
+                "extrapolated from 40 GHz"
             ),
         ),
     }
@@ -151,7 +151,7 @@ def _require(field: str, value: float, lowest: float, highest: float, remedy: st
 def _ghz_inside(frequency_hz: float, name: str) -> float:
     """Return the frequency in GHz, refusing one outside the band the formula is published for."""
     source = SOURCES[name]
-    remedy = f"{source.document} holds no further: give a measured complex permittivity instead"
+    remedy = f"{source.document} is not valid there: give a measured complex permittivity instead"
     lowest, highest = source.published_hz
     if frequency_hz <= lowest:
         message = f"frequency_hz = {frequency_hz:g} must be positive; give the carrier in hertz"
@@ -217,9 +217,9 @@ def wet_snow_permittivity(
     `liquid_fraction` is the volume of liquid water per volume of snow (0 to 1). The temperature must lie
     where both constituents are defined, -4 to 0 deg C; melting snow is at 0.
 
-    The mixture takes the water as spheres. Wet snow measured from 3 to 37 GHz loses two to four times more
+    The mixture takes the water as spheres. Wet snow measured from 3 to 37 GHz has two to four times the loss
     (Ulaby and Long 2014, Figs. 4-22 and 4-23: 1.43 - j0.24 at 37 GHz, 6 % water, dry density 0.25 g/cm3,
-    against 1.75 - j0.06 here), so where the loss matters give a measured permittivity.
+    instead of 1.75 - j0.06 here), so give a measured permittivity if the loss matters.
     """
     f = _ghz_inside(frequency_hz, "wet_snow")
     _require("temperature_c", temperature_c, -4.0, 0.0, "wet snow is at its melting point: use 0")
@@ -252,13 +252,13 @@ def soil_permittivity(
     _require("temperature_c", temperature_c, 0.0, 40.0, "frozen soil is not covered: give a measured value")
     _require("sand_percent", sand_percent, 0.0, 100.0, "give a percentage")
     _require("clay_percent", clay_percent, 0.0, 100.0 - sand_percent, "sand and clay exceed 100 together")
-    _require("specific_gravity", specific_gravity, 1.0, 10.0, "give grains' density over water's")
+    _require("specific_gravity", specific_gravity, 1.0, 10.0, "give the density of the grains relative to water")
     bulk = bulk_density_g_cm3
     if bulk is None:
         bulk = soil_bulk_density_g_cm3(sand_percent, clay_percent)
     _require("bulk_density_g_cm3", bulk, 0.0, specific_gravity, "soil cannot be denser than its grains")
     porosity = 1.0 - bulk / specific_gravity
-    _require("water_fraction", water_fraction, 0.0, porosity, "water fills the pores at most")
+    _require("water_fraction", water_fraction, 0.0, porosity, "water cannot exceed the pore volume")
     water = _soil_water(f, temperature_c, sand_percent, clay_percent, water_fraction, porosity, bulk)
     # P.527-6 eqs. 58-64: the mixture is additive in this power of the permittivity.
     exponent = 0.65
@@ -287,14 +287,14 @@ def _soil_water(
     """Return the permittivity of the free water in soil, with its conductivity (P.527-6 eqs. 65-70)."""
     pure = _double_debye_water(f_ghz, temperature_c)
     if water_fraction < 1e-12:
-        return pure  # multiplied by next to nothing afterwards; the conductivity term would overflow
+        return pure  # multiplied by almost zero afterwards; the conductivity term would overflow
     bulk = bulk_density_g_cm3
     low = 0.0467 + 0.2204 * bulk - 0.004111 * sand_percent - 0.006614 * clay_percent
     high = -1.645 + 1.939 * bulk - 0.0225622 * sand_percent + 0.01594 * clay_percent
     ratio = f_ghz / 1.35
     step = (low - high) / (1.0 + ratio**2)
     scale = 18.0 * porosity / (f_ghz * water_fraction)
-    # At a few GHz the fitted conductivity of dry sandy soil turns negative; a passive medium has no gain.
+    # At a few GHz the fitted conductivity of dry sandy soil becomes negative; a passive medium has no gain.
     real = max(pure.real + scale * ratio * step, 1.0)
     loss = max(-pure.imag + scale * (high + step), 0.0)
     return complex(real, -loss)
@@ -303,7 +303,7 @@ def _soil_water(
 def soil_bulk_density_g_cm3(sand_percent: float, clay_percent: float) -> float:
     """Return P.527-6's estimate of bulk density from texture (eq. 57).
 
-    A constituent below one percent is left out and the others rescaled to a hundred, as P.527-6 asks.
+    A constituent below one percent is left out and the others rescaled to a hundred, as P.527-6 specifies.
     """
     shares = (sand_percent, clay_percent, 100.0 - sand_percent - clay_percent)
     kept = [share if share >= 1.0 else 0.0 for share in shares]
@@ -326,7 +326,7 @@ def vegetation_permittivity(frequency_hz: float, *, temperature_c: float, water_
     _require("water_fraction", water_fraction, 0.0, 0.7, "give a mass fraction; the fit ends at 0.7")
     moisture = water_fraction
     dry = 1.7 - 0.74 * moisture + 6.16 * moisture**2  # eq. 75
-    # The fitted share of free water is slightly negative below 14 % moisture: there is none.
+    # The fitted share of free water is slightly negative below 14 % moisture, and set to zero.
     free = max(moisture * (0.55 * moisture - 0.076), 0.0)  # eq. 76
     bound = 4.64 * moisture**2 / (1.0 + 7.36 * moisture**2)  # eq. 77
     relaxation = _water_relaxation_ghz(temperature_c)
@@ -342,8 +342,8 @@ def asphalt_permittivity(frequency_hz: float, *, mix: str) -> complex:
     """Return the effective permittivity of a dry asphalt road, 76 to 81 GHz (Kurz and others 2021).
 
     `mix` is "AC11DS" (asphalt concrete), "SMA8S" or "SMA11S" (stone mastic asphalt), the number being the
-    largest grain in millimetres. It was found from the power reflected at 45 deg, so it is real: loss and
-    texture are in it, not apart.
+    largest grain in millimetres. It was derived from the power reflected at 45 deg, so it is real: loss and
+    texture are included, not separate.
     """
     source = SOURCES["asphalt"]
     _require("frequency_hz", frequency_hz, *source.published_hz, "give a measured complex permittivity instead")

@@ -1,22 +1,22 @@
-"""What a surface does to the radar's wave: V, H and cross-polar backscatter, and a mirror reflection.
+"""Scattering of the radar wave by a surface: V, H and cross-polar backscatter, and a mirror reflection.
 
-Scattering matrix of a small piece of the surface, in its own axes (h across the plane of incidence, v in it)
-and the same for both ways:
+Scattering matrix of a small piece of the surface, in its local axes (h across the plane of incidence, v in it)
+and the same for transmission and reception:
 
     | a_h  0  |       | j s1   s2   |
-    |  0  a_v |  + x  | s2   -j s1  |      s1, s2 = +-1, drawn for each place
+    |  0  a_v |  + x  | s2   -j s1  |      s1, s2 = +-1, drawn for each position
 
-The second part carries the cross-polar power x^2. It is symmetric, so VH equals HV (reciprocity), and turning
-the axes only turns its phase, on average over the signs: at nadir, where the axes are arbitrary, nothing depends
-on them. It adds x^2 to the co-polar channels too, which a_h and a_v leave room for. So the two co-polar channels
-correlate by (a_h a_v - x^2) / sqrt(s_h s_v), that is by 1 - 2 x^2 / s where V and H are alike, as in every scatterer
-that looks the same from all sides about the line of sight (Nghiem and others 1992, "Symmetry properties in
+The second part carries the cross-polar power x^2. It is symmetric, so VH equals HV (reciprocity), and rotating
+the axes only changes its phase, on average over the signs: at nadir, where the axes are arbitrary, nothing depends
+on them. It also adds x^2 to the co-polar channels, which a_h and a_v allow for. So the two co-polar channels
+correlate by (a_h a_v - x^2) / sqrt(s_h s_v), that is by 1 - 2 x^2 / s where V and H are equal, as in every scatterer
+with rotational symmetry about the line of sight (Nghiem and others 1992, "Symmetry properties in
 polarimetric remote sensing", Radio Science 27, 693-711: s_hv = (s - Re<hh vv*>) / 2).
 
 Where a correlation rho is given instead, the diagonal has d in place of x, from rho sqrt(s_h s_v) = a_h a_v - d^2 with
-a^2 = s - d^2; toward nadir, where V and H are one, d goes over to x again.
+a^2 = s - d^2; toward nadir, where V and H are the same, d tends to x again.
 
-Of a circular wave (v + j h) / sqrt 2 comes back in the same sense (v - h + 2 j x') / 2 and in the opposite one
+A circular wave (v + j h) / sqrt 2 returns in the same sense (v - h + 2 j x') / 2 and in the opposite one
 (v + h) / 2, with v and h the co-polar and x' the cross-polar amplitude:
 
     same sense       (a_v - a_h)^2 / 4 + d^2 + x^2  =  (s_h + s_v - 2 rho sqrt(s_h s_v)) / 4 + s_hv
@@ -39,16 +39,16 @@ from sionna_radar.surfaces.rough_surface import coherent_power_factor, fresnel_r
 Channel = Literal["VV", "HH", "VH", "HV", "same", "opposite"]
 # Bare ground, rough against the wavelength: s_hv / s_vv = 0.23 sqrt(G) by Oh, Sarabandi and Ulaby 1992 (IEEE TGRS 30,
 # 370-381), which Ulaby and others 1998 ("95-GHz scattering by terrain at near-grazing incidence", IEEE TAP 46, 3-13)
-# compare with measurements at 95 GHz; G, the reflection straight down, is 0.1 to 0.3 of soils, so -11 to -9 dB. Grass
-# and other vegetation have more.
+# compare with measurements at 95 GHz; G, the reflection at normal incidence, is 0.1 to 0.3 for soils, so -11 to -9 dB.
+# Grass and other vegetation have more.
 TYPICAL_CROSS_POLAR_DB = -10.0
-# From here on outward from nadir a given co-polar correlation holds.
+# Incidence angle from which a given co-polar correlation applies.
 CORRELATED_FROM_RAD = float(np.deg2rad(20.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mirror:
-    """The coherent reflection of a plane, rough or smooth, at right angles."""
+    """The coherent reflection of a plane, rough or smooth, at normal incidence."""
 
     permittivity: complex
     rms_height_m: float
@@ -56,7 +56,7 @@ class Mirror:
 
     @property
     def amplitude(self) -> complex:
-        """Reflected over incident field, both along the same axis: Fresnel's times what roughness leaves."""
+        """Reflected over incident field, both along the same axis: Fresnel coefficient times the coherent factor."""
         factor = 1.0
         if self.rms_height_m > 0:
             factor = float(coherent_power_factor(self.rms_height_m, self.frequency_hz, np.zeros(1))[0])
@@ -66,7 +66,7 @@ class Mirror:
 
 @dataclass(frozen=True, kw_only=True)
 class ScatteringParts:
-    """The amplitudes of the matrix in the module's text: a_v, a_h, d (on the diagonal) and x (beside it)."""
+    """The amplitudes of the matrix in the module docstring: a_v, a_h, d (on the diagonal) and x (off it)."""
 
     vertical: Float[np.ndarray, " n"]
     horizontal: Float[np.ndarray, " n"]
@@ -76,12 +76,12 @@ class ScatteringParts:
 
 @dataclass(frozen=True, kw_only=True)
 class RadarMaterial:
-    """A surface's backscatter in every channel; it is a `Backscatter` itself, of the channel in use.
+    """A surface's backscatter in every channel; itself a `Backscatter`, for the channel in use.
 
     vertical, horizontal: co-polar sigma0 for a field in the plane of incidence and across it.
     cross_polar: cross-polar sigma0 over the weaker of the two.
-    copolar_correlation: of VV and HH off nadir, 0 to 1; None for that of a scatterer alike from all sides.
-    channel: what the radar sends and receives (VH: receives V of a sent H; equal to HV), or in which sense it
+    copolar_correlation: of VV and HH off nadir, 0 to 1; None for that of a rotationally symmetric scatterer.
+    channel: what the radar transmits and receives (VH: receives V, transmits H; equal to HV), or in which sense it
         receives a circular wave.
     mirror: None for a surface without a specular return.
     """
@@ -128,7 +128,7 @@ class RadarMaterial:
         cross: Float[np.ndarray, " n"],
         incidence_rad: Float[np.ndarray, " n"],
     ) -> Float[np.ndarray, " n"]:
-        """Return d^2: v h (1 - rho^2) / (v + h + 2 rho sqrt(v h)) solves the two equations of the module's text."""
+        """Return d^2 = v h (1 - rho^2) / (v + h + 2 rho sqrt(v h)), from the two equations of the module docstring."""
         rho = self.copolar_correlation
         if rho is None:
             return cross
@@ -145,18 +145,18 @@ class RadarMaterial:
 
     @property
     def co_polar(self) -> Backscatter:
-        """The strong echo of what the radar sends: co-polar, or of a circular wave in the opposite sense."""
+        """The stronger echo: co-polar, or for a circular wave that in the opposite sense."""
         if self.channel in ("same", "opposite"):
             return replace(self, channel="opposite")
         return self.vertical if self.channel in ("VV", "HV") else self.horizontal
 
     def scattered_share(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return scattered over incident power, mirror included, the larger of a sent V and H.
+        """Return scattered over incident power, mirror included, the larger of V and H transmitted.
 
-        A model that knows where its power goes says so by its own method `scattered_share`. Of any other only
-        the backscatter is known: it is taken to re-radiate its field into every direction of the hemisphere alike,
+        A model that knows its total scattering gives it by its method `scattered_share`. For any other only
+        the backscatter is known: it is assumed to re-radiate its field equally into every direction of the hemisphere,
         projected across the direction, which is what the ray tracer's material does: sigma0 / (4 pi cos) times the
-        solid angle 4 pi / 3 that the projection leaves. The cross-polar field is one more.
+        effective solid angle 4 pi / 3 after projection. The cross-polar field is added.
         """
         cosine = np.maximum(np.cos(incidence_rad), 1e-9)
         shares = []
@@ -180,12 +180,12 @@ class RadarMaterial:
 
 
 def as_radar_material(backscatter: Backscatter) -> RadarMaterial:
-    """Return a backscatter model as a material that treats V and H alike, unless it is a material already."""
+    """Return a backscatter model as a material with equal V and H, unless it is already a material."""
     if isinstance(backscatter, RadarMaterial):
         return backscatter
     return RadarMaterial(vertical=backscatter, horizontal=backscatter)
 
 
 def typical_cross_polar(channel: Channel) -> float:
-    """Return the cross-polar ratio where none is given: none for a linear wave, a typical one for a circular one."""
+    """Return the default cross-polar ratio: zero for a linear wave, a typical value for a circular one."""
     return from_db(TYPICAL_CROSS_POLAR_DB) if channel in ("same", "opposite") else 0.0

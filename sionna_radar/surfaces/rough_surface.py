@@ -1,8 +1,8 @@
 """Backscatter of a randomly rough dielectric surface, from its permittivity, height and correlation length.
 
-Four models of the same surface, each with the conditions it needs (`validity()` lists those that fail):
+Four models of the same surface, each with its conditions (`validity()` lists those violated):
 
-| model | surface | polarisation |
+| model | surface | polarization |
 |---|---|---|
 | `GeometricalOptics` | very rough, gently sloping (stationary phase) | V = H |
 | `PhysicalOptics` | gently sloping, any height (Kirchhoff) | V and H differ by their Fresnel coefficient |
@@ -11,20 +11,20 @@ Four models of the same surface, each with the conditions it needs (`validity()`
 
 Angles are incidence angles in radians from the surface normal. At and beyond grazing all return zero. None
 contains the coherent (mirror) return: `coherent_power_factor` is the share of the Fresnel reflection that
-stays in it, the rest being what these models describe. None contains shadowing of the surface by itself.
+stays in it; these models describe the rest. None contains self-shadowing of the surface.
 Permittivities follow exp(+j w t): eps' - j eps''.
 
 Sources read while this was written:
 
 * IEM: Fung, Li and Chen, IEEE TGRS 30 (1992) 356-369, eqs. 44, 45, 82, 91 and 95, through SMRT's
-  `smrt/interface/iem_fung92.py`, whose own regression values the tests repeat. The transition of its
+  `smrt/interface/iem_fung92.py`, whose regression values the tests repeat. The transition of its
   Fresnel coefficient: Wu, Chen, Shi and Fung, IEEE TGRS 39 (2001) 2040-2050, abstract; equations through CReSIS's
   `iemb.m` (from Fung and Chen, "Microwave Scattering and Emission Models for Users", 2010).
 * Small perturbation: Ulaby, Moore and Fung, "Microwave Remote Sensing" II pp. 949-966, and Ruck, "Radar Cross
   Section Handbook" 2 pp. 703-718, through a public transcription (`smallPerturbation.m`).
 * Geometrical optics: Ulaby, Moore and Fung II pp. 925-936, through `physicalOpticsLargeUlaby.m` and SMRT's
   `geometrical_optics_backscatter.py`.
-* The numbers in `validity()` are named where they stand.
+** The sources of the limits in `validity()` are given there.
 """
 
 import math
@@ -40,9 +40,9 @@ Polarization = Literal["V", "H"]
 Correlation = Literal["gaussian", "exponential"]
 FresnelAngle = Literal["transition", "incidence", "nadir"]
 
-# The series in the roughness needs about (2 k s)^2 terms; far above this height geometrical optics holds.
+# The series in the roughness needs about (2 k s)^2 terms; far above this height geometrical optics is valid.
 MAX_RELATIVE_HEIGHT = 20.0
-# Below this cosine (0.006 deg from grazing) quotients of vanishing numbers are set to their limit, zero.
+# Below this cosine (0.006 deg from grazing) quotients of vanishing terms are set to their limit, zero.
 _GRAZING_COSINE = 1e-4
 
 
@@ -140,7 +140,7 @@ def coherent_power_factor(
 
 @dataclass(frozen=True, kw_only=True)
 class GeometricalOptics:
-    """Kirchhoff backscatter in the stationary-phase limit: mirrors among the slopes of the surface.
+    """Kirchhoff backscatter in the stationary-phase limit: specular slopes of the surface.
 
     sigma0 = |R(0)|^2 exp(-tan^2/(2 m^2)) / (2 m^2 cos^4), m the rms slope. Needs a Gaussian correlation.
     """
@@ -168,7 +168,7 @@ class GeometricalOptics:
         return np.where(lit, value, 0.0)
 
     def validity(self, incidence_rad: float = 0.0) -> list[str]:
-        """Return the violated conditions, in words; empty where the model holds."""
+        """Return the violated conditions, in words; empty if the model is valid."""
         depth = 2.0 * self.surface.relative_height * math.cos(incidence_rad)
         violated = _gentle_surface_violations(self.surface)
         if depth**2 <= 10.0:  # assumption (a) of physicalOpticsLargeUlaby.m (Ulaby, Moore and Fung II)
@@ -208,7 +208,7 @@ class SmallPerturbation:
         return coupling
 
     def validity(self) -> list[str]:
-        """Return the violated conditions, in words; empty where the model holds."""
+        """Return the violated conditions, in words; empty if the model is valid."""
         surface = self.surface
         violated = []
         if surface.relative_height >= 0.3:  # limit stated for SPM by github Morteza-Khazaei/mwrtms, SPMModel
@@ -221,7 +221,7 @@ class SmallPerturbation:
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicalOptics:
-    """Kirchhoff backscatter of a gently sloping surface of any height: the first term of the IEM alone.
+    """Kirchhoff backscatter of a gently sloping surface of any height: only the first term of the IEM.
 
     The Fresnel coefficient is taken at the angle of incidence, so V shows a Brewster minimum that a truly
     rough surface does not have.
@@ -246,7 +246,7 @@ class PhysicalOptics:
         return np.where(lit, 0.5 * surface.wavenumber**2 * np.abs(field) ** 2 * total, 0.0)
 
     def validity(self) -> list[str]:
-        """Return the violated conditions, in words; empty where the model holds."""
+        """Return the violated conditions, in words; empty if the model is valid."""
         return _gentle_surface_violations(self.surface)
 
 
@@ -254,8 +254,8 @@ class PhysicalOptics:
 class IntegralEquation:
     """Single-scattering integral-equation model (IEM) of Fung, Li and Chen (1992), co-polar backscatter.
 
-    `fresnel_angle` is where the Fresnel coefficient is taken: at the angle of "incidence" (slightly rough
-    surfaces), at "nadir" (very rough ones, far from grazing, where it grows without bound), or "transition",
+    `fresnel_angle` is the angle of the Fresnel coefficient: that of "incidence" (slightly rough
+    surfaces), "nadir" (very rough ones, far from grazing, where it grows without bound), or "transition",
     which goes from the first to the second as the roughness grows and back to the first toward grazing
     (Wu, Chen, Shi and Fung 2001).
     """
@@ -323,7 +323,7 @@ class IntegralEquation:
         nadir = complex(fresnel_reflection(eps, np.ones(1), "V")[0])
         sine_squared = 1.0 - cosine**2
         refracted = np.sqrt(eps - sine_squared + 0j)
-        # Both fields by the reflection at nadir, which the ratio cancels.
+        # Both fields use the reflection at nadir, which cancels in the ratio.
         complementary = 8.0 * nadir * sine_squared * (cosine + refracted) / (cosine * refracted)
         kirchhoff = 2.0 / cosine
         cross = np.real(complementary) * kirchhoff
@@ -345,7 +345,7 @@ class IntegralEquation:
         return surface.relative_height * surface.relative_length > math.sqrt(abs(surface.permittivity))
 
     def validity(self) -> list[str]:
-        """Return the violated conditions, in words; empty where the model holds (limits: SMRT)."""
+        """Return the violated conditions, in words; empty if the model is valid (limits: SMRT)."""
         surface = self.surface
         violated = []
         if surface.relative_height >= 3.0:
@@ -367,7 +367,7 @@ def _wavenumber(frequency_hz: float) -> float:
 def _lit_cosine(
     incidence_rad: Float[np.ndarray, " n"],
 ) -> tuple[np.ndarray, Float[np.ndarray, " n"]]:
-    """Return which angles are short of grazing, and the cosines held away from zero."""
+    """Return which angles are short of grazing, and the cosines bounded away from zero."""
     cosine = np.cos(np.abs(incidence_rad))
     return cosine > _GRAZING_COSINE, np.maximum(cosine, _GRAZING_COSINE)
 
@@ -376,7 +376,7 @@ def _spectra(surface: RoughSurface, cosine: Float[np.ndarray, " n"]) -> Iterator
     """Yield the orders of the roughness series with their spectra at the Bragg frequency 2 k sin."""
     bragg = 2.0 * surface.wavenumber * np.sqrt(1.0 - cosine**2)
     mean = 4.0 * surface.relative_height**2
-    # A Poisson weight is below 1e-15 ten standard deviations above its mean; fifteen more serve small means.
+    # A Poisson weight is below 1e-15 ten standard deviations above its mean; fifteen more terms cover small means.
     for order in range(1, math.ceil(mean + 10.0 * math.sqrt(mean)) + 16):
         yield order, surface.spectrum(order, bragg)
 

@@ -283,7 +283,7 @@ def _reference_echo(
     """Return the echo of level ground at the flight's height, over the sent power: what `radar.snr_db` counts from."""
     return plane_echo(
         antenna,
-        # The noise is set against the co-polar echo, whatever the receiver's polarisation.
+        # The noise is set against the co-polar echo, whatever the receiver's polarization.
         as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
         chirp.wavelength_m,
         scenario.platform.altitude_m,

@@ -1,4 +1,4 @@
-"""What the beam axes meet: one path a pulse, the whole of what an ideal range sensor sees."""
+"""Hits of the beam axes: one path per pulse, all that an ideal range sensor sees."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from sionna_radar.tracing.paths import Paths
 
 
 def trace_boresights(pulses: Pulses, caster: RayCaster) -> Paths:
-    """Return the paths along the beam axes, of unit gain; a pulse that meets nothing has none."""
+    """Return the paths along the beam axes, with unit gain; a pulse without a hit has none."""
     pose = pulses.true
     hits = caster.cast(pose.position_m, pose.boresight)
     seen = hits.hit

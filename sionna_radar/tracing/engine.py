@@ -1,4 +1,4 @@
-"""What every tracing engine offers, what it is built from, and how a scenario names one."""
+"""The interface of tracing engines, their inputs, and their registration under a name."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class EngineInputs:
-    """What an engine is built from.
+    """Inputs of an engine.
 
     tracing: the scenario's `[tracing]`.
     caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
@@ -53,13 +53,13 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
-        Its table of parameters, `[tracing.engine_parameters]`; without it there are none.
+        Its table of parameters, `[tracing.engine_parameters]`; None if it takes none.
 
     Returns
     -------
-    A decorator of what builds an `Engine`: a class or a function, called with the parameters if there are any, and with
+    A decorator for a class or function that builds an `Engine`; it is called with the parameters, if any, and with
     `EngineInputs`.
 
     Raises
@@ -91,6 +91,6 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
 
 def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
-    """Return the engine that a scenario names."""
+    """Return the engine named in a scenario."""
     engine: Engine = ENGINES.entry(table.engine)(table.engine_parameters, given)
     return engine

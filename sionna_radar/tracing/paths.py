@@ -10,7 +10,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
 
-# What stands in `Paths.surface` where no surface is hit.
+# Values of `Paths.surface` where no surface is hit.
 TARGET = -1
 VOLUME = -2
 
@@ -19,14 +19,14 @@ VOLUME = -2
 class Paths(Columns):
     """Monostatic single-bounce paths, one row each, sorted by pulse.
 
-    pulse: running number of the pulse in the survey.
+    pulse: index of the pulse in the survey.
     delay_s: two-way delay at the middle of the chirp.
-    gain: received over sent wave; |gain|^2 is a ratio of powers, the phase leaves out the delay.
+    gain: received over transmitted wave; |gain|^2 is a power ratio, the phase excludes the delay.
     range_rate_mps: positive when receding.
-    incidence_rad: angle between the ray and the surface normal; NaN for a point target and for the air.
-    hit_m: where the surface is hit, world frame; of what fills the air, its place on the boresight.
-    surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a cell of
-        what fills the air: rain, snow, fog, dust.
+    incidence_rad: angle between the ray and the surface normal; NaN for point targets and volume cells.
+    hit_m: where the surface is hit, world frame; for a volume cell, its position on the boresight.
+    surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a volume
+        cell: rain, snow, fog, dust.
     """
 
     pulse: Int[np.ndarray, " path"]
@@ -39,7 +39,7 @@ class Paths(Columns):
 
     @classmethod
     def concatenate(cls, tables: Sequence["Paths"]) -> "Paths":
-        """Return all rows of some tables, sorted by pulse, equal pulses in the order given."""
+        """Return all rows of some tables, sorted by pulse; equal pulses keep the given order."""
         together = super().concatenate(tables)
         return together.rows(np.argsort(together.pulse, kind="stable"))
 
@@ -54,7 +54,7 @@ class Paths(Columns):
         incidence_rad: Float[np.ndarray, " path"],
         surface: Int[np.ndarray, " path"],
     ) -> "Paths":
-        """Return paths from the true poses of pulses to points at rest, delay and range rate from the geometry.
+        """Return paths from the true poses of pulses to stationary points, delay and range rate from the geometry.
 
         Parameters
         ----------
@@ -96,11 +96,11 @@ class Paths(Columns):
         pulses, row:
             A block of pulses, and the row in it of each path.
         range_m:
-            How far along the boresight each path turns back.
+            Range of each path along the boresight.
         gain, incidence_rad, surface:
             See the columns.
         drift_mps:
-            Range rate of what is met itself, as of falling rain.
+            Range rate of the scatterer itself, such as falling rain.
 
         """
         pose = pulses.true

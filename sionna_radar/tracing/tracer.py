@@ -1,4 +1,4 @@
-"""All that a radar sees of a scene: an engine's surfaces, mirrors, point targets, and the weather before all."""
+"""Everything that a radar sees of a scene: surfaces by an engine, mirrors, point targets, and the weather."""
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
@@ -14,9 +14,9 @@ from sionna_radar.tracing.paths import Paths
 
 
 class Tracer:
-    """An engine for the surfaces, their mirror reflections, the point targets, and the weather before all.
+    """An engine for the surfaces, with mirror reflections, point targets, and the weather.
 
-    Point targets keep the polarisation, as spheres and trihedral reflectors do (an odd number of bounces): a
+    Point targets preserve the polarization, like spheres and trihedral reflectors (an odd number of bounces): a
     cross-polar receiver does not see them, nor does a circular one of the same sense.
 
     atmosphere: None for clear air.
@@ -53,7 +53,7 @@ class Tracer:
 
 
 def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
-    """Return all that a radar sees, the surfaces by an engine."""
+    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
     return Tracer(
         engine,
         given.scene,

@@ -1,5 +1,5 @@
 from .conditions import Weather as Weather
-from .drop_shapes import drop_polarisation as drop_polarisation
+from .drop_shapes import drop_polarization as drop_polarization
 from .drops import marshall_palmer as marshall_palmer
 from .gases import Air as Air
 from .volume import Volume as Volume
@@ -9,7 +9,7 @@ __all__ = [
     "Air",
     "Volume",
     "Weather",
-    "drop_polarisation",
+    "drop_polarization",
     "marshall_palmer",
     "volume_of",
 ]

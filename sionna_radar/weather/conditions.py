@@ -1,4 +1,4 @@
-"""The weather of a survey: what it takes from a wave at one carrier, and what it sends back."""
+"""The weather of a survey: its attenuation and its echo at one carrier."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,17 +29,17 @@ NONE_HANGS: Mapping[Obscurant, float] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class Weather:
-    """What falls and what hangs in the air along every path, at the carrier.
+    """Precipitation and obscurants along every path, at the carrier.
 
-    rain_rate_mm_per_h: that is the same everywhere, and the mean where `rain_map` is given.
-    rain_map: rain that differs from place to place, in place of `rain_rate_mm_per_h`; None where it does not.
+    rain_rate_mm_per_h: rate of uniform rain; the mean if `rain_map` is given.
+    rain_map: rain that varies with position, instead of `rain_rate_mm_per_h`; None for uniform rain.
     snowfall_mm_per_h: of dry and of wet snow, as water.
-    liquid_water_g_per_m3: of fog; its visibility is in `visibility_m`, or that of a mean fog.
+    liquid_water_g_per_m3: of fog; its visibility is in `visibility_m`, otherwise that of a mean fog.
     visibility_m: of each obscurant alone.
-    air: None where the loss in the air itself is left out.
+    air: None to leave out the attenuation by air itself.
     temperature_k: of drops and droplets; ice is at most at its melting point.
-    wet_radome_m: radius of a radome that rain wets; None where there is none.
-    wind_mps: toward east, north and up; what falls and what hangs in the air moves with it.
+    wet_radome_m: radius of a radome that rain wets; None if there is none.
+    wind_mps: toward east, north and up; all particles move with it.
     """
 
     carrier_hz: float
@@ -60,12 +60,12 @@ class Weather:
 
     @property
     def clear(self) -> bool:
-        """Whether nothing at all is taken or sent back."""
+        """Whether there is neither attenuation nor echo."""
         return self.air is None and not self.fills_the_beam
 
     @property
     def fills_the_beam(self) -> bool:
-        """Whether anything in the air sends an echo back."""
+        """Whether anything in the air returns an echo."""
         return self.rains or bool(self.snowfall_mm_per_h) or bool(self._aerosols)
 
     @cached_property
@@ -84,7 +84,7 @@ class Weather:
 
     @cached_property
     def _aerosols(self) -> dict[Obscurant, Aerosol]:
-        """The particles of what hangs in the air."""
+        """The particles of the obscurants."""
         found: dict[Obscurant, Aerosol] = {
             kind: obscurant(kind, self.carrier_hz, visibility_m=seen_m, temperature_k=self.temperature_k)
             for kind, seen_m in self.visibility_m.items()
@@ -101,7 +101,7 @@ class Weather:
 
     @cached_property
     def still_attenuation_db_per_km(self) -> float:
-        """One-way specific attenuation of all but rain, the same in every direction."""
+        """One-way specific attenuation of everything but rain, the same in every direction."""
         total = self.gas_attenuation_db_per_km + self.fog_attenuation_db_per_km
         for kind, aerosol in self._aerosols.items():
             if kind is not Obscurant.FOG:
@@ -113,7 +113,7 @@ class Weather:
         return total
 
     def attenuation_db_per_km(self, mix: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the one-way specific attenuation of all together, where the rain is the same everywhere.
+        """Return the total one-way specific attenuation in uniform rain.
 
         mix: as in `rain_attenuations_db_per_km`.
         """
@@ -124,9 +124,9 @@ class Weather:
         return still + rain
 
     def wet_radome_loss_db(self, rain_rate_mm_per_h: float) -> float:
-        """Return the loss of an echo in the radome's film of water, both ways, in rain of a rate over the antenna.
+        """Return the two-way loss in the radome's water film for a rain rate at the antenna.
 
-        Wet snow is taken to melt on it and run off as rain does (an assumption: what sticks is not followed); dry snow
+        Wet snow is assumed to melt on it and run off like rain (snow that sticks is not modelled); dry snow
         leaves it dry.
         """
         if self.wet_radome_m is None:
@@ -146,16 +146,16 @@ class Weather:
         )
 
     def rain_speeds(self) -> EchoSpeeds:
-        """Return how fast the drops fall that send the echo; the rain rate must be positive."""
+        """Return the echo-weighted fall speeds of the drops; the rain rate must be positive."""
         return self.rain_echo(self.rain_rate_mm_per_h)[1]
 
     def rain_echo(self, rain_rate_mm_per_h: float) -> tuple[float, EchoSpeeds]:
-        """Return the reflectivity (m2/m3) and fall speeds of rain of a rate, which must be positive."""
+        """Return the reflectivity (m2/m3) and fall speeds of rain at a rate, which must be positive."""
         return drop_echo(self.carrier_hz, drops=marshall_palmer(rain_rate_mm_per_h), temperature_k=self.temperature_k)
 
     @cached_property
     def still_echoes(self) -> tuple[tuple[float, EchoSpeeds], ...]:
-        """Reflectivity (m2/m3) and fall speeds of everything but rain that sends an echo."""
+        """Reflectivity (m2/m3) and fall speeds of everything but rain that returns an echo."""
         snow = [
             (
                 snow_reflectivity_per_m(

@@ -1,22 +1,22 @@
-"""The shape of falling drops, and what it does to the polarisation of rain's echo.
+"""The shape of falling drops, and its effect on the polarization of the rain echo.
 
-Drag flattens a drop by more the larger it is, and turbulence tilts its axis about the vertical. With v the axis across
+Drag flattens larger drops more, and turbulence tilts their axes about the vertical. With v the axis across
 the line of sight in the vertical plane and h the horizontal one, a drop whose axis lies at the angle a from v in that
-view sends back the matrix
+view has the scattering matrix
 
     T | 1 0 |  +  D | cos 2a   sin 2a |
       | 0 1 |       | sin 2a  -cos 2a |        T = (S_v + S_h) / 2,  D = (S_v - S_h) / 2 in the drop's own axes.
 
-A sphere has D = 0: it returns a circular wave with the opposite sense alone, and nothing in the other of V and H.
+A sphere has D = 0: it returns a circular wave only with the opposite sense, and V and H without cross-polar echo.
 D vanishes as the square of the sine between the line of sight and the axis: seen from above a drop is round.
 
 S_v and S_h come from spheroids at the carrier (`spheroid`), not from Rayleigh's limit: at 77 GHz drops of 2 mm have
-a backscatter minimum, and are two to three times as depolarising (in amplitude) as small ones of their shape would be.
-Neglected: the oscillation of drops larger than a millimetre, scattering from drop to drop, and what the way through
-the rain does: 25 mm/h weaken H by 0.42 dB/km more than V at most (P.838-3), which over 100 m and back turns the sense
-of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB of it
-come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are those of
-their antennas' axial ratio (1 dB leaves 18.8 dB).
+a backscatter minimum, and are two to three times as depolarizing (in amplitude) as small ones of their shape would be.
+Neglected: the oscillation of drops larger than a millimetre, multiple scattering, and the effect of propagation through
+the rain: at 25 mm/h H is attenuated by up to 0.42 dB/km more than V (P.838-3), which over 100 m and back reverses the
+sense of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly round, return most of the echo, and -40 dB
+of it come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are due
+to the axial ratio of their antennas (1 dB gives 18.8 dB).
 """
 
 from dataclasses import dataclass
@@ -37,10 +37,10 @@ AXIS_RATIO = np.polynomial.Polynomial([0.9951, 0.02510, -0.03644, 0.005303, -0.0
 # Huang, Bringi and Thurai 2008, J. Atmos. Oceanic Technol. 25, 1717-1723: canting angles of drops after an 80 m fall
 # about zero, with a standard deviation of 7 to 8 deg.
 CANTING_RAD = float(np.deg2rad(7.0))
-# Linear depolarisation of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
-# 731-739), some -17 dB for crystals of all attitudes and -12 to -14 dB where they melt. The paper was not at hand.
-SNOW_DEPOLARISATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
-# Smaller drops return nothing to speak of, larger ones break up.
+# Linear depolarization of snow at 95 GHz: typical values after Pazmany, McIntosh, Kelly and Vali 1994 (IEEE TGRS 32,
+# 731-739), some -17 dB for crystals of all orientations and -12 to -14 dB where they melt. The paper was not at hand.
+SNOW_DEPOLARIZATION_DB = {Precipitation.DRY_SNOW: -18.0, Precipitation.WET_SNOW: -13.0}
+# Smaller drops return a negligible echo, larger ones break up.
 SMALLEST_M, LARGEST_M = 0.2e-3, 7e-3
 NODES = 32
 LOOKS_RAD = np.deg2rad([20.0, 45.0, 70.0, 90.0])
@@ -55,7 +55,7 @@ def axis_ratio(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DropPolarisation:
+class DropPolarization:
     """Moments of D over the mean power of T at rising angles between the line of sight and the vertical.
 
     mean: of D T* cos 2a; upright, slanted: of |D|^2 cos^2 2a and of |D|^2 sin^2 2a.
@@ -69,24 +69,24 @@ class DropPolarisation:
     def power(
         self,
         angle_rad: Float[np.ndarray, " n"],
-        sent: Inexact[np.ndarray, "n 2"],
+        transmitted: Inexact[np.ndarray, "n 2"],
         received: Inexact[np.ndarray, "n 2"],
     ) -> Float[np.ndarray, " n"]:
-        """Return the power received, over what spheres return to a linear antenna that receives as it sends.
+        """Return the power received, relative to that of spheres with a linear co-polar antenna.
 
         Parameters
         ----------
         angle_rad:
-            Between the line of sight and the vertical, up or down.
-        sent, received:
-            Unit fields, along v and h, that the antenna sends as it sends and as it receives.
+            Angle between the line of sight and the vertical, up or down.
+        transmitted, received:
+            Unit fields, along v and h, of the antenna's transmit and receive ports, both as if transmitting.
 
         """
         angle = np.minimum(angle_rad, np.pi - angle_rad)
         mean, upright, slanted = (
             np.interp(angle, self.angle_rad, moment) for moment in (self.mean, self.upright, self.slanted)
         )
-        (v, h), (rv, rh) = sent.T, received.T
+        (v, h), (rv, rh) = transmitted.T, received.T
         kept, opposed, exchanged = rv * v + rh * h, rv * v - rh * h, rv * h + rh * v
         power: Float[np.ndarray, " n"] = (
             np.abs(kept) ** 2
@@ -97,37 +97,37 @@ class DropPolarisation:
         return power
 
 
-def spheres() -> DropPolarisation:
-    """Return the polarisation of droplets, and of dust and smoke, which are taken for spheres."""
+def spheres() -> DropPolarization:
+    """Return the polarization of droplets, dust and smoke, all taken as spheres."""
     none = np.zeros(len(ANGLES_RAD))
-    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=none.astype(complex), upright=none, slanted=none)
 
 
-def snow_polarisation(kind: Precipitation) -> DropPolarisation:
-    """Return the polarisation of snow, whose flakes tumble: the same from all sides, D by the linear depolarisation."""
-    level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARISATION_DB[kind] / 10))
+def snow_polarization(kind: Precipitation) -> DropPolarization:
+    """Return the polarization of snow, whose flakes tumble: equal in all directions, D from linear depolarization."""
+    level = np.full(len(ANGLES_RAD), 10 ** (SNOW_DEPOLARIZATION_DB[kind] / 10))
     none = np.zeros(len(ANGLES_RAD), dtype=complex)
-    return DropPolarisation(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
+    return DropPolarization(angle_rad=ANGLES_RAD, mean=none, upright=level, slanted=level)
 
 
 @lru_cache(maxsize=8)
-def drop_polarisation(frequency_hz: float, drops: ExponentialDrops, temperature_k: float) -> DropPolarisation:
-    """Return the polarisation of rain's echo, drops canted by `CANTING_RAD` in each of two vertical planes."""
+def drop_polarization(frequency_hz: float, drops: ExponentialDrops, temperature_k: float) -> DropPolarization:
+    """Return the polarization of rain's echo, drops canted by `CANTING_RAD` in each of two vertical planes."""
     diameter, weights = _diameters()
     number = weights * drops.density_per_m4(diameter)
     common, split = _amplitudes(frequency_hz, temperature_k)
     total = number @ np.abs(common) ** 2
-    # Divided by what they vanish with, so that what is left is smooth in the angle.
+    # Divided by the factors with which they vanish, so that the rest is smooth in the angle.
     mean = number @ (split * np.conj(common)) / total / np.sin(LOOKS_RAD) ** 2
     power = number @ np.abs(split) ** 2 / total / np.sin(LOOKS_RAD) ** 4
     moments = np.array([_canted(angle, mean, power) for angle in ANGLES_RAD.tolist()])
-    return DropPolarisation(
+    return DropPolarization(
         angle_rad=ANGLES_RAD, mean=moments[:, 0], upright=moments[:, 1].real, slanted=moments[:, 2].real
     )
 
 
 def _diameters() -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-    """Return the nodes of integrals over the diameter and their weights, in share of the span."""
+    """Return the nodes of integrals over the diameter and their weights, as shares of the span."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     return SMALLEST_M + (LARGEST_M - SMALLEST_M) * (1 + nodes) / 2, weights / 2
 
@@ -147,12 +147,12 @@ def _amplitudes(frequency_hz: float, temperature_k: float) -> Complex[np.ndarray
 def _canted(
     angle_rad: float, mean: Complex[np.ndarray, " look"], power: Float[np.ndarray, " look"]
 ) -> Complex[np.ndarray, " 3"]:
-    """Return the three moments of `DropPolarisation` at one angle, averaged over the drops' tilt."""
+    """Return the three moments of `DropPolarization` at one angle, averaged over the drops' tilt."""
     node, weight = np.polynomial.hermite_e.hermegauss(TILT_NODES)
     x, y = np.meshgrid(CANTING_RAD * node, CANTING_RAD * node)
     share = np.outer(weight, weight) / weight.sum() ** 2
     axis = np.stack([np.tan(x), np.tan(y), np.ones_like(x)]) / np.sqrt(1 + np.tan(x) ** 2 + np.tan(y) ** 2)
-    # The line of sight lies in the plane of x and z; the drop's axis seen along v and h.
+    # The line of sight lies in the x-z plane; components of the drop's axis along v and h.
     along_v = axis[2] * np.sin(angle_rad) - axis[0] * np.cos(angle_rad)
     along_h = axis[1]
     turned = (along_v + 1j * along_h) ** 2  # sin^2 of the angle to the axis, times exp(2 j a)

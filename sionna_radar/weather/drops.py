@@ -1,4 +1,4 @@
-"""How many raindrops of each size fill a cubic metre."""
+"""Drop size distributions of rain."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ FALL_SLOPE_PER_M = 600.0
 
 
 def fall_speed_mps(diameter_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the terminal speed of raindrops at sea level; drops too small for the fit float (0)."""
+    """Return the terminal speed of raindrops at sea level; 0 for drops too small for the fit."""
     return np.maximum(FALL_LIMIT_MPS - FALL_DEFICIT_MPS * np.exp(-FALL_SLOPE_PER_M * diameter_m), 0.0)
 
 
@@ -48,7 +48,7 @@ MARSHALL_PALMER_EXPONENT = -0.21
 def marshall_palmer(rain_rate_mm_per_h: float) -> ExponentialDrops:
     """Return the Marshall-Palmer drops of a rain rate; ValidityError for one that is not positive.
 
-    An average over many rains, which at 10 mm/h carries 16 % more water to the ground than that.
+    An average over many rains; at 10 mm/h its water flux is 16 % larger than the rate.
     At millimetre wavelengths Laws and Parsons' mean drops give notably different results (de Wolf 2001,
     2000RS002369).
     """

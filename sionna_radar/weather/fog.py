@@ -1,8 +1,8 @@
 """Attenuation by fog and cloud: droplets far smaller than the wavelength (ITU-R P.840).
 
-The attenuation follows from the mass of liquid water alone. Visibility depends on the droplets' sizes too, so a mass
-of water that is told by a visibility (`liquid_water_of_visibility_g_per_m3`) is that of a mean fog. P.840 names two
-typical cases (`FogClass`), which that law meets within a third.
+The attenuation follows from the mass of liquid water alone. Visibility also depends on the droplet sizes, so a mass
+of water derived from a visibility (`liquid_water_of_visibility_g_per_m3`) is that of a mean fog. P.840 names two
+typical cases (`FogClass`), which that relation matches within a third.
 """
 
 import math
@@ -35,7 +35,7 @@ class FogClass(Enum):
 
     @property
     def visibility_m(self) -> float:
-        """Return the visibility that P.840 names beside the water."""
+        """Return the visibility that P.840 gives with the water."""
         return 300.0 if self is FogClass.MEDIUM else 50.0
 
 
@@ -48,19 +48,19 @@ CONTRAST = 0.02
 
 
 def liquid_water_of_visibility_g_per_m3(visibility_m: float) -> float:
-    """Return the liquid water of a mean fog by its visibility (Kunkel 1984); single fogs differ by a few times."""
+    """Return the liquid water of a mean fog for a visibility (Kunkel 1984); single fogs differ by factors of a few."""
     extinction_per_km = -math.log(CONTRAST) / (visibility_m / 1000.0)
     return float((extinction_per_km / EXTINCTION_PER_KM) ** (1.0 / EXTINCTION_EXPONENT))
 
 
 def visibility_of_liquid_water_m(liquid_water_g_per_m3: float) -> float:
-    """Return the visibility in a mean fog by its liquid water (Kunkel 1984)."""
+    """Return the visibility in a mean fog for its liquid water (Kunkel 1984)."""
     extinction_per_km = EXTINCTION_PER_KM * liquid_water_g_per_m3**EXTINCTION_EXPONENT
     return float(-1000.0 * math.log(CONTRAST) / extinction_per_km)
 
 
 def fog_coefficient(frequency_hz: float, temperature_k: float) -> float:
-    """Return K_l, the attenuation in dB/km that 1 g/m3 of droplets causes.
+    """Return K_l, the attenuation in dB/km by 1 g/m3 of droplets.
 
     Source: ITU-R P.840-9, Annex 1, section 2; up to 200 GHz.
     """

@@ -1,6 +1,6 @@
 """Attenuation by the air itself: oxygen and water vapour, line by line (ITU-R P.676, Annex 1).
 
-At 77 GHz the air takes about 0.35 dB/km, seven tenths of it by vapour. Valid from 1 to 1000 GHz.
+At 77 GHz it is about 0.35 dB/km, seven tenths of it by vapour. Valid from 1 to 1000 GHz.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ SOURCE = "ITU-R P.676-13, Annex 1"
 LOWEST_FREQUENCY_HZ = 1e9
 HIGHEST_FREQUENCY_HZ = 1000e9
 # The equations and numbers of Annex 1, section 1, as restated in crc-covlib src/ITURP_676.cpp (P.676-13) and
-# ITU-Rpy itu676.py (P.676-12), which agree; the tests hold them to the ITU's own validation examples.
+# ITU-Rpy itu676.py (P.676-12), which agree; tests compare them with the ITU's validation examples.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ def _checked_ghz(frequency_hz: float) -> float:
 
 
 def _oxygen_lines(f: float, air: Air) -> float:
-    # The lines overlap so much that they interfere: `mixing` skews each one's shape.
+    # The lines overlap so much that they interfere: `mixing` skews their shapes.
     line, a1, a2, a3, a4, a5, a6 = OXYGEN_LINES.T
     p, e, theta = air.dry_pressure_hpa, air.vapour_pressure_hpa, air.theta
     strength = a1 * 1e-7 * p * theta**3 * np.exp(a2 * (1.0 - theta))
@@ -85,7 +85,7 @@ def _oxygen_lines(f: float, air: Air) -> float:
 
 
 def _dry_continuum(f: float, air: Air) -> float:
-    # The Debye spectrum of oxygen and absorption that pressure induces in nitrogen.
+    # The Debye spectrum of oxygen and pressure-induced absorption by nitrogen.
     p, e, theta = air.dry_pressure_hpa, air.vapour_pressure_hpa, air.theta
     debye_width = 5.6e-4 * (p + e) * theta**0.8
     if debye_width == 0:
@@ -96,7 +96,7 @@ def _dry_continuum(f: float, air: Air) -> float:
 
 
 def _vapour_lines(f: float, air: Air) -> float:
-    # As oxygen, without interference; the width joins pressure and Doppler broadening.
+    # Like oxygen, without interference; the width combines pressure and Doppler broadening.
     line, b1, b2, b3, b4, b5, b6 = VAPOUR_LINES.T
     p, e, theta = air.dry_pressure_hpa, air.vapour_pressure_hpa, air.theta
     strength = b1 * 0.1 * e * theta**3.5 * np.exp(b2 * (1.0 - theta))

@@ -1,10 +1,10 @@
-"""What can fill the air, by name: what falls, and what only takes the sight away."""
+"""Kinds of particles in the air: precipitation and obscurants."""
 
 from enum import Enum
 
 
 class Precipitation(Enum):
-    """What falls, told by its rate as water."""
+    """Snowfall, given by its rate as water."""
 
     RAIN = "rain"
     DRY_SNOW = "dry snow"
@@ -12,7 +12,7 @@ class Precipitation(Enum):
 
 
 class Obscurant(Enum):
-    """What hangs in the air, told by its visibility."""
+    """Suspended particles, given by their visibility."""
 
     FOG = "fog"
     HAZE = "haze"

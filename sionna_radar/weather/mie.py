@@ -1,4 +1,4 @@
-"""Mie scattering by a homogeneous sphere: how much it removes, scatters and sends back.
+"""Mie scattering by a homogeneous sphere: extinction, scattering and backscatter.
 
 Bohren and Huffman, Absorption and Scattering of Light by Small Particles (Wiley 1983), pp. 103, 119-122 and
 477, restated in Maetzler's notes (clegett/mie, mie.md): coefficients a_n and b_n, here in their form with the
@@ -17,7 +17,7 @@ from scipy.special import spherical_jn, spherical_yn
 class Efficiencies:
     """Cross-sections of spheres over their geometric cross-section pi a^2.
 
-    backscatter is the radar's: the cross-section of an isotropic scatterer with the same echo.
+    backscatter is the radar definition: the cross-section of an isotropic scatterer with the same echo.
     """
 
     extinction: Float[np.ndarray, " n"]
@@ -35,7 +35,7 @@ def mie_efficiencies(size: Float[np.ndarray, " n"], refractive_index: complex) -
     back = np.zeros(size.shape, dtype=complex)
     derivative = _logarithmic_derivatives(refractive_index * size, int(orders.max()))
     for n in range(1, int(orders.max()) + 1):
-        # Orders beyond what a sphere needs are skipped, not just small: y_n overflows there.
+        # Orders that a sphere does not need are skipped, since y_n overflows there.
         use = orders >= n
         a, b = _coefficients(n, size[use], refractive_index, derivative[n, use])
         weight = 2 * n + 1
@@ -56,9 +56,9 @@ def _orders_needed(size: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def _logarithmic_derivatives(z: Complex[np.ndarray, " n"], orders: int) -> Complex[np.ndarray, "order n"]:
-    # psi_n'(z)/psi_n(z) by downward recurrence, which forgets its start; upward, it diverges
+    # psi_n'(z)/psi_n(z) by downward recurrence, which is insensitive to its start; upward, it diverges
     # for an absorbing sphere. BHMIE starts 15 orders above |z|; that leaves 2e-5 of error for a clear sphere
-    # of size 100, so the start is put 15 orders above the last that |z| itself would need.
+    # of size 100, so it starts 15 orders above the last that |z| itself would need.
     start = max(orders, int(_orders_needed(np.abs(z)).max())) + 15
     values = np.zeros((orders + 1, z.size), dtype=complex)
     current = np.zeros(z.size, dtype=complex)

@@ -1,13 +1,13 @@
-"""What the air takes from a pulse of light and sends back of it, at the wavelengths of lidars.
+"""Extinction and backscatter of light in the air, at the wavelengths of lidars.
 
 Extinction: Koschmieder, 3.912 / V at 550 nm for a contrast of 2 %, and toward the infrared (wavelength / 550 nm)^-q
 with q by the visibility: Kim's for fog (none below 500 m), Kruse's for haze and smoke, none for dust, whose grains are
 large. Rain and snow by the fits that ITU-R P.1814 and P.1817 recommend.
-What comes back of it: backscatter = extinction / lidar ratio. Raindrops are so few in a beam that each is an echo of
-its own (`drop_backscatter_m2_per_sr`).
+Backscatter = extinction / lidar ratio. Raindrops are so few in a beam that each is a separate
+echo (`drop_backscatter_m2_per_sr`).
 
 Sources. Kruse, McGlauchlin and McQuistan 1962, "Elements of Infrared Technology"; Kim, McArthur and Korevaar 2001,
-Proc. SPIE 4214, 26-37; Pierce, Ramaprasad and Eisenberg 2001, Proc. SPIE 4530 (abstract read: fog is the same from the
+Proc. SPIE 4214, 26-37; Pierce, Ramaprasad and Eisenberg 2001, Proc. SPIE 4530 (abstract read: fog is equal from the
 visible to the near infrared, and Kruse's formula is for small particles); Carbonneau and Wisely 1998, Proc. SPIE 3232,
 98-106. The formulas are as restated throughout the literature on optical links; the papers themselves were not at hand.
 """
@@ -22,7 +22,7 @@ from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
 from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.validity import require_between, require_not_negative
 
-SOURCE = "the models of light in weather"
+SOURCE = "the optical weather models"
 SHORTEST_NM, LONGEST_NM = 500.0, 1700.0
 VISIBLE_NM = 550.0
 KOSCHMIEDER = float(-np.log(0.02))
@@ -66,7 +66,7 @@ def haze_exponent(visibility_m: float) -> float:
 
 
 def obscurant_extinction_per_m(kind: Obscurant, visibility_m: float, wavelength_nm: float) -> float:
-    """Return the extinction of what hangs in the air, by how far one sees through it alone."""
+    """Return the extinction of suspended particles, given the visibility in them alone."""
     exponent = {
         Obscurant.FOG: fog_exponent,
         Obscurant.HAZE: haze_exponent,
@@ -92,10 +92,10 @@ def snow_extinction_per_m(kind: Precipitation, snowfall_mm_per_h: float, wavelen
 def drop_backscatter_m2_per_sr(
     diameter_m: Float[np.ndarray, " drop"], wavelength_nm: float
 ) -> Float[np.ndarray, " drop"]:
-    """Return what raindrops send back per steradian: the glints of the near and the far face.
+    """Return the backscatter of raindrops per steradian: the glints of the near and the far face.
 
-    Geometrical optics of a sphere of radius a: R a^2 / 4 from the near face, R the reflection straight on, and from the
-    far one R (1 - R)^2 (n / (2 - n))^2 a^2 / 4, through the water twice, which at 1550 nm swallows most of it in drops
+    Geometrical optics of a sphere of radius a: R a^2 / 4 from the near face, R the normal reflection, and from the
+    far one R (1 - R)^2 (n / (2 - n))^2 a^2 / 4, through the water twice, which at 1550 nm absorbs most of it in drops
     of a millimetre. The glory is left out: a flattened drop of many wavelengths has none.
     """
     mirror = ((WATER_INDEX - 1) / (WATER_INDEX + 1)) ** 2
@@ -107,10 +107,10 @@ def drop_backscatter_m2_per_sr(
 
 @dataclass(frozen=True, kw_only=True)
 class OpticalAir:
-    """The air as a lidar meets it, the same everywhere.
+    """The air as seen by a lidar, uniform in space.
 
-    backscatter_per_m_sr: of all but rain, whose drops are echoes of their own.
-    drops: of rain; None where it does not rain.
+    backscatter_per_m_sr: of everything but rain, whose drops are separate echoes.
+    drops: of rain; None without rain.
     """
 
     wavelength_nm: float
@@ -126,7 +126,7 @@ def optical_air(
     snowfall_mm_per_h: Mapping[Precipitation, float] | None = None,
     visibility_m: Mapping[Obscurant, float] | None = None,
 ) -> OpticalAir:
-    """Return the air of a weather; extinctions add up, and so do backscatters."""
+    """Return the optical properties of the air; extinctions add up, and so do backscatters."""
     require_between("wavelength_nm", wavelength_nm, SHORTEST_NM, LONGEST_NM, SOURCE)
     extinction, backscatter = rain_extinction_per_m(rain_rate_mm_per_h), 0.0
     for kind, seen_m in (visibility_m or {}).items():

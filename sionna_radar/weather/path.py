@@ -1,4 +1,4 @@
-"""What weather does along the way to a range and back: loss of power, and the echo of rain itself."""
+"""Effects of weather along a two-way path: loss of power, and the echo of rain itself."""
 
 import math
 
@@ -15,9 +15,9 @@ NEPERS_PER_M = 2.0 * math.log(10.0) / 10.0 / 1000.0
 def two_way_attenuation(
     range_m: Float[np.ndarray, " n"], specific_attenuation_db_per_km: float | Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the ratio of powers (at most 1) that is left of an echo from each range.
+    """Return the two-way power transmittance (at most 1) for an echo from each range.
 
-    The weather is the same all along the path; specific attenuations of gases, fog and rain add up in dB.
+    The weather is uniform along the path; specific attenuations of gases, fog and rain add up in dB.
     """
     lowest = float(np.min(specific_attenuation_db_per_km, initial=np.inf))
     require_not_negative("specific_attenuation_db_per_km", lowest)
@@ -33,18 +33,18 @@ def rain_clutter_power(
     wavelength_m: float,
     specific_attenuation_db_per_km: float,
 ) -> Float[np.ndarray, " cell"]:
-    """Return the mean power of the rain echo in each range cell, over the power sent.
+    """Return the mean power of the rain echo in each range cell, over the transmitted power.
 
-    range_edges_m: edges of the cells, rising and positive; one fewer cell than edges.
-    two_way_beam_sr: Omega_2, the integral of (G/G0)^2 over the solid angle that is filled with rain.
+    range_edges_m: edges of the cells, increasing and positive; one fewer cell than edges.
+    two_way_beam_sr: Omega_2, the integral of (G/G0)^2 over the solid angle filled with rain.
     peak_gain: G0, a ratio.
 
     Derivation. A volume dV = r^2 dr dOmega has the cross-section eta dV; drops move independently, so their
-    powers add. Each is an echo by the radar equation (Rouveure et al. 2017, eq. 3), weakened both ways:
+    powers add. Each follows the radar equation (Rouveure et al. 2017, eq. 3), attenuated both ways:
 
         dP/P_t = G(Omega)^2 lambda^2 eta r^2 dr dOmega exp(-a r) / ((4 pi)^3 r^4).
 
-    The direction integrates to G0^2 Omega_2, and r^2 of volume takes r^4 of spreading to r^2:
+    The direction integrates to G0^2 Omega_2, and r^2 of volume reduces r^4 of spreading to r^2:
 
         P/P_t = G0^2 lambda^2 Omega_2 eta / (4 pi)^3  *  integral of exp(-a r)/r^2 over the cell,
 
@@ -77,5 +77,5 @@ def _two_way_nepers_per_m(specific_attenuation_db_per_km: float) -> float:
 
 def _require_cells(range_edges_m: Float[np.ndarray, " edge"]) -> None:
     if len(range_edges_m) < 2 or range_edges_m[0] <= 0 or np.any(np.diff(range_edges_m) <= 0):
-        message = "range_edges_m must rise and be positive: the echo grows without bound towards the antenna"
+        message = "range_edges_m must increase and be positive: the echo grows without bound towards the antenna"
         raise ValidityError(message)

@@ -1,7 +1,7 @@
-"""A wet radome: a film of water whose thickness follows the rain, and what it lets through.
+"""A wet radome: a water film whose thickness depends on the rain rate, and its transmission.
 
-The radome itself is taken to be clear when dry, as a shell of half a wavelength is at its carrier, so that the film in
-air is all there is. What the film sends straight back into the receiver (at no range) is not simulated.
+The dry radome is assumed to be lossless, like a half-wavelength shell at its carrier, so only the film in
+air is modelled. The film's reflection into the receiver (at zero range) is not simulated.
 """
 
 import cmath
@@ -23,8 +23,8 @@ def film_thickness_m(rain_rate_mm_per_h: float, radius_m: float) -> float:
     Gibble 1964 (Effects of rain on transmission performance of a satellite communication system, IEEE Int. Conv. Rec.),
     as used by Anderson 1975 and Kurri and Huuskonen 2008. Derivation: at the angle t from the top the rain caught on
     the cap, R pi a^2 sin^2 t, runs off over 2 pi a sin t; a laminar film under its own weight g sin t carries
-    g sin t d^3 / (3 nu) over each metre. The angle drops out, so that the film is equally thick everywhere. A surface
-    that repels water has drops and rivulets in its place and loses less.
+    g sin t d^3 / (3 nu) per metre. The angle cancels, so the film is equally thick everywhere. A hydrophobic
+    surface has drops and rivulets instead, and less loss.
     """
     require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
     rate_m_per_s = rain_rate_mm_per_h / 3.6e6
@@ -32,9 +32,9 @@ def film_thickness_m(rain_rate_mm_per_h: float, radius_m: float) -> float:
 
 
 def film_transmission(frequency_hz: float, *, thickness_m: float, temperature_k: float) -> float:
-    """Return the share of the power that passes a film of water at right angles, one way.
+    """Return the one-way power transmission of a water film at normal incidence.
 
-    All reflections within the film counted: t = (1 - r^2) p / (1 - r^2 p^2), r = (1 - n)/(1 + n), p = exp(i k n d).
+    Including all reflections within the film: t = (1 - r^2) p / (1 - r^2 p^2), r = (1 - n)/(1 + n), p = exp(i k n d).
     """
     index = cmath.sqrt(water_permittivity(frequency_hz, temperature_k))
     edge = (1 - index) / (1 + index)
@@ -45,6 +45,6 @@ def film_transmission(frequency_hz: float, *, thickness_m: float, temperature_k:
 def wet_radome_loss_db(
     frequency_hz: float, *, rain_rate_mm_per_h: float, radius_m: float, temperature_k: float
 ) -> float:
-    """Return the loss of an echo in the water on a radome, both ways; none where it does not rain."""
+    """Return the two-way loss in the water on a radome; zero without rain."""
     thickness_m = film_thickness_m(rain_rate_mm_per_h, radius_m)
     return -20.0 * math.log10(film_transmission(frequency_hz, thickness_m=thickness_m, temperature_k=temperature_k))

@@ -1,8 +1,8 @@
-"""Rain: how much it weakens a wave (ITU-R P.838), and how much it sends back (Mie over Marshall-Palmer).
+"""Rain: attenuation (ITU-R P.838) and backscatter (Mie over Marshall-Palmer).
 
-The two are different kinds of number. P.838 is the recommended prediction of attenuation, the one to use.
+The two have different standing. P.838 is the recommended prediction of attenuation, the one to use.
 For the backscatter at 77 GHz no recommendation was found, so it is computed from the drops themselves;
-the attenuation computed the same way (`scattered_attenuation_db_per_km`) is there to check that sum. At
+the attenuation computed the same way (`scattered_attenuation_db_per_km`) checks that sum. At
 77 GHz it is 0.96 of P.838 at 1 mm/h, 1.26 at 10 mm/h and 1.3 at 25 to 50 mm/h (water at 10 deg C).
 """
 
@@ -41,7 +41,7 @@ class _Fit:
 
 
 # ITU-R P.838-3 (03/2005), Tables 1 to 4, 1 to 1000 GHz. The values agree in ITU-Rpy itu838.py, crc-covlib
-# itur_p838.py and ssykiotis/RainAttenuation_MATLAB effplfactor.m; the tests hold the fit to Table 5.
+# itur_p838.py and ssykiotis/RainAttenuation_MATLAB effplfactor.m; tests compare the fit with Table 5.
 _LOG_K_HORIZONTAL = _Fit(  # Table 1
     (
         (-5.33980, -0.10008, 1.13098),
@@ -103,9 +103,9 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
     """Return k and alpha of ITU-R P.838-3 (eqs. 2 to 5), 1 to 1000 GHz.
 
     elevation_rad: of the path above (or below) the horizontal.
-    tilt_rad: of the polarisation from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
+    tilt_rad: of the polarization from the horizontal: 0 horizontal, pi/2 vertical, pi/4 circular.
     """
-    # Drops are flattened, so polarisation matters only for what the path sees of their horizontal axis.
+    # Drops are flattened, so polarization matters only as far as the path sees their horizontal axis.
     mix = math.cos(elevation_rad) ** 2 * math.cos(2.0 * tilt_rad)
     k, alpha = rain_power_laws(frequency_hz, np.array([mix]))
     return RainPowerLaw(k=float(k[0]), alpha=float(alpha[0]))
@@ -114,10 +114,10 @@ def rain_power_law(frequency_hz: float, *, elevation_rad: float, tilt_rad: float
 def rain_attenuations_db_per_km(
     frequency_hz: float, *, rain_rate_mm_per_h: float, mix: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the one-way specific attenuation of rain (ITU-R P.838-3) for many ways of looking.
+    """Return the one-way specific attenuation of rain (ITU-R P.838-3) for many paths.
 
-    mix: cos^2(elevation) cos(2 tilt), what P.838-3 takes of the path and its polarisation; from -1 (level
-        path, vertical field) over 0 (straight down) to 1 (level path, horizontal field).
+    mix: cos^2(elevation) cos(2 tilt), the term of P.838-3 for path and polarization; from -1 (level
+        path, vertical field) through 0 (straight down) to 1 (level path, horizontal field).
     """
     require_not_negative("rain_rate_mm_per_h", rain_rate_mm_per_h)
     k, alpha = rain_power_laws(frequency_hz, mix)
@@ -127,7 +127,7 @@ def rain_attenuations_db_per_km(
 def rain_power_laws(
     frequency_hz: float, mix: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return k and alpha of ITU-R P.838-3 for many ways of looking; `mix` as in `rain_attenuations_db_per_km`."""
+    """Return k and alpha of ITU-R P.838-3 for many paths; `mix` as in `rain_attenuations_db_per_km`."""
     require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
     frequency_ghz = frequency_hz / 1e9
     k_h, k_v = 10.0 ** _LOG_K_HORIZONTAL.at(frequency_ghz), 10.0 ** _LOG_K_VERTICAL.at(frequency_ghz)
@@ -149,8 +149,8 @@ def rain_attenuation_db_per_km(
 def rain_reflectivity_per_m(frequency_hz: float, *, rain_rate_mm_per_h: float, temperature_k: float) -> float:
     """Return the radar cross-section of a cubic metre of rain (m2/m3), eta.
 
-    Mie's backscatter of water spheres, summed over Marshall-Palmer drops. One polarisation sent and the same
-    received; spheres send nothing into the other. At 94 GHz the echo from 250 m agrees with what radars
+    Mie backscatter of water spheres, summed over Marshall-Palmer drops, for co-polar reception:
+    spheres have no cross-polar echo. At 94 GHz the echo from 250 m agrees with what radars
     measure in 3 to 10 mm/h, 19 dBZ with a spread of 1.5 dB (Hogan et al. 2003, J. Atmos. Oceanic Technol. 20,
     572); single showers differ by more. Real drops are flattened, which is neglected here.
     """
@@ -166,19 +166,19 @@ def drop_reflectivity_per_m(frequency_hz: float, *, drops: ExponentialDrops, tem
 
 
 def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> EchoSpeeds:
-    """Return the fall speeds of drops, weighted by what each size sends back."""
+    """Return the fall speeds of drops, weighted by the echo of each size."""
     return drop_echo(frequency_hz, drops=drops, temperature_k=temperature_k)[1]
 
 
 def drop_echo(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> tuple[float, EchoSpeeds]:
-    """Return the reflectivity (m2/m3) of drops, and how fast those fall that send it."""
+    """Return the reflectivity (m2/m3) of drops, and their echo-weighted fall speeds."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
     weight = area_per_m3 * efficiencies.backscatter
     return float(np.sum(weight)), weighted_speeds(weight, fall_speed_mps(_diameters(drops)[0]))
 
 
 def scattered_attenuation_db_per_km(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
-    """Return the attenuation that the drops' extinction causes: the Mie counterpart of P.838."""
+    """Return the attenuation by the drops' extinction: the Mie counterpart of P.838."""
     area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
     extinction_per_m = float(np.sum(area_per_m3 * efficiencies.extinction))
     return 10.0 * math.log10(math.e) * 1000.0 * extinction_per_m
@@ -187,7 +187,7 @@ def scattered_attenuation_db_per_km(frequency_hz: float, *, drops: ExponentialDr
 def _areas_and_efficiencies(
     frequency_hz: float, drops: ExponentialDrops, temperature_k: float
 ) -> tuple[Float[np.ndarray, " node"], Efficiencies]:
-    # From nothing to 20 mean diameters: beyond are only e^-20 of all drops. The nodes resolve the
+    # From 0 to 20 mean diameters: only e^-20 of all drops are larger. The nodes resolve the
     # ripples of the efficiencies; a test takes more than twice as many.
     diameter_m, weight_m = _diameters(drops)
     area_per_m3 = weight_m * drops.density_per_m4(diameter_m) * np.pi / 4.0 * diameter_m**2
@@ -197,7 +197,7 @@ def _areas_and_efficiencies(
 
 
 def _diameters(drops: ExponentialDrops) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-    """Return the nodes of integrals over the diameter, rising, and their weights."""
+    """Return the nodes of integrals over the diameter, increasing, and their weights."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     half_span_m = MEAN_DIAMETERS / drops.slope_per_m / 2.0
     return half_span_m * (1.0 + nodes), half_span_m * weights

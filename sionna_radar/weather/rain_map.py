@@ -1,6 +1,6 @@
-"""Rain that differs from place to place: a shower, and a random field.
+"""Rain that varies with position: a shower, and a random field.
 
-Where it rains it rains alike from the ground to above the aircraft; drops that slant in the wind are not followed.
+The rate is constant from the ground to above the aircraft; the slant of falling drops in the wind is neglected.
 """
 
 import math
@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-# Rain below this has no echo of its own; P.838 and Marshall-Palmer hold far above it.
+# Rain below this gets no echo; P.838 and Marshall-Palmer are valid far above it.
 LEAST_MM_PER_H = 0.01
 MOST_MM_PER_H = 300.0
 NEPERS_PER_DB = math.log(10.0) / 10.0
@@ -19,7 +19,7 @@ NEPERS_PER_DB = math.log(10.0) / 10.0
 
 @runtime_checkable
 class RainMap(Protocol):
-    """Rain rates by place."""
+    """Rain rates by position."""
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
         """Return the rain rate at positions east and north."""
@@ -30,9 +30,9 @@ class RainMap(Protocol):
 class RainCell:
     """A shower whose rate falls off exponentially from its centre: R = peak exp(-d / radius).
 
-    The profile of EXCELL (Capsoni et al. 1987, Radio Sci. 22, 387-404: from memory), and what the average of cells
-    measured by two radars is (von Hardenberg et al. 2003, GRL 30, 2280: abstract read). A Gaussian core (HYCELL) of the
-    same peak and area rains less in the middle than these were found to.
+    The profile of EXCELL (Capsoni et al. 1987, Radio Sci. 22, 387-404: from memory), and the average of cells
+    measured by two radars (von Hardenberg et al. 2003, GRL 30, 2280: abstract read). A Gaussian core (HYCELL) of the
+    same peak and area has less rain in the middle than these measurements.
     """
 
     centre_m: tuple[float, float]
@@ -50,8 +50,8 @@ class RainField:
     """A log-normal rain rate with a mean, and a correlation of its logarithm exp(-d / correlation_m).
 
     A model choice: rain rates are near log-normal, and their correlation near exponential over some kilometres; what
-    a survey crosses within a few hundred metres is seldom measured. The field repeats itself after `PERIOD`
-    correlation lengths, and is linear between nodes, which takes 4 % of its variance.
+    a survey crosses within a few hundred metres is seldom measured. The field repeats after `PERIOD`
+    correlation lengths, and is linear between nodes, which loses 4 % of its variance.
     """
 
     mean_mm_per_h: float
@@ -64,7 +64,7 @@ class RainField:
 
     @cached_property
     def _normal(self) -> Float[np.ndarray, "node node"]:
-        """A periodic Gaussian field of unit variance: white noise through the root of its spectrum."""
+        """A periodic Gaussian field of unit variance: white noise filtered by the root of its spectrum."""
         count = self.NODES_PER_LENGTH * self.PERIOD
         steps = np.minimum(np.arange(count), count - np.arange(count)) / self.NODES_PER_LENGTH
         covariance = np.exp(-np.hypot(steps[:, None], steps[None, :]))
@@ -96,7 +96,7 @@ class RainTogether:
     everywhere_mm_per_h: float = 0.0
 
     def rate_mm_per_h(self, position_m: Float[np.ndarray, "*shape 2"]) -> Float[np.ndarray, "*shape"]:
-        """Return the rain rate at positions east and north, at most what the models reach."""
+        """Return the rain rate at positions east and north, limited to the range of the models."""
         rate = np.full(position_m.shape[:-1], self.everywhere_mm_per_h)
         for part in self.parts:
             rate = rate + part.rate_mm_per_h(position_m)

@@ -1,4 +1,4 @@
-"""Particles far smaller than the wavelength: what they take from a wave, and what they send back."""
+"""Particles far smaller than the wavelength: attenuation and backscatter."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ DB_PER_KM_PER_NEPER_PER_M = 10.0 * math.log10(math.e) * 1000.0
 
 
 def clausius_mossotti(permittivity: complex) -> complex:
-    """Return (eps - 1)/(eps + 2), the polarisability of a sphere over three times its volume."""
+    """Return (eps - 1)/(eps + 2), the polarizability of a sphere over three times its volume."""
     return (permittivity - 1.0) / (permittivity + 2.0)
 
 
@@ -26,7 +26,7 @@ class Aerosol:
     echo_radius_m: float
 
     def attenuation_db_per_km(self, frequency_hz: float) -> float:
-        """Return the one-way specific attenuation: what the spheres absorb and, far less, scatter."""
+        """Return the one-way specific attenuation: absorption by the spheres and, far less, scattering."""
         wave_number = 2.0 * math.pi * frequency_hz / speed_of_light
         factor = clausius_mossotti(self.permittivity)
         absorbed = 3.0 * wave_number * factor.imag
@@ -36,7 +36,7 @@ class Aerosol:
     def reflectivity_per_m(self, frequency_hz: float) -> float:
         """Return the radar cross-section of a cubic metre (m2/m3).
 
-        A sphere echoes 4 pi k^4 |K|^2 r^6, and there are volume_fraction / (4 pi r^3 / 3) of them.
+        A sphere has 4 pi k^4 |K|^2 r^6, and there are volume_fraction / (4 pi r^3 / 3) of them.
         """
         wave_number = 2.0 * math.pi * frequency_hz / speed_of_light
         factor = abs(clausius_mossotti(self.permittivity)) ** 2

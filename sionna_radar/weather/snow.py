@@ -1,12 +1,12 @@
-"""Falling snow: how much it weakens a wave, and how much it sends back, 10 to 150 GHz.
+"""Falling snow: attenuation and backscatter, 10 to 150 GHz.
 
-Dry snow is computed from its flakes. A sphere of the flake's mean density is no model of it at millimetre wavelengths:
-its front and back cancel, and at 94 GHz and 4 mm/h its echo is 12 dB below that of the model here, which agrees with
-relations for cloud radars (tests show both). The flakes are therefore taken as aggregates, whose structure is alike on
+Dry snow is computed from its flakes. A sphere of the flake's mean density is a poor model at millimetre wavelengths:
+front and back cancel, and at 94 GHz and 4 mm/h its echo is 12 dB below that of the model here, which agrees with
+relations for cloud radars (tests show both). The flakes are therefore taken as aggregates, with similar structure on
 all scales: the self-similar Rayleigh-Gans approximation of Hogan and Westbrook 2014.
 
-Wet snow cannot be computed so: water spread over a flake or gathered in drops on it differ tenfold in attenuation.
-Its attenuation is that of rain with the same water, times the greatest factor of the ITU's melting layer. Its echo is
+Wet snow cannot be computed this way: water spread over a flake or collected in drops differs tenfold in attenuation.
+Its attenuation is that of rain with the same water, times the maximum factor of the ITU's melting layer. Its echo is
 that of the flakes, half molten.
 """
 
@@ -38,7 +38,7 @@ SLOPE_PER_M = 2290.0
 SLOPE_EXPONENT = -0.45
 # The same paper's Z = 1780 R^2.21 mm6/m3 (as tabulated in the literature notes of mgrover1/sail-xprecip-radar) is a
 # third of the untruncated distribution's 5450 R^2.21. The paper discusses truncation; that the two agree with a cut at
-# L D = 5.8 is an inference made here.
+# L D = 5.8 is our inference.
 LARGEST = 5.8
 # Brandes et al. 2007 (J. Appl. Meteor. Climatol. 46, 634-650), Colorado: 0.178 D^-0.922 g/cm3, D in mm the diameter of
 # the sphere with the flake's volume. Read in J. Tiira's snowfall scripts beside other laws, five of which (Holroyd
@@ -46,8 +46,8 @@ LARGEST = 5.8
 FLAKE_DENSITY_KG_PER_M3 = 178.0
 FLAKE_DENSITY_EXPONENT = -0.922
 # Locatelli and Hobbs 1974 (J. Geophys. Res. 79, 2185-2197): aggregates of unrimed dendrites fall with 0.8 D^0.16 m/s, D
-# in mm. From memory of the literature; with it Sekhon and Srivastava's flakes, untruncated, carry 1.10 to 0.97 times
-# their own rate of 0.25 to 8 mm/h to the ground (a test), so the two belong together.
+# in mm. From memory of the literature; with it the flux of Sekhon and Srivastava's flakes, untruncated, is 1.10 to 0.97
+# times their rate of 0.25 to 8 mm/h (a test), so the two are consistent.
 FALL_MPS = 0.8
 FALL_EXPONENT = 0.16
 # Hogan and Westbrook 2014 (J. Atmos. Sci. 71, 3292-3301), their synthetic aggregates: from memory of the literature.
@@ -55,8 +55,9 @@ KAPPA = 0.19  # kurtosis of the mass along the beam
 BETA = 0.23  # power of the fluctuations around the mean
 GAMMA = 5.0 / 3.0  # slope of their spectrum
 HARMONICS = 60
-# Assumed of wet snow: half of its mass is water (between none and all its echo changes by 5 to 7 dB), and it is 13 %
-# of the way from a flake's speed to a drop's, Mitra et al. 1990 as restated by Szyrmer and Zawadzki 1999 (from memory).
+# Assumed for wet snow: half of its mass is water (from none to all the echo changes by 5 to 7 dB), and its
+# speed is 13 % of the way from a flake's to a drop's, Mitra et al. 1990 as restated by Szyrmer and Zawadzki 1999 (from
+# memory).
 MOLTEN = 0.5
 FASTER = 0.246 * MOLTEN + (1 - 0.246) * MOLTEN**7
 # The maximum of the melting-layer factor of ITU-R P.2001-2, attachment C.4, and P.530 (`melting_factor`).
@@ -69,7 +70,7 @@ def melting_factor(above_melting_level_m: float) -> float:
     """Return the specific attenuation of melting snow over that of the rain it becomes, by height (0 to -1200 m).
 
     Source: ITU-R P.2001-2, attachment C.4, as coded by I. Stevanovic (multi_layer.m); the same as in P.530. P.2001 is
-    made for up to 50 GHz; beyond, it is an extrapolation.
+    valid up to 50 GHz; beyond, it is an extrapolation.
     """
     require_between("above_melting_level_m", above_melting_level_m, -1200.0, 0.0, "ITU-R P.2001-2, attachment C.4")
     rising = 4.0 * (1.0 - math.exp(above_melting_level_m / 70.0)) ** 2
@@ -91,7 +92,7 @@ class Flakes:
 
     @property
     def rate_mm_per_h(self) -> float:
-        """What they carry to the ground, as water."""
+        """Snowfall rate as water."""
         return float(np.sum(self.count_per_m3 * self.mass_kg * self.speed_mps)) / WATER_KG_PER_M3 * 3.6e6
 
     @property
@@ -101,7 +102,7 @@ class Flakes:
 
 
 def flakes(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float = LARGEST) -> Flakes:
-    """Return the flakes of a snowfall: sizes as Sekhon and Srivastava 1970, as many as carry the snowfall down.
+    """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate.
 
     largest: where the distribution is cut off, in mean melted diameters.
     """
@@ -119,7 +120,7 @@ def flakes(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float = LA
 
 
 def sekhon_srivastava(snowfall_mm_per_h: float, kind: Precipitation, *, largest: float) -> Flakes:
-    """Return the flakes of a snowfall in the numbers that Sekhon and Srivastava 1970 give."""
+    """Return the flakes of a snowfall with the number densities of Sekhon and Srivastava 1970."""
     slope_per_m = SLOPE_PER_M * snowfall_mm_per_h**SLOPE_EXPONENT
     intercept_per_m4 = INTERCEPT_PER_M4 * snowfall_mm_per_h**INTERCEPT_EXPONENT
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
@@ -137,14 +138,14 @@ def sekhon_srivastava(snowfall_mm_per_h: float, kind: Precipitation, *, largest:
 
 
 def _flake_diameter_m(melted_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    # density(D) D^3 = water's density times melted^3, and no flake is denser than ice.
+    # density(D) D^3 = density of water times melted^3, and no flake is denser than ice.
     ratio = WATER_KG_PER_M3 / FLAKE_DENSITY_KG_PER_M3
     fluffy_mm = (ratio * (1e3 * melted_m) ** 3) ** (1.0 / (3.0 + FLAKE_DENSITY_EXPONENT))
     return np.maximum(1e-3 * fluffy_mm, melted_m * np.cbrt(WATER_KG_PER_M3 / DENSITY_KG_PER_M3))
 
 
 def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Return the echo of an aggregate over that of the same mass gathered in a point.
+    """Return the echo of an aggregate over that of the same mass at a point.
 
     phase: wave number times extent along the beam. Hogan and Westbrook 2014, eq. 12: the mean shape, and the
     fluctuations around it. 1 for a flake far smaller than the wavelength.
@@ -160,8 +161,8 @@ def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
     return factor
 
 
-def _polarisability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
-    """Return the polarisability of a flake in units of a sphere's of its melted volume: that of its parts together."""
+def _polarizability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
+    """Return the polarizability of a flake relative to a sphere of its melted volume: the sum over its parts."""
     ice = clausius_mossotti(ice_permittivity(frequency_hz, min(temperature_k, MELTING_K)))
     frozen = ice * WATER_KG_PER_M3 / DENSITY_KG_PER_M3
     if kind is Precipitation.DRY_SNOW:
@@ -171,11 +172,11 @@ def _polarisability(frequency_hz: float, kind: Precipitation, temperature_k: flo
 
 
 def _backscatter_m2(
-    frequency_hz: float, falling: Flakes, polarisability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
+    frequency_hz: float, falling: Flakes, polarizability: complex, size: float | Float[np.ndarray, "angle 1"] = 1.0
 ) -> Float[np.ndarray, "*shape node"]:
     wave_number = 2.0 * np.pi * frequency_hz / speed_of_light
     volume_m3 = falling.mass_kg / WATER_KG_PER_M3
-    point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarisability) ** 2 * volume_m3**2
+    point_m2 = 9.0 / (4.0 * np.pi) * wave_number**4 * abs(polarizability) ** 2 * volume_m3**2
     echo: Float[np.ndarray, "*shape node"] = point_m2 * form_factor(size * wave_number * falling.diameter_m)
     return echo
 
@@ -186,8 +187,8 @@ def snow_reflectivity_per_m(
     """Return the radar cross-section of a cubic metre of snowfall (m2/m3)."""
     _require_band(frequency_hz)
     falling = flakes(snowfall_mm_per_h, kind)
-    polarisability = _polarisability(frequency_hz, kind, temperature_k)
-    return float(np.sum(falling.count_per_m3 * _backscatter_m2(frequency_hz, falling, polarisability)))
+    polarizability = _polarizability(frequency_hz, kind, temperature_k)
+    return float(np.sum(falling.count_per_m3 * _backscatter_m2(frequency_hz, falling, polarizability)))
 
 
 def snow_attenuation_db_per_km(
@@ -195,8 +196,8 @@ def snow_attenuation_db_per_km(
 ) -> float:
     """Return the one-way specific attenuation of snowfall.
 
-    Dry: what the ice absorbs, and what the flakes scatter in all directions. Wet: rain's (ITU-R P.838) times
-    `melting_factor` at its greatest, 3.5; the mean over the layer is 1.9.
+    Dry: absorption by the ice, and scattering by the flakes in all directions. Wet: that of rain (ITU-R P.838) times
+    the maximum `melting_factor`, 3.5; the mean over the layer is 1.9.
     """
     _require_band(frequency_hz)
     if kind is Precipitation.WET_SNOW:
@@ -205,21 +206,21 @@ def snow_attenuation_db_per_km(
         )
         return melting_factor(WETTEST_M) * rain
     falling = flakes(snowfall_mm_per_h, kind)
-    polarisability = _polarisability(frequency_hz, kind, temperature_k)
-    absorbed_m2 = 6 * np.pi * frequency_hz / speed_of_light * polarisability.imag * falling.mass_kg / WATER_KG_PER_M3
-    # Scattered by an angle t, the phase is that of an extent sin(t / 2) as large looked at straight back.
+    polarizability = _polarizability(frequency_hz, kind, temperature_k)
+    absorbed_m2 = 6 * np.pi * frequency_hz / speed_of_light * polarizability.imag * falling.mass_kg / WATER_KG_PER_M3
+    # For a scattering angle t, the phase is that of backscatter from an extent scaled by sin(t / 2).
     cosine, weight = np.polynomial.legendre.leggauss(ANGLES)
     size = np.sqrt((1.0 - cosine) / 2.0)[:, None]
-    scattered_m2 = (weight * (1.0 + cosine**2) / 4.0) @ _backscatter_m2(frequency_hz, falling, polarisability, size)
+    scattered_m2 = (weight * (1.0 + cosine**2) / 4.0) @ _backscatter_m2(frequency_hz, falling, polarizability, size)
     return DB_PER_KM_PER_NEPER_PER_M * float(np.sum(falling.count_per_m3 * (absorbed_m2 + scattered_m2)))
 
 
 def snow_speeds(
     frequency_hz: float, *, snowfall_mm_per_h: float, kind: Precipitation, temperature_k: float
 ) -> EchoSpeeds:
-    """Return how fast the flakes fall that send the echo."""
+    """Return the echo-weighted fall speeds of the flakes."""
     falling = flakes(snowfall_mm_per_h, kind)
-    echo_m2 = _backscatter_m2(frequency_hz, falling, _polarisability(frequency_hz, kind, temperature_k))
+    echo_m2 = _backscatter_m2(frequency_hz, falling, _polarizability(frequency_hz, kind, temperature_k))
     return weighted_speeds(falling.count_per_m3 * echo_m2, falling.speed_mps)
 
 

@@ -1,7 +1,7 @@
-"""Backscatter of a spheroid in both polarisations, by matching the fields at its boundary.
+"""Backscatter of a spheroid in both polarizations, by matching the fields at its boundary.
 
-Fields inside and outside are sums of vector spherical waves; their coefficients make the tangential fields agree on
-the boundary in the sense of least squares, for each order of the turn about the axis by itself. It is the method by
+Fields inside and outside are sums of vector spherical waves; their coefficients match the tangential fields on
+the boundary in the least-squares sense, separately for each azimuthal order about the axis. It is the method by
 which Morrison and Cross computed flattened raindrops (1974, "Scattering of a plane electromagnetic wave by
 axisymmetric raindrops", Bell System Technical Journal 53, 955-1019). Time goes as exp(-i w t), as in `mie`.
 """
@@ -14,16 +14,16 @@ from scipy.special import lpmv, spherical_jn, spherical_yn
 
 # Nodes from pole to pole for each degree of the waves.
 NODES_PER_DEGREE = 2
-# Degrees beyond those of a sphere: a shape of its own needs some however small it is.
+# Degrees beyond those of a sphere: a non-spherical shape needs some however small it is.
 LEAST_DEGREES = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpheroidEcho:
-    """Scattering amplitudes straight back, over the wavelength / (2 pi), for each direction of looking.
+    """Backscattering amplitudes, over the wavelength / (2 pi), for each look direction.
 
-    vertical: of a field in the plane of the axis and the line of sight; horizontal: of one across it. The received
-    component counts along the same axis as the sent one, so that a sphere has both alike; the cross-section is
+    vertical: for a field in the plane of the axis and the line of sight; horizontal: for one across it. The received
+    component refers to the same axis as the transmitted one, so both are equal for a sphere; the cross-section is
     |amplitude|^2 lambda^2 / pi.
     """
 
@@ -36,7 +36,7 @@ def spheroid_echo(
 ) -> SpheroidEcho:
     """Return the backscatter of one spheroid.
 
-    Tested against Mie's sphere, against small spheroids, and against T-matrix results down to axis ratios of 0.8.
+    Tested against Mie spheres, small spheroids, and T-matrix results down to axis ratios of 0.8.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def spheroid_echo(
     axis_ratio:
         Length along the axis of symmetry over the diameter across it: below one for a flattened drop.
     refractive_index:
-        Of the drop, its imaginary part positive where it absorbs.
+        Refractive index of the drop; its imaginary part is positive for absorption.
     look_rad:
         Angles between the line of sight and the axis, above 0 and below pi.
 
@@ -55,7 +55,7 @@ def spheroid_echo(
     boundary = _Boundary.of(size, axis_ratio, cosine, weight)
     turn = 2 * np.pi * np.arange(4 * degree) / (4 * degree)
     incident = _incident(boundary, turn, look_rad)
-    # Of a small drop the curl is weaker than the field by its size, and as telling.
+    # In a small drop the curl is weaker than the field by its size, and equally informative.
     rows = (np.array([1.0, 1.0, 1 / min(size, 1.0), 1 / min(size, 1.0)])[:, None] * boundary.weight).reshape(-1, 1)
     back = np.zeros((2, len(look_rad)), dtype=complex)
     for order in range(degree):
@@ -67,14 +67,14 @@ def spheroid_echo(
         known = -(part / len(turn)).T * rows
         solved = np.linalg.lstsq(matrix / sizes, known, rcond=None)[0] / sizes[:, None]
         wave = solved[: 2 * len(degrees)].reshape(2, len(degrees), 2, len(look_rad))
-        # Orders of either sign give alike.
+        # Orders of either sign contribute equally.
         back += (1 if order == 0 else 2) * _far_field(wave, order, degrees, look_rad)
     return SpheroidEcho(vertical=back[0], horizontal=back[1])
 
 
 @dataclass(frozen=True)
 class _Boundary:
-    """Nodes on the surface: cosine of the polar angle, distance from the middle times 2 pi / wavelength, its slope.
+    """Nodes on the surface: cosine of the polar angle, distance from the centre times 2 pi / wavelength, its slope.
 
     slope: d(distance)/d(polar angle) over the distance. weight: square root of each node's share of the surface.
     """
@@ -88,7 +88,7 @@ class _Boundary:
     def of(
         size: float, axis_ratio: float, cosine: Float[np.ndarray, " node"], weight: Float[np.ndarray, " node"]
     ) -> "_Boundary":
-        """Return the surface of a spheroid at nodes of an integral over the polar angle."""
+        """Return the surface of a spheroid at quadrature nodes of the polar angle."""
         across = size * axis_ratio ** (-1 / 3)
         flat = 1 / axis_ratio**2 - 1
         distance = across / np.sqrt(1 + flat * cosine**2)
@@ -132,7 +132,7 @@ def _legendre(
 
 def _incident(
     boundary: _Boundary, turn: Float[np.ndarray, " turn"], look_rad: Float[np.ndarray, " look"]
-) -> Complex[np.ndarray, "polarisation look field node turn"]:
+) -> Complex[np.ndarray, "polarization look field node turn"]:
     """Return tangential E and curl E of plane waves, in the plane of the axis and across it, on the boundary."""
     x, sine = boundary.cosine[:, None], np.sqrt(1 - boundary.cosine[:, None] ** 2)
     c, s = np.cos(turn)[None], np.sin(turn)[None]
@@ -145,23 +145,23 @@ def _incident(
         ahead = np.array([np.sin(angle), 0.0, np.cos(angle)])
         down, left = np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([0.0, 1.0, 0.0])
         wave = np.exp(1j * boundary.distance[:, None] * np.tensordot(ahead, out, 1))
-        for polarisation, (e, h) in enumerate(((down, left), (left, -down))):
+        for polarization, (e, h) in enumerate(((down, left), (left, -down))):
             for row, (vector, factor) in enumerate(((e, 1.0), (e, 1.0), (h, 1j), (h, 1j))):
                 axis = (along, phi)[row % 2]
-                field[polarisation, number, row] = factor * wave * np.tensordot(vector, axis, 1)
+                field[polarization, number, row] = factor * wave * np.tensordot(vector, axis, 1)
     return field
 
 
 def _far_field(
-    wave: Complex[np.ndarray, "kind n polarisation look"],
+    wave: Complex[np.ndarray, "kind n polarization look"],
     order: int,
     degrees: Int[np.ndarray, " n"],
     look_rad: Float[np.ndarray, " look"],
-) -> Complex[np.ndarray, "polarisation look"]:
-    """Return the amplitude back along each line of sight, each polarisation into itself."""
+) -> Complex[np.ndarray, "polarization look"]:
+    """Return the co-polar backscattering amplitude along each line of sight."""
     _, share, slope = _legendre(order, degrees, -np.cos(look_rad))
-    phase = (-1j) ** degrees[None, :] * (-1.0) ** order  # seen from behind: half a turn about the axis
-    m, n = np.moveaxis(wave, (0, 1), (0, 3))  # polarisation look n
+    phase = (-1j) ** degrees[None, :] * (-1.0) ** order  # backward direction: half a turn about the axis
+    m, n = np.moveaxis(wave, (0, 1), (0, 3))  # polarization look n
     vertical = (phase * (-1j * m[0] * 1j * share + n[0] * slope)).sum(axis=1)
     horizontal = -(phase * (-1j * m[1] * -slope + n[1] * 1j * share)).sum(axis=1)
     return np.stack([vertical, horizontal])

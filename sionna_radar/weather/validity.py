@@ -1,16 +1,16 @@
-"""Refusal of inputs that a published model was not made for."""
+"""Refusal of inputs outside the validity of a published model."""
 
 from sionna_radar.foundation.errors import RadarError
 
 
 class ValidityError(RadarError, ValueError):
-    """A value outside the range in which the source of a model holds."""
+    """A value outside the range in which a model is valid."""
 
 
 def require_between(name: str, value: float, low: float, high: float, source: str) -> None:
-    """Raise `ValidityError` unless low <= value <= high, the range for which `source` vouches."""
+    """Raise `ValidityError` unless low <= value <= high, the range of validity of `source`."""
     if not low <= value <= high:
-        message = f"{name} = {value:g} lies outside {low:g} to {high:g}, where {source} holds"
+        message = f"{name} = {value:g} is outside {low:g} to {high:g}, the range of {source}"
         raise ValidityError(message)
 
 

@@ -1,4 +1,4 @@
-"""What fills the air of a survey and sends an echo: its reflectivity at a place, and how fast it falls there."""
+"""The scattering volume in the air of a survey: its reflectivity and fall speeds by position."""
 
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -10,16 +10,16 @@ from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.echo_speeds import SpeedMixture
 from sionna_radar.weather.rain_map import LEAST_MM_PER_H, MOST_MM_PER_H, RainMap
 
-# Rates at which uneven rain is computed, and quantiles of the fall speed; between them it is interpolated.
+# Numbers of rates and of fall-speed quantiles at which non-uniform rain is computed, interpolated in between.
 RATES = 21
 QUANTILES = 257
 
 
 @runtime_checkable
 class Volume(Protocol):
-    """What fills the air.
+    """A scattering volume in the air.
 
-    reflectivity_per_m: that of the whole volume (m2/m3), or one that the places are told against.
+    reflectivity_per_m: that of the whole volume (m2/m3), or the reference of `relative`.
     """
 
     reflectivity_per_m: float
@@ -36,7 +36,7 @@ class Volume(Protocol):
 
 
 class EvenVolume:
-    """Air that is filled alike everywhere."""
+    """A uniform volume."""
 
     def __init__(self, weather: Weather) -> None:
         rain = [(weather.rain_reflectivity_per_m, weather.rain_speeds())] if weather.rain_rate_mm_per_h > 0 else []
@@ -57,7 +57,7 @@ class EvenVolume:
 
 
 class UnevenVolume:
-    """Rain that differs from place to place, in air that is filled alike with all else."""
+    """Rain that varies with position, in an otherwise uniform volume."""
 
     def __init__(self, weather: Weather, rain: RainMap) -> None:
         self._weather, self._rain = weather, rain
@@ -89,7 +89,7 @@ class UnevenVolume:
     def fall_mps(
         self, position_m: Float[np.ndarray, "tone 2"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
-        """Return fall speeds at positions: quantiles up to the rain's share are drops, those above it all else."""
+        """Return fall speeds at positions: quantiles up to the rain's share are drops, those above everything else."""
         rate = self._rain.rate_mm_per_h(position_m)
         rain_per_m = self._rain_per_m(rate)
         total = rain_per_m + self._still_per_m
@@ -118,7 +118,7 @@ class UnevenVolume:
 
 
 def volume_of(weather: Weather) -> Volume | None:
-    """Return what fills the air; None where nothing in it sends an echo."""
+    """Return the scattering volume; None if nothing in the air returns an echo."""
     if weather.rain_map is not None:
         return UnevenVolume(weather, weather.rain_map)
     return EvenVolume(weather) if weather.fills_the_beam else None

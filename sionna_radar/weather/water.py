@@ -7,9 +7,9 @@ from sionna_radar.weather.validity import require_between
 # Read in two independent restatements: crc-covlib itur_p840.py (P.840-9), ITU-Rpy itu840.py (P.840-6 to -8).
 SOURCE = "the double-Debye permittivity of water (ITU-R P.840)"
 LOWEST_FREQUENCY_HZ = 1e9
-HIGHEST_FREQUENCY_HZ = 1000e9  # the fit of Liebe et al. 1991 reaches 1 THz
+HIGHEST_FREQUENCY_HZ = 1000e9  # the fit of Liebe et al. 1991 extends to 1 THz
 # Our choice: supercooled fog to a warm shower. The relaxation frequency is a parabola in 300 K/T, fitted to
-# "atmospheric temperatures" (Liebe et al. 1991, abstract), and turns back far below this range.
+# "atmospheric temperatures" (Liebe et al. 1991, abstract), and reverses far below this range.
 LOWEST_TEMPERATURE_K = 253.15
 HIGHEST_TEMPERATURE_K = 313.15
 DENSITY_KG_PER_M3 = 1000.0

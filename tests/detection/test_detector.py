@@ -7,7 +7,7 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.detector import Detector, Spectra, build_detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimator import EchoRuns, build_range_estimator
+from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_estimator
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
@@ -105,7 +105,7 @@ def test_estimators_on_a_known_shape():
     # A Gaussian hump about bin 20.3 is a parabola in the logarithm, and symmetric about its centroid.
     bins = np.arange(64)
     power = 1.0 + 500 * np.exp(-((bins - 20.3) ** 2) / 8)[None]
-    runs = EchoRuns(
+    runs = EchoSpans(
         power=power, noise=np.ones_like(power), bin_m=0.3,
         row=np.array([0]), start=np.array([8]), stop=np.array([34]), peak=np.array([20]),
     )  # fmt: skip

@@ -213,8 +213,8 @@ def test_an_altimeter_s_window_around_the_ground_changes_nothing():
 
 BAD = {
     "missing": ({}, 5.0, "does not exist"),
-    "crs on one side": ({"crs": "EPSG:32633"}, 5.0, "lies nowhere on the Earth"),
-    "elsewhere": ({"west_m": 5000.0}, 5.0, "lies nowhere under the survey"),
+    "crs on one side": ({"crs": "EPSG:32633"}, 5.0, "is not georeferenced"),
+    "elsewhere": ({"west_m": 5000.0}, 5.0, "does not overlap the survey"),
     "no heights": ({"height": np.nan}, 5.0, "has no heights under the survey"),
     "no tolerance": ({}, 0.0, "greater than 0"),
 }

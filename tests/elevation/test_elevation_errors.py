@@ -62,7 +62,7 @@ def test_rasters_that_are_no_terrain(tmp_path):
 @pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
 def test_a_raster_without_a_place(tmp_path):
     path = write_heights(tmp_path / "a.tif", np.zeros((9, 9)), None, crs=None)
-    assert "does not say where on the Earth" in str(refusal(path, crs=UTM))
+    assert "is not georeferenced" in str(refusal(path, crs=UTM))
 
 
 def test_a_crs_that_is_no_map(tmp_path):

@@ -24,7 +24,7 @@ def test_an_ascii_grid_takes_its_crs_from_the_scenario(tmp_path):
         load(path)
     with pytest.raises(ScenarioError, match=r"terrain\.crs: 'EPSG:9' is no"):
         load(path, crs="EPSG:9")
-    with pytest.raises(ScenarioError, match=r"terrain\.crs: .* has no place"):
+    with pytest.raises(ScenarioError, match=r"terrain\.crs: .* does not contain"):
         load(path, crs="EPSG:4326")
 
 

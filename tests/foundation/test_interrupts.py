@@ -55,14 +55,14 @@ except BaseException:
 }
 HEAD = """
 import os, signal, sys
-from sionna_radar.foundation.interrupts import interrupts_told, raise_received
+from sionna_radar.foundation.interrupts import interrupts_reported, raise_received
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 def strike():
     os.kill(os.getpid(), {number})
 
-with interrupts_told():
+with interrupts_reported():
 """
 
 

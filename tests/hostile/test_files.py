@@ -260,7 +260,7 @@ def test_a_mask_beside_a_raster_may_not_point_elsewhere(tmp_path, suffix):
     path = asc(tmp_path / "ground.asc")
     beside = tmp_path / f"ground.asc{suffix}"
     beside.write_text(vrt_of("/etc/hostname"))
-    with pytest.raises(InputFileError, match="beside it, which is not a TIFF; remove it"):
+    with pytest.raises(InputFileError, match="next to it, which is not a TIFF; remove it"):
         as_terrain(path)
     with rasterio.open(beside, "w", driver="GTiff", width=10, height=10, count=1, dtype="uint8", crs="EPSG:32631",
                        transform=Affine(10, 0, -50, 0, -10, 50)) as mask:  # fmt: skip

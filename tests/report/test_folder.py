@@ -164,7 +164,7 @@ def test_a_file_open_elsewhere_is_told_before_the_flight(out: Path, monkeypatch:
         return replace(self, target)
 
     monkeypatch.setattr(Path, "replace", held)
-    with pytest.raises(OutputError, match=r"a\.txt is held by another program"):
+    with pytest.raises(OutputError, match=r"a\.txt is open in another program"):
         check_output(out, MARKER)
 
 

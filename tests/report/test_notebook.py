@@ -1,31 +1,81 @@
-"""What results show in a notebook: their numbers, a picture, and nothing that the page takes for markup."""
+"""Results in a notebook and in a terminal: a table and a picture, or a few lines; never a dump of arrays."""
 
 import base64
-import io
 import re
+from contextlib import contextmanager
 from dataclasses import replace
 
-from matplotlib.image import imread
+import pytest
 
+from sionna_radar import crosscheck, fly_images, fly_sweep, load_scenario, navigation_budget, plan_sweep, prepare, run
+from sionna_radar.foundation import progress
+from sionna_radar.foundation.brief import Brief
+from sionna_radar.studies.budget import navigation_errors
 from sionna_radar.survey.result import Survey
 
+SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
 
-def test_a_survey_shows_its_error_and_its_dem(survey: Survey) -> None:
-    page = survey._repr_html_()
-    assert f"{survey.lit_error.rms_m:.3f} m" in re.sub(r"<[^>]*>", "", page)
-    (picture,) = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-    image = imread(io.BytesIO(base64.b64decode(picture)), format="png")
-    assert image[..., :3].std() > 0.05, "a picture of one colour shows nothing"
+RESULTS = {
+    "survey": (lambda: run(load_scenario("hills", SHORT)), "RMS error of lit cells"),
+    "sweep": (lambda: fly_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
+    "crosscheck": (lambda: crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
+    "budget": (
+        lambda: navigation_budget(load_scenario("hills", SHORT), errors=navigation_errors()[:1], grades={}),
+        "Gauss-Markov",
+    ),
+    "imagery": (lambda: fly_images(load_scenario("slar", SIDE)), "SLAR, theory"),
+}
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_shows_a_table_and_a_picture(name):
+    make, words = RESULTS[name]
+    result = make()
+    shown = result._repr_html_()
+    assert words in shown
+    pictures = [base64.b64decode(data) for data in re.findall(r'src="data:image/png;base64,([^"]+)"', shown)]
+    assert pictures
+    assert all(picture.startswith(b"\x89PNG") and len(picture) > 3000 for picture in pictures)
+    assert 1 <= len(repr(result).splitlines()) <= 6
+    assert "array(" not in repr(result)
+
+
+def test_a_warning_is_shown():
+    survey = run(load_scenario("hills", SHORT | {"radar.snr_db": -60.0}))
+    assert "<p>warning: no echo was detected" in survey._repr_html_()
+
+
+def test_what_has_no_table_shows_its_few_lines():
+    class Plain(Brief):
+        def __repr__(self) -> str:
+            return "a < b"
+
+    assert Plain()._repr_html_() == "<pre>a &lt; b</pre>"
+    prepared = prepare(load_scenario("hills", SHORT))
+    assert prepared._repr_html_() == f"<pre>{prepared!r}</pre>"
+    assert len(repr(prepared).splitlines()) == 2
+
+
+def test_a_notebook_shows_progress_and_a_script_does_not(monkeypatch):
+    stages = []
+
+    @contextmanager
+    def bar(console=None):
+        yield lambda stage, done, total: stages.append(stage)
+
+    monkeypatch.setattr(progress, "progress_bar", bar)
+    run(load_scenario("hills", SHORT))
+    assert stages == []
+    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    run(load_scenario("hills", SHORT))
+    assert set(stages) == {"preparing", "tracing", "mapping"}
 
 
 def test_a_survey_without_an_echo_is_shown_too(empty: Survey) -> None:
     assert "data:image/png" in empty._repr_html_()
 
 
-def test_warnings_stand_under_the_picture_and_are_text(survey: Survey) -> None:
+def test_a_warning_is_text_and_not_markup(survey: Survey) -> None:
     page = replace(survey, warnings=("rain <b>falls</b> & falls",))._repr_html_()
     assert page.rstrip().endswith("<p>warning: rain &lt;b&gt;falls&lt;/b&gt; &amp; falls</p>")
-
-
-def test_what_has_no_table_is_shown_as_it_prints(survey: Survey) -> None:
-    assert survey.prepared._repr_html_() == f"<pre>{survey.prepared!r}</pre>"

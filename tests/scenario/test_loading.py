@@ -56,7 +56,7 @@ def test_overrides_replace_dotted_keys(tmp_path):
 @pytest.mark.parametrize(
     ("key", "said"),
     [
-        ("radar.snr_db.deep", "leads through a value that is not a table"),
+        ("radar.snr_db.deep", "passes through a value that is not a table"),
         ("targets.7.rcs_dbsm", "'7' is not an entry"),
         ("targets.first.rcs_dbsm", "'first' is not an entry"),
         ("targets.7", "'7' is not an entry"),

@@ -115,7 +115,7 @@ def test_rasters_that_cannot_be_placed_are_refused(tmp_path):
     for name, path, error, words in (
         ("hills", placed, ScenarioError, "terrain.cover_raster.path: .*remove the"),
         ("jacksboro", plain, ScenarioError, "terrain.cover_raster.path: .*no CRS"),
-        ("hills", far, InputFileError, "nowhere over the terrain"),
+        ("hills", far, InputFileError, "does not overlap the terrain"),
         ("hills", tmp_path / "text.tif", InputFileError, "cannot be read"),
         ("hills", tmp_path / "absent.tif", InputFileError, "absent.tif"),
     ):

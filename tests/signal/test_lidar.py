@@ -71,7 +71,7 @@ def test_thick_fog_is_the_first_return_and_not_the_last():
 
 def test_drops_are_met_as_often_as_they_are_in_the_beam():
     rain = receiver({"rain_rate_mm_per_h": 50.0}, least_reflectivity=1e-4)
-    range_m, expected = rain.drops_heard
+    range_m, expected = rain.detectable_drops
     count = 20_000
     read = rain.received(ground_at(np.full(count, 60.0)), make_pulses(count))
     met = read.surface == VOLUME

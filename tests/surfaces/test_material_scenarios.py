@@ -52,7 +52,7 @@ def test_every_model_survives_a_round_trip_and_is_built():
     assert built["mirror"].mirror.amplitude == pytest.approx(-1, abs=0.01)
 
 
-def test_carrier_and_polarisation_come_from_the_radar():
+def test_carrier_and_polarization_come_from_the_radar():
     polarized = {"radar.antenna.polarization": "H", "radar.carrier_hz": 60e9}
     scenario = hills(GOOD, **polarized)
     bragg = build_materials(scenario.all_materials, scenario.radar)["bragg"]

@@ -260,7 +260,7 @@ def test_an_unknown_building_material_names_the_known_ones():
         ),
         (
             lambda: soil_permittivity(CARRIER_HZ, temperature_c=20.0, water_fraction=0.6, **LOAM),
-            "water fills the pores",
+            "water cannot exceed",
         ),
         (
             lambda: soil_permittivity(CARRIER_HZ, temperature_c=-5.0, water_fraction=0.1, **LOAM),

@@ -174,7 +174,7 @@ def test_h_exceeds_v_under_physical_optics():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_polarisations_agree_at_nadir(model):
+def test_polarizations_agree_at_nadir(model):
     ground = surface(1.0, 8.0)
     v = model(surface=ground, polarization="V").sigma0(np.zeros(1))
     assert v == pytest.approx(model(surface=ground, polarization="H").sigma0(np.zeros(1)))

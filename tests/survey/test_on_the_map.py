@@ -142,7 +142,7 @@ def test_a_survey_flies_from_its_start_on_the_map(tmp_path: Path) -> None:
     [
         ("EPSG:999999", "coordinates", "is not a coordinate reference system"),
         ("EPSG:5703", "coordinates", "neither projected nor geographic"),
-        ("lonlat", "platform.start_m", "has no place in 'WGS 84'; give longitude and latitude, in this order"),
+        ("lonlat", "platform.start_m", "is not valid in 'WGS 84'; give longitude and latitude, in this order"),
     ],
 )
 def test_positions_without_a_place_are_refused(tmp_path: Path, coordinates: str, field: str, why: str) -> None:

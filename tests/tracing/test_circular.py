@@ -1,4 +1,4 @@
-"""Circular polarisation: what each engine, mirrors, targets and rain return in the same and in the opposite sense."""
+"""Circular polarization: what each engine, mirrors, targets and rain return in the same and in the opposite sense."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
+from sionna_radar.tracing.effects.volume_polarization import volume_polarization
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
@@ -194,11 +194,11 @@ def test_an_axial_ratio_needs_a_circular_wave():
 def test_rain_in_each_port(scan_deg):
     weather = Weather(carrier_hz=77e9, rain_rate_mm_per_h=4.0)
     pose = make_pulses(1, incidence_deg=45.0, scan_deg=scan_deg).true
-    assert volume_polarisation(weather, make_antenna(2.0, 2.0)) is None
+    assert volume_polarization(weather, make_antenna(2.0, 2.0)) is None
 
     def share_db(**changes) -> float:
         antenna = replace(make_antenna(2.0, 2.0), **changes)
-        return float(10 * np.log10(volume_polarisation(weather, antenna).share(pose)[0]))
+        return float(10 * np.log10(volume_polarization(weather, antenna).share(pose)[0]))
 
     assert share_db(polarization="RHCP", receives="cross") == pytest.approx(0.0, abs=1e-6)
     same = share_db(polarization="RHCP")
@@ -216,9 +216,9 @@ def test_snow_turns_more_and_fog_turns_nothing():
     fog = {"liquid_water_g_per_m3": 0.1}
     shares = {}
     for name, weather in {"fog": fog, "snow": {"snowfall_mm_per_h": {Precipitation.DRY_SNOW: 1.0}, **fog}}.items():
-        shares[name] = volume_polarisation(Weather(carrier_hz=77e9, **weather), antenna).share(pose)[0]
+        shares[name] = volume_polarization(Weather(carrier_hz=77e9, **weather), antenna).share(pose)[0]
     assert shares["fog"] == pytest.approx(0.0, abs=1e-12)
-    # Of randomly turned particles the same sense has twice the linear depolarisation.
+    # Of randomly turned particles the same sense has twice the linear depolarization.
     assert 10 * np.log10(shares["snow"]) == pytest.approx(-15.0, abs=0.1)
 
 

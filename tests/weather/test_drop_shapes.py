@@ -1,9 +1,9 @@
-"""Spheroids against Mie, Rayleigh and T-matrix results, and the polarisation of rain that follows from them."""
+"""Spheroids against Mie, Rayleigh and T-matrix results, and the polarization of rain that follows from them."""
 
 import numpy as np
 import pytest
 
-from sionna_radar.weather.drop_shapes import ANGLES_RAD, axis_ratio, drop_polarisation
+from sionna_radar.weather.drop_shapes import ANGLES_RAD, axis_ratio, drop_polarization
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.mie import mie_efficiencies
 from sionna_radar.weather.rain import rain_attenuations_db_per_km
@@ -22,7 +22,7 @@ def test_a_sphere_is_mies_from_any_side(size):
 
 
 def test_a_small_spheroid_is_rayleighs():
-    """Polarisability along each axis by its depolarisation factor; seen at t from the axis V mixes both."""
+    """Polarizability along each axis by its depolarization factor; seen at t from the axis V mixes both."""
     ratio, look = 0.7, np.deg2rad([30.0, 90.0])
     e2 = 1 - ratio**2
     along = (1 - np.sqrt(1 - e2) / np.sqrt(e2) * np.arcsin(np.sqrt(e2))) / e2
@@ -58,7 +58,7 @@ def test_drops_flatten_as_they_grow():
 
 
 def ratio_db(frequency_hz, rate, angle_deg, sent, received) -> float:
-    rain = drop_polarisation(frequency_hz, marshall_palmer(rate), 288.15)
+    rain = drop_polarization(frequency_hz, marshall_palmer(rate), 288.15)
     angle = np.deg2rad([angle_deg])
     return float(10 * np.log10(rain.power(angle, sent[None], received[None]))[0])
 
@@ -74,10 +74,10 @@ def test_same_sense_rain_grows_from_above_to_the_side_and_with_the_rate():
     assert -25 < ratio_db(10e9, 25.0, 80, RIGHT, RIGHT) < -15
 
 
-def test_polarisations_of_rain_obey_what_they_must():
+def test_polarizations_of_rain_obey_what_they_must():
     """Reciprocity, symmetry straight down, and a sphere's ports."""
     assert ratio_db(77e9, 4.0, 60, V, H) == pytest.approx(ratio_db(77e9, 4.0, 60, H, V), abs=1e-9)
-    rain = drop_polarisation(77e9, marshall_palmer(4.0), 288.15)
+    rain = drop_polarization(77e9, marshall_palmer(4.0), 288.15)
     assert rain.upright[0] == pytest.approx(rain.slanted[0], rel=0.1)
     assert abs(rain.mean[0]) < 1e-9
     assert np.all(rain.upright >= rain.slanted * (1 - 1e-9))

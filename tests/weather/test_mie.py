@@ -68,11 +68,11 @@ def test_backscatter_of_wiscombe_cases(index, size, amplitude):
 
 def test_a_small_drop_is_a_rayleigh_scatterer():
     index, size = 3.5 + 2.0j, 1e-3
-    polarisability = (index**2 - 1) / (index**2 + 2)
+    polarizability = (index**2 - 1) / (index**2 + 2)
     extinction, scattering, back = efficiencies(index, size)
-    assert extinction == pytest.approx(4 * size * polarisability.imag, rel=1e-5)
-    assert scattering == pytest.approx(8 / 3 * size**4 * abs(polarisability) ** 2, rel=1e-4)
-    assert back == pytest.approx(4 * size**4 * abs(polarisability) ** 2, rel=1e-4)
+    assert extinction == pytest.approx(4 * size * polarizability.imag, rel=1e-5)
+    assert scattering == pytest.approx(8 / 3 * size**4 * abs(polarizability) ** 2, rel=1e-4)
+    assert back == pytest.approx(4 * size**4 * abs(polarizability) ** 2, rel=1e-4)
 
 
 def test_a_large_good_conductor_echoes_like_its_shadow():

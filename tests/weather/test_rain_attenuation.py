@@ -49,7 +49,7 @@ def test_oblique_paths_match_the_itu_validation_examples(elevation, f_ghz, rate,
     assert found == pytest.approx(gamma, rel=1e-8)
 
 
-def test_seen_from_straight_above_polarisation_does_not_matter():
+def test_seen_from_straight_above_polarization_does_not_matter():
     laws = [rain_power_law(77e9, elevation_rad=-math.pi / 2, tilt_rad=t) for t in (0.0, 0.7, math.pi / 2)]
     assert laws[0] == laws[1] == laws[2]
 

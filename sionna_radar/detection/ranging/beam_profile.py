@@ -1,9 +1,9 @@
-"""The echo that a beam makes on a sloping plane, and its fit to measured powers.
+"""The mean echo of a sloping plane through a beam, and its fit to measured powers.
 
 On a plane whose normal makes the angle t with the boresight, a ray turned by the small angles of sines s in the plane
-of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t). Of u the mean square is taken. The
-power sent back falls with the square of the range (constant gamma). Over the beam's two-way power along s this gives
-the mean echo: its place is the boresight's range r0, its width follows from the slope. Powers are exponential about
+of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), with the mean square for u^2. The
+echo power falls with the square of the range (constant gamma). Over the beam's two-way power along s this gives
+the mean echo: its position is the boresight range r0, its width follows from the slope. Powers are exponential about
 the mean, so the fit maximises their likelihood, -sum(P / mu + log mu), by Fisher scoring over r0, log tan t and the
 level, from the best of a ladder of slopes.
 """
@@ -20,7 +20,7 @@ SAMPLES = 65
 SLOPES = np.geomspace(0.1, 5.0, 8)
 ITERATIONS = 12
 MARGIN = 6
-# Relative to the echo's level: what the beam's side lobes and the window leave outside the main echo.
+# Power outside the main echo from side lobes of the beam and the window, relative to the echo's level.
 PEDESTAL = 2e-2
 
 
@@ -30,7 +30,7 @@ class BeamProfile:
 
     sine: sines of the angle from boresight; share: two-way power there, summing to one.
     across: mean square of the sine across the plane of incidence.
-    response: power response of the spectrum to one range, on bins from -half to half.
+    response: power response of the spectrum to a point target, on bins from -half to half.
     """
 
     sine: Float[np.ndarray, " sample"]
@@ -41,14 +41,14 @@ class BeamProfile:
 
 @dataclass(frozen=True)
 class EchoFit:
-    """Boresight range in bins and its standard deviation for one look a bin."""
+    """Boresight range in bins and its standard deviation for one look per bin."""
 
     centre: Float[np.ndarray, " echo"]
     sigma: Float[np.ndarray, " echo"]
 
 
 def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
-    """Return the profile of an antenna's elevation cut, the plane that a forward-tilted beam is inclined in."""
+    """Return the profile of an antenna's elevation cut, the plane in which a forward-tilted beam is inclined."""
     cut = antenna.elevation
     lobe = cut.cosine[lobe_samples(cut, FOLLOWED)]
     low, high = lobe[0], lobe[-1]
@@ -68,7 +68,7 @@ def fit_echo(
     stop: Int[np.ndarray, " echo"],
     centroid: Float[np.ndarray, " echo"],
 ) -> EchoFit:
-    """Fit each echo in its run of bins and a margin around it."""
+    """Fit each echo in its span of bins and a margin around it."""
     centre, sigma = np.empty(len(row)), np.empty(len(row))
     for i in range(len(row)):
         first, last = max(start[i] - MARGIN, 0), min(stop[i] + MARGIN, power.shape[1])
@@ -96,9 +96,9 @@ def _fit(
     for _ in range(ITERATIONS):
         _, mean, level = _loss(beam, bins, power, background, state)
         jacobian = _jacobian(beam, bins, state) * (level / mean)[:, None]
-        # The level is fitted along with each step: what it can explain is taken out of the other columns.
+        # The level is refitted at each step, so the other columns are projected orthogonally to it.
         shape = (mean - background) / mean
-        if not shape.any():  # the best of the slopes puts no power on these bins
+        if not shape.any():  # even the best slope puts no power in these bins
             return centroid, float(len(bins))
         jacobian -= np.outer(shape, shape @ jacobian / (shape @ shape))
         fisher = jacobian.T @ jacobian
@@ -127,7 +127,7 @@ def _shape(
 ) -> Float[np.ndarray, " bin"]:
     """Return the echo of unit power."""
     place = _ranges(beam, state[0], state[1]) - bins[0]
-    # The samples stand for intervals: the power between two of them is spread evenly over the bins they span.
+    # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
     ends = 1.5 * place[[0, -1]] - 0.5 * place[[1, -2]]
     edge = np.concatenate([ends[:1], (place[1:] + place[:-1]) / 2, ends[1:]])
     share = beam.share * (state[0] / (place + bins[0])) ** 2

@@ -1,7 +1,7 @@
-"""Range estimators: the range of an echo within the run of cells it was detected in, and how far to trust it.
+"""Range estimators: the range of an echo within the span of cells it was detected in, and its uncertainty.
 
-Speckle: the power of a cell is exponential about the echo's mean shape, and a window ties neighbouring cells, so
-that a bin counts for `looks_per_bin` independent ones. Every estimator returns a standard deviation with the range.
+Speckle: the power of a cell is exponential about the echo's mean shape, and a window correlates neighbouring cells, so
+that a bin counts as `looks_per_bin` independent looks. Every estimator returns a standard deviation with the range.
 """
 
 from collections.abc import Callable
@@ -20,14 +20,14 @@ Builder = TypeVar("Builder", bound=Callable[..., "RangeEstimator"])
 
 
 @dataclass(frozen=True, kw_only=True)
-class EchoRuns:
-    """Runs of spectrum bins, one an echo, and the spectra they lie in.
+class EchoSpans:
+    """Spans of spectrum bins, one per echo, and the spectra that contain them.
 
     power, noise: spectra and noise estimates of the block.
-    row: spectrum of each run; start, stop: its bins, stop not included; peak: its strongest bin.
+    row: spectrum of each span; start, stop: its bins, stop excluded; peak: its strongest bin.
     bin_m: distance between bins.
-    looks_per_bin: independent looks that a bin is worth.
-    beam: what a thin surface across the beam looks like; None where the antenna is unknown.
+    looks_per_bin: independent looks per bin.
+    beam: the mean echo of a plane across the beam; None if the antenna is unknown.
     """
 
     power: Float[np.ndarray, "pulse bin"]
@@ -41,11 +41,11 @@ class EchoRuns:
     beam: BeamProfile | None = None
 
     def cells(self) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " echo"]]:
-        """Return row and bin of all cells of all runs, and where each run begins among them."""
-        return run_cells(self.row, self.start, self.stop)
+        """Return row and bin of all cells of all spans, and where each span begins among them."""
+        return span_cells(self.row, self.start, self.stop)
 
-    def rows(self, keep: Bool[np.ndarray, " echo"]) -> "EchoRuns":
-        """Return some of the runs."""
+    def rows(self, keep: Bool[np.ndarray, " echo"]) -> "EchoSpans":
+        """Return some of the spans."""
         return replace(self, row=self.row[keep], start=self.start[keep], stop=self.stop[keep], peak=self.peak[keep])
 
 
@@ -57,10 +57,10 @@ class Ranges:
     sigma_m: Float[np.ndarray, " echo"]
 
 
-def run_cells(
-    row: Int[np.ndarray, " run"], start: Int[np.ndarray, " run"], stop: Int[np.ndarray, " run"]
-) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " run"]]:
-    """Return row and bin of all cells of some runs, and where each run begins among them."""
+def span_cells(
+    row: Int[np.ndarray, " span"], start: Int[np.ndarray, " span"], stop: Int[np.ndarray, " span"]
+) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " span"]]:
+    """Return row and bin of all cells of some spans, and where each span begins among them."""
     length = stop - start
     begin = np.concatenate([[0], np.cumsum(length)[:-1]]).astype(np.int64)
     bins = np.arange(length.sum()) - np.repeat(begin - start, length)
@@ -69,10 +69,10 @@ def run_cells(
 
 @runtime_checkable
 class RangeEstimator(Protocol):
-    """Finds the ranges of echoes."""
+    """Estimates the ranges of echoes."""
 
-    def __call__(self, runs: EchoRuns) -> Ranges:
-        """Return the ranges of some echoes, in their order."""
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of the echoes, in their order."""
         ...
 
 
@@ -82,13 +82,13 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
     Parameters
     ----------
     name:
-        What scenarios call it.
+        Its name in scenarios.
     parameters:
-        Its table of parameters, `[processing.ranging_parameters]`; without it there are none.
+        Its table of parameters, `[processing.ranging_parameters]`; None if it takes none.
 
     Returns
     -------
-    A decorator of what builds a `RangeEstimator`: a class or a function, called with the parameters if there are any.
+    A decorator for a class or function that builds a `RangeEstimator`; it is called with the parameters, if any.
 
     Raises
     ------
@@ -100,8 +100,8 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
     >>> from sionna_radar.detection import Ranges
     >>> @register_range_estimator("nearest_bin")
     ... class NearestBin:
-    ...     def __call__(self, runs):
-    ...         return Ranges(range_m=runs.start * runs.bin_m, sigma_m=0.0 * runs.start + runs.bin_m)
+    ...     def __call__(self, spans):
+    ...         return Ranges(range_m=spans.start * spans.bin_m, sigma_m=0.0 * spans.start + spans.bin_m)
     >>> load_scenario("hills", {"processing.ranging": "nearest_bin"}).processing.ranging
     'nearest_bin'
 

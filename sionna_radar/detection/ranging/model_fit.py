@@ -4,24 +4,24 @@ import numpy as np
 
 from sionna_radar.detection.ranging.beam_profile import fit_echo
 from sionna_radar.detection.ranging.centroid import CentroidRange
-from sionna_radar.detection.ranging.estimator import EchoRuns, Ranges, register_range_estimator
+from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges, register_range_estimator
 
 
 @register_range_estimator("model_fit")
 class ModelFitRange:
-    """The range on boresight of the sloping plane whose echo through this beam fits best.
+    """The boresight range of the sloping plane whose echo through this beam fits best.
 
-    Range, slope and power are fitted by the likelihood of exponential powers; see `beam_profile`. Without a
-    known antenna there is nothing to fit, and the centroid stands in.
+    Range, slope and power are fitted by maximum likelihood of exponential powers; see `beam_profile`. Without a
+    known antenna there is no model to fit, and the centroid is returned.
     """
 
-    def __call__(self, runs: EchoRuns) -> Ranges:
+    def __call__(self, spans: EchoSpans) -> Ranges:
         """Return the ranges of some echoes."""
-        centroid = CentroidRange()(runs)
-        if runs.beam is None or len(runs.row) == 0:
+        centroid = CentroidRange()(spans)
+        if spans.beam is None or len(spans.row) == 0:
             return centroid
         fit = fit_echo(
-            runs.beam, runs.power, runs.noise, runs.row, runs.start, runs.stop, centroid.range_m / runs.bin_m
+            spans.beam, spans.power, spans.noise, spans.row, spans.start, spans.stop, centroid.range_m / spans.bin_m
         )
-        scale = runs.bin_m / np.sqrt(runs.looks_per_bin)
-        return Ranges(range_m=fit.centre * runs.bin_m, sigma_m=fit.sigma * scale)
+        scale = spans.bin_m / np.sqrt(spans.looks_per_bin)
+        return Ranges(range_m=fit.centre * spans.bin_m, sigma_m=fit.sigma * scale)

@@ -1,11 +1,11 @@
-"""The mean echo of a volume (rain, snowfall, dust), estimated from the survey that it spoils.
+"""The mean echo of a volume (rain, snowfall, dust), estimated from the survey that it contaminates.
 
-Rain has the same mean profile in every pulse, and ground has not. Some pulses spread over the survey tell the
-profile: near the radar a volume that fills the beam falls as r^-2, and stands over the receiver's noise in the
-median of the pulses. That first guess tells where each pulse's volume ends (`volume_end`); what lies well before
-is volume alone, and all pulses together give its mean in every cell, drawn towards the law where few reach.
-Nothing is known beforehand of the rain rate or the ground. Where a volume is not the same over the survey (a shower at
-its edge), its strength about each pulse follows from the cells next to the radar.
+Rain has the same mean profile in every pulse; ground does not. Some pulses spread over the survey give the
+profile: near the radar a volume that fills the beam falls as r^-2, and exceeds the receiver noise in the
+median of the pulses. That first guess shows where each pulse's volume ends (`end`); the cells well before
+that hold volume only, and all pulses together give its mean in every cell, regularized by the law where few reach.
+The rain rate and the ground need not be known beforehand. Where a volume varies over the survey (a shower at
+its edge), its strength around each pulse follows from the cells next to the radar.
 """
 
 from dataclasses import dataclass
@@ -13,36 +13,36 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-# Cells next to the radar in which a volume is looked for, and how far it stands there over the noise.
+# Cells next to the radar in which a volume is searched, and its least power there over the noise.
 NEAR_CELLS = 24
 LEAST_OVER_NOISE = 2.0
-# Power times r^2 of the nearer over that of the farther half of these cells is one in a volume.
+# In a volume, power times r^2 is the same in the nearer and the farther half of these cells, up to this factor.
 MOST_UNEVEN = 3.0
-# Share of cells with noise alone that is certain to be there.
+# Share of cells that certainly hold noise only.
 QUIET_SHARE = 0.05
-# Cells over which the estimate is smoothed, each way, and the looks that the law is worth.
+# Cells over which the estimate is smoothed, each way, and the weight of the law in looks.
 SMOOTHED_CELLS = 8
 LOOKS_OF_LAW = 200.0
-# By how much the law may differ from a first guess, in nepers, and its loss in nepers a metre, both ways (110 dB/km).
+# How far the law may differ from the first guess, in nepers, and its two-way loss in nepers per metre (110 dB/km).
 MOST_NEPERS, MOST_LOSS = 6.0, 0.05
-# What is measured of a volume that lies far below the noise is chance: it is no less than this share of the law.
+# Estimates of a volume far below the noise are random: the mean is at least this share of the law.
 LEAST_OF_LAW = 0.05
-# Of exponential powers one in 3000 exceeds 8 means: what does is no volume.
+# One in 3000 exponential powers exceeds 8 means: anything stronger is not the volume.
 MOST_OVER_MEAN = 8.0
-# Strength of the volume about a pulse: pulses on each side of it that share in the estimate, and its limits.
+# Strength of the volume around a pulse: pulses on each side that enter the estimate, and its limits.
 NEIGHBOURS = 12
 STRENGTH_LIMITS = (0.01, 100.0)
-# Differences between pulses must exceed those of chance by this factor to be the volume's.
+# Variance between pulses must exceed that of speckle by this factor to be ascribed to the volume.
 LEAST_UNEVEN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeClutter:
-    """Mean powers of a volume in the range cells, as far as it reaches in the beam.
+    """Mean powers of a volume in the range cells, as if no ground ended it.
 
-    mean: of the volume; noise: of the receiver, one for all cells.
-    near: first and one past the last of the cells that hold the volume alone in nearly every pulse.
-    uneven: variance of the volume's strength between pulses; 0 where all see the same.
+    mean: power of the volume; noise: power of the receiver noise, one for all cells.
+    near: first and one past the last of the cells that hold only the volume in nearly every pulse.
+    uneven: variance of the volume's strength between pulses; 0 if it is uniform.
     """
 
     mean: Float[np.ndarray, " cell"]
@@ -56,15 +56,15 @@ class VolumeClutter:
         return self.mean + self.noise
 
     def clutter_threshold(self, false_alarm_probability: float) -> Float[np.ndarray, " cell"]:
-        """Return what volume and noise alone exceed with a probability: a clutter map's threshold."""
+        """Return the power that volume and noise alone exceed with a given probability: a clutter-map threshold."""
         return -np.log(false_alarm_probability) * self.background
 
     def strength(
         self, power: Float[np.ndarray, "pulse cell"], looks: float, neighbours: int
     ) -> Float[np.ndarray, " pulse"]:
-        """Return the mean of the volume about each pulse over that of the survey, from the cells next to the radar.
+        """Return the volume's mean around each pulse over that of the survey, from the cells next to the radar.
 
-        looks: independent looks that a cell is worth; neighbours: pulses on each side that see much the same volume.
+        looks: independent looks per cell; neighbours: pulses on each side that see nearly the same volume.
         """
         if self.uneven == 0:
             return np.ones(len(power))
@@ -73,12 +73,12 @@ class VolumeClutter:
         count = np.convolve(np.ones(len(power)), kernel)[about]
         mean = np.convolve(self._near_mean(power), kernel)[about] / count
         chance = 1 / (count * looks * max(self.near[1] - self.near[0], 1))
-        # Towards the survey's mean as far as chance makes the difference.
+        # Shrunk towards the survey's mean as far as speckle explains the difference.
         share = self.uneven / (self.uneven + chance * np.maximum(mean, 0.1) ** 2)
         return np.clip(1 + share * (mean - 1), *STRENGTH_LIMITS)
 
     def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float) -> float:
-        """Return the variance of the volume's strength between pulses, beyond what chance makes."""
+        """Return the variance of the volume's strength between pulses in excess of speckle."""
         mean = self._near_mean(power)
         cells = self.near[1] - self.near[0]
         if cells < 2 * SMOOTHED_CELLS:
@@ -119,12 +119,12 @@ def first_guess(
 def _volume_at(
     share: float, power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
 ) -> VolumeClutter | None:
-    """Return a volume that the given share of pulses lies below, as exponential powers about its mean do."""
+    """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential."""
     level = np.quantile(power, share, axis=0) / -np.log(1 - share)
     noise = float(np.quantile(level[first:last], QUIET_SHARE))
     compensated = (level - noise) * range_m**2
-    # Where drops blow towards the radar those next to it read as negative ranges, which a real beat folds onto the
-    # first cells; those behind follow the law.
+    # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
+    # first cells; the cells behind follow the law.
     for start in (first, first + NEAR_CELLS):
         near, far = slice(start, start + NEAR_CELLS // 2), slice(start + NEAR_CELLS // 2, min(start + NEAR_CELLS, last))
         strength = float(np.median(compensated[near.start : far.stop]))
@@ -140,13 +140,13 @@ def _volume_at(
 def measured_mean(
     guess: VolumeClutter,
     power: Float[np.ndarray, "pulse cell"],
-    volume_alone: Bool[np.ndarray, "pulse cell"],
+    volume_only: Bool[np.ndarray, "pulse cell"],
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """Return the volume's mean from the cells that hold it alone; the law fitted to them where few do."""
+    """Return the volume's mean from the cells that hold only volume; the law fitted to them where these are few."""
     clipped = np.minimum(power, MOST_OVER_MEAN * guess.background) - guess.noise
-    count = volume_alone.sum(axis=0).astype(float)
-    total = np.where(volume_alone, clipped, 0.0).sum(axis=0)
+    count = volume_only.sum(axis=0).astype(float)
+    total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)
     kernel = np.ones(2 * SMOOTHED_CELLS + 1)
     seen = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
@@ -159,13 +159,13 @@ def _law(
     count: Float[np.ndarray, " cell"],
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
-    """Return k r^-2 exp(-a r) with the most likely k and a, by scoring of exponential powers."""
+    """Return k r^-2 exp(-a r) with the most likely k and a, by Fisher scoring of exponential powers."""
     used = count > 0
     k, loss = 0.0, 0.0
     reach = range_m - range_m[used].mean() if used.any() else range_m
     for _ in range(12):
         mean = guess.mean * np.exp(k - loss * reach)
-        # Weight of a cell: how far its mean tells of the volume's, the noise of the receiver counted.
+        # Weight of a cell: sensitivity of its mean to the volume's, given the receiver noise.
         share = mean / (mean + guess.noise)
         weight = np.where(used, count * share**2, 0.0)
         excess = np.where(used, total / np.maximum(count, 1.0) / mean - 1, 0.0)

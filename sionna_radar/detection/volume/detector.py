@@ -1,9 +1,9 @@
-"""The ground's echoes behind a volume of rain: likelihood of each pulse, neighbours in the scan, range.
+"""Ground echoes behind a volume of rain: likelihood of each pulse, neighbours in the scan, range.
 
-Through a volume a pulse brings one echo at most, that of the surface which ends it. Cells about it that the model
-gives to the ground make the run of the echo; the volume's mean that is still there is part of the noise of its
-estimators. Where ground stands far over the volume, the scenario's estimator gives the range; where it does not,
-the posterior mean of the likelihood does, which knows the end of the volume too.
+Through a volume a pulse has at most one echo, that of the surface that ends the volume. The cells that the model
+ascribes to the ground form the span of the echo; the mean of the volume left in them is part of the noise of its
+estimators. Where the ground is far above the volume, the scenario's estimator gives the range; elsewhere
+the posterior mean does, which also uses the end of the volume.
 """
 
 from dataclasses import dataclass, replace
@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import logsumexp
 
-from sionna_radar.detection.detector import Detector, Found, Spectra, strongest_bins
+from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
-from sionna_radar.detection.ranging.estimator import EchoRuns, Ranges
+from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     MOST_OVER_MEAN,
     NEIGHBOURS,
@@ -31,26 +31,26 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.radar.chirp import Chirp
 
-# Probability that the echo lies on the surface it is put on, and that there is any ground at all.
+# Least probability that the echo lies on the chosen surface, and that there is any ground at all.
 LEAST_PROBABILITY = 0.99
-WIDTHS_OF_RUN = 3.0
-# Half of the window's response that shapes are spread by, in range cells.
+WIDTHS_OF_SPAN = 3.0
+# Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
 ESTIMATION_ROUNDS = 2
-# Between the volume alone and the ground's range there lie this many widths of level ground's echo, and cells.
+# Margin between cells of volume only and the ground's range: widths of the echo of level ground, and cells.
 WIDTHS_BEFORE, CELLS_BEFORE = 5.0, 16
-# Share of the pulses whose ground may lie among the cells that are taken for the volume's in all of them.
+# Share of pulses whose ground may lie within the cells taken as volume only for all pulses.
 RARELY_GROUND = 0.02
-# Peak of the ground over the volume (20 dB) from which the scenario's estimator has the greater weight: side lobes of
-# stronger echoes stand over the volume, and the posterior is narrower than the range cells it is computed on.
+# Peak of the ground over the volume (20 dB) above which the scenario's estimator has the greater weight: side lobes of
+# stronger echoes exceed the volume, and the posterior is narrower than the range cells it is computed on.
 EVEN_LEVEL = 100.0
-# What is stronger by this is the strongest of a pulse, whatever chance does.
+# An echo stronger by this factor is the strongest of its pulse despite speckle.
 STRONGER = 2.0
-# Drops that a storm blows along approach no faster.
+# Largest approach speed of drops blown by a storm.
 FASTEST_DROPS_MPS = 25.0
-# Nepers by which ground outside the expected ranges is less likely.
+# Log-likelihood penalty of ground outside the expected ranges, in nepers.
 UNEXPECTED = float(-np.log(1 - LEAST_PROBABILITY))
-# Pulses that the volume's motion is estimated from.
+# Pulses used to estimate the volume's motion.
 MOTION_PULSES = 128
 
 
@@ -73,7 +73,7 @@ class ThroughVolume:
         pulses: Pulses,
         sweep: Chirp,
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
-    ) -> Found:
+    ) -> Detections:
         """Return the uncorrected echoes of whole scan lines and the profiles around them.
 
         Parameters
@@ -81,11 +81,11 @@ class ThroughVolume:
         power:
             Power spectra.
         pulses:
-            Whole scan lines; the measured pose alone is used.
+            Whole scan lines; only the measured pose is used.
         sweep:
-            The sweep of these spectra, which decides what motion does to ranges.
+            The sweep of these spectra, which determines how motion shifts ranges.
         window_m:
-            Nearest and farthest range of each pulse that is searched; None for all.
+            Nearest and farthest range searched in each pulse; None for all ranges.
 
         """
         if window_m is None:
@@ -96,7 +96,7 @@ class ThroughVolume:
             self._find_line(power[r], pulses.rows(r), sweep, window_m[r])
             for r in np.split(np.arange(len(pulses)), breaks)
         ]
-        return Found(
+        return Detections(
             echoes=Echoes.concatenate([line.echoes for line in lines]),
             profiles=Profiles.concatenate([line.profiles for line in lines]),
         )
@@ -107,14 +107,14 @@ class ThroughVolume:
         pulses: Pulses,
         sweep: Chirp,
         window_m: Float[np.ndarray, "pulse 2"],
-    ) -> Found:
+    ) -> Detections:
         end, stride = self.end, self.detector.analyser.zero_padding
         cells = power[:, ::stride][:, : end.cells]
         views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
         expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
-        # Of what lies elsewhere only the end of the volume counts: where that fits better than any expected range,
-        # the ground is not where it is expected, and none is reported.
+        # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
+        # the ground is not where it is expected, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
@@ -124,10 +124,10 @@ class ThroughVolume:
         place = np.arange(power.shape[1]) / stride
         in_air = end.in_air(tracked.cell, width, views.drift_m, place)
         volume = views.strength[:, None] * np.interp(place, np.arange(end.cells), self.volume.mean)
-        runs = self._runs(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
-        noise = runs.noise[runs.row, runs.peak]
-        peak = power[runs.row, runs.peak]
-        ranges = self._ranges(runs, tracked, peak_level, kept)
+        spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
+        noise = spans.noise[spans.row, spans.peak]
+        peak = power[spans.row, spans.peak]
+        ranges = self._ranges(spans, tracked, peak_level, kept)
         echoes = Echoes(
             pulse=pulses.index[kept],
             number=np.zeros(len(kept), dtype=np.int64),
@@ -136,7 +136,7 @@ class ThroughVolume:
             power=peak,
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
         )
-        quiet = replace(runs, noise=np.full(power.shape, self.volume.noise))
+        quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
         profiles = cut_profiles(quiet, pulses.index, stride)
         in_front = VolumeInFront(
             power=profiles.of_cells(volume[:, ::stride], kept),
@@ -146,17 +146,21 @@ class ThroughVolume:
             drift_m=views.drift_m[kept],
             spread_m=end.spread_m,
         )
-        return Found(echoes=echoes, profiles=replace(profiles, volume=in_front))
+        return Detections(echoes=echoes, profiles=replace(profiles, volume=in_front))
 
     def _ranges(
-        self, runs: EchoRuns, tracked: Tracked, peak_level: Float[np.ndarray, " pulse"], kept: Int[np.ndarray, " echo"]
+        self,
+        spans: EchoSpans,
+        tracked: Tracked,
+        peak_level: Float[np.ndarray, " pulse"],
+        kept: Int[np.ndarray, " echo"],
     ) -> Ranges:
-        """Return the posterior means, and towards ground far over the volume the scenario's own estimates."""
-        own = self.detector.estimator(runs)
+        """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume."""
+        estimated = self.detector.estimator(spans)
         cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
         return Ranges(
-            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * own.range_m,
-            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * own.sigma_m),
+            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * estimated.range_m,
+            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * estimated.sigma_m),
         )
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
@@ -166,7 +170,7 @@ class ThroughVolume:
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
-        """Return how the beams of pulses meet volume and ground, by their measured poses."""
+        """Return how the beams of pulses meet volume and ground, from their measured poses."""
         boresight = pulses.measured.boresight
         return Views(
             down=-boresight[:, 2],
@@ -174,21 +178,21 @@ class ThroughVolume:
             strength=strength,
         )
 
-    def _runs(
+    def _spans(
         self,
         power: Float[np.ndarray, "pulse bin"],
         noise: Float[np.ndarray, "pulse bin"],
         cell: Float[np.ndarray, " pulse"],
         width: Float[np.ndarray, " pulse"],
         kept: Int[np.ndarray, " echo"],
-    ) -> EchoRuns:
-        """Return the echoes' runs, with volume and receiver noise as their noise."""
+    ) -> EchoSpans:
+        """Return the echoes' spans, with volume and receiver noise as their noise."""
         analyser = self.detector.analyser
         stride, bins = analyser.zero_padding, power.shape[1]
-        reach = WIDTHS_OF_RUN * width + 1
+        reach = WIDTHS_OF_SPAN * width + 1
         start = np.clip(np.floor((cell - reach) * stride), 0, bins - 1).astype(np.int64)
         stop = np.clip(np.ceil((cell + reach) * stride) + 1, start + 1, bins).astype(np.int64)
-        return EchoRuns(
+        return EchoSpans(
             power=power,
             noise=noise,
             row=kept,
@@ -202,7 +206,7 @@ class ThroughVolume:
 
 
 def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
-    """Return whether the spectra of pulses spread over a survey show a volume in front of the ground."""
+    """Whether the spectra of pulses spread over a survey show a volume in front of the ground."""
     return detector.beam is not None and _first_guess(detector, power) is not None
 
 
@@ -213,8 +217,8 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     guess = first_guess(power[:, ::stride], range_m, first, last)
     if guess is None:
         return None
-    # Where the strongest cell of nearly every pulse stands so far over the nearest of the volume that this cannot pass
-    # for an echo, a thin fog or a drizzle harms nobody.
+    # If the strongest cell of nearly every pulse exceeds the nearest volume cells by so much that these cannot pass
+    # for an echo, thin fog or drizzle does no harm.
     processing = detector.processing
     margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
@@ -229,7 +233,7 @@ def _first_cell(detector: Detector) -> int:
 def volume_in_front(
     detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume | None:
-    """Return a detector through the volume that some spectra show; None in clear air.
+    """Return a detector through the volume seen in some spectra; None in clear air.
 
     Parameters
     ----------
@@ -254,7 +258,7 @@ def volume_in_front(
     moving = _with_motion(through, cells, pulses, sweep)
     if np.array_equal(moving.motion.velocity_mps, through.motion.velocity_mps):
         return through
-    # What was learned of the ground with the wrong motion is forgotten.
+    # Discard what was learned about the ground with the wrong motion.
     anew = _through(detector, moving.volume, unknown_ground(), moving.motion, pulses, sweep)
     return _with_mean_and_ground(anew, cells, pulses, sweep)
 
@@ -287,7 +291,7 @@ def _through(
 def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
     """Return how many range cells can hold ground.
 
-    Drops next to the radar that approach it have a negative beat frequency, which I/Q sampling reads as the farthest.
+    Approaching drops next to the radar have a negative beat frequency, which I/Q sampling shows at the far end.
     """
     analyser = detector.analyser
     count = len(analyser.range_m[:: analyser.zero_padding])
@@ -301,7 +305,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
 def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
-    """Return the volume's mean from what lies before the ground, and how strong and steep the ground is."""
+    """Estimate the volume's mean from the cells before the ground, and how strong and steep the ground is."""
     end, volume = through.end, through.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
@@ -310,9 +314,9 @@ def _with_mean_and_ground(
     spread = np.sqrt(end.beam.share @ end.beam.sine**2)
     width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
     before = ground - WIDTHS_BEFORE * width - CELLS_BEFORE
-    alone = (np.arange(end.cells) < before[:, None]) & (np.arange(end.cells) >= end.first)
+    volume_only = (np.arange(end.cells) < before[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
-    mean = measured_mean(volume, cells / strength[:, None], alone, range_m)
+    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m)
     near = (end.first, max(int(np.quantile(before, RARELY_GROUND)), end.first))
     even = replace(volume, mean=mean, near=near, uneven=0.0)
     known = replace(even, uneven=even.unevenness(cells, end.looks))
@@ -322,7 +326,7 @@ def _with_mean_and_ground(
 def _with_motion(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
 ) -> ThroughVolume:
-    """Return the volume with its own motion."""
+    """Estimate the motion of the volume."""
     end = through.end
     rows = np.unique(np.linspace(0, len(pulses) - 1, min(MOTION_PULSES, len(pulses))).round().astype(np.int64))
     strength = through.volume.strength(cells, end.looks, 0)[rows]
@@ -340,7 +344,7 @@ def _with_motion(
 def _within(
     range_m: Float[np.ndarray, "#pulse place"] | Float[np.ndarray, " place"], window_m: Float[np.ndarray, "pulse 2"]
 ) -> Bool[np.ndarray, "pulse place"]:
-    """Return which ranges lie inside the window of each pulse."""
+    """Whether each range lies inside the window of each pulse."""
     return np.asarray((range_m >= window_m[:, :1]) & (range_m <= window_m[:, 1:]))
 
 

@@ -1,24 +1,24 @@
-"""Ground behind a volume of rain: what one pulse says for every range at which the volume may end on a surface.
+"""Ground behind a volume of rain: likelihood, from one pulse, of each range at which a surface may end the volume.
 
-Rain fills the beam as far as the ground, and behind the ground there is silence. So ground shows twice in a profile:
-by its own echo, and by the end of the rain's. The second is there however weak the first is. In range cells, with
+Rain fills the beam up to the ground, and behind the ground there is silence. So ground shows twice in a profile:
+by its own echo, and by the end of the rain's, which is there however weak the first is. In range cells, with
 powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose axis range is c is
 
     mu(x) = (1 - F(x - d)) (1 - k) + k + G f(x),       x = r - c,   k = n / (V + n)
 
 f is the two-way beam across the surface, spread by the window (its cells add up to one), F its integral: the share of
-the beam that has met the ground. G is the power of the ground's whole echo over the volume's in one cell. d is the
-Doppler shift of moving drops against still ground, which moves the end of the rain: an up-sweep reads what recedes as
-far, so that rain that falls under a beam that looks down seems to reach into the ground. Powers are exponential about
-mu, so the log-likelihood against a volume without end is the sum of -log mu - P (1 / mu - 1). That sum is largest at
-the true mean whatever the distribution of P, as long as the mean itself is right: where the floor k is held above the
-receiver's noise, because of what side lobes bring, powers are raised by as much. Behind the window of shapes the
-silence goes on counting, each cell down to a bounded loss: a lone echo from behind (a side lobe, a double bounce)
+the beam that has hit the ground. G is the power of the ground's whole echo over the volume's in one cell. d is the
+Doppler shift of moving drops relative to stationary ground, which moves the end of the rain: in an up-sweep receding
+targets appear too far, so that rain falling under a downward beam seems to reach into the ground. Powers are
+exponential about mu, so the log-likelihood against a volume without end is the sum of -log mu - P (1 / mu - 1). That
+sum is largest at the true mean whatever the distribution of P, as long as the mean itself is right: where the floor k
+is kept above the receiver noise because of side lobes, powers are raised by as much. Behind the window of shapes the
+silence continues to count, each cell down to a bounded loss: a single echo from behind (a side lobe, a double bounce)
 must not outweigh it.
 
 Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains
-W (g - log(1 + g)) on average; N competing places cost log N. The silence behind adds log(1 / k) - 1 + k per cell,
-for as many cells as are sampled behind the ground, which is why the volume's own end finds the ground when g < 1.
+W (g - log(1 + g)) on average; N competing positions cost log N. The silence behind adds log(1 / k) - 1 + k per cell,
+for as many cells as are sampled behind the ground, which is why the end of the volume reveals the ground when g < 1.
 """
 
 from collections.abc import Iterator
@@ -39,27 +39,27 @@ from sionna_radar.detection.volume.ground_behind import SLOPES, GroundBehind
 # Cells on each side of the axis range in which shapes are compared.
 HALF = 40
 WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
-# Behind the ground nothing is taken to lie farther below the volume than this: side lobes, echoes by two bounces.
+# Lowest level behind the ground relative to the volume: side lobes, double-bounce echoes.
 SILENCE = 0.01
 LARGEST_LOSS = 3.0
-# Cells that must be sampled behind the ground: rain that goes on as far as the beat is sampled ends on nothing.
+# Cells that must be sampled behind the ground: rain that continues to the last range cell shows no end.
 FEWEST_BEHIND = 8
-# The end of a volume moves no farther than this from its ground, in half cells.
+# Largest shift of the end of a volume from its ground, in half cells.
 LARGEST_STEP = 40
 ROWS_AT_ONCE = 32
 FINE = 4
-# Uncertainty of the width of a known slope's echo, in nepers, and the least slope that an echo shows: the beam is as
+# Uncertainty of an echo's width for a known slope, in nepers, and the least effective slope: the beam is as
 # wide across the plane of incidence, and ground is curved.
 WIDTH_SPREAD = 0.25
 LEAST_SLOPE = 0.15
-# Standard normal deviates of equal probability, by which the ground's slopes are drawn.
+# Standard normal deviates of equal probability that sample the ground's slopes.
 DEVIATES = norm.ppf((np.arange(9) + 0.5) / 9)
-# Ranges at which widths are weighed; between them they are interpolated.
+# Ranges at which width probabilities are computed; they are interpolated in between.
 WIDTH_NODES = 24
-# Ranges whose likelihood lies so far below a pulse's greatest say nothing of ground or motion (nepers).
+# Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
 MOST_OVER_VOLUME = 1e8
-# The volume's strength about a pulse, in steps of 2 dB.
+# Steps of the volume's strength around a pulse (2 dB).
 STRENGTH_STEP = 10.0**0.2
 
 
@@ -68,8 +68,8 @@ class Views:
     """How the beams of some pulses meet volume and ground.
 
     down: cosine of the boresight's angle from nadir.
-    drift_m: by how much the motion of the volume lengthens its ranges against those of the ground.
-    strength: mean of the volume about each pulse over that of the survey.
+    drift_m: by how much motion lengthens the volume's ranges relative to those of the ground.
+    strength: mean of the volume around each pulse over that of the survey.
     """
 
     down: Float[np.ndarray, " pulse"]
@@ -81,11 +81,11 @@ class Views:
 class VolumeEnd:
     """The likelihood of ground behind a volume, on range cells.
 
-    volume: mean power of the volume and of the noise. ground: what is known of the ground's echo.
-    spread_m: standard deviation of the drift, of drops that fall at different speeds.
-    beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks that a cell is worth.
-    response: power response of the spectrum to one range, on cells.
-    first: cell where the ground may begin; cells: how many there are.
+    volume: mean power of the volume and of the noise. ground: prior of the ground's echo.
+    spread_m: standard deviation of the drift, from drops that fall at different speeds.
+    beam: the beam in the plane of incidence. cell_m: range cell. looks: independent looks per cell.
+    response: power response of the spectrum to a point target, on cells.
+    first: first cell that may hold ground; cells: number of cells.
     """
 
     volume: VolumeClutter
@@ -101,14 +101,14 @@ class VolumeEnd:
     def over_volume(
         self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
     ) -> Float[np.ndarray, "pulse cell"]:
-        """Return powers over the mean of volume and noise; 1 where no ground may be."""
+        """Return powers over the mean of volume and noise; 1 where ground is ruled out."""
         background = strength[:, None] * self.volume.mean + self.volume.noise
         ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MOST_OVER_VOLUME)
 
     def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
-        """Return the log-likelihood of ground at each cell against a volume without end; -inf where none may be."""
+        """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out."""
         out = np.full(ratio.shape, -np.inf)
         for rows, terms in self._terms(ratio, views):
             weighed = terms + self._log_width(views.down[rows], self.ground.slope) + self._log_level_share
@@ -135,11 +135,11 @@ class VolumeEnd:
     def shape_at(
         self, ratio: Float[np.ndarray, "pulse cell"], cell: Int[np.ndarray, " pulse"], views: Views
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
-        """Return the mean width in cells of the ground's echo about given cells, and its peak over the volume."""
+        """Return the mean width in cells of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
-        own = np.clip(cell, self._columns[0], self._columns[-1])
+        clipped = np.clip(cell, self._columns[0], self._columns[-1])
         window, expected = self._windows(ratio), self._log_width(views.down, self.ground.slope)
-        for row, at in enumerate(own):
+        for row, at in enumerate(clipped):
             here = np.array([at])
             strength = _strength_step(views.strength[row])
             silence = float(self._silence(strength)[at])
@@ -157,7 +157,7 @@ class VolumeEnd:
         drift_m: Float[np.ndarray, " pulse"],
         place: Float[np.ndarray, " place"],
     ) -> Float[np.ndarray, "pulse place"]:
-        """Return the share of the volume's mean that is there at places in cells, before and over the ground."""
+        """Return the share of the volume's mean left at positions (in cells) before and across the ground."""
         out = np.empty((len(centre), len(place)))
         at = np.arange(-HALF, HALF + 1)
         nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(WIDTHS_CELLS)), axis=1)
@@ -169,7 +169,7 @@ class VolumeEnd:
     def _terms(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
     ) -> Iterator[tuple[Int[np.ndarray, " row"], Float32[np.ndarray, "row column width level"]]]:
-        """Yield rows and their log-likelihoods for the cells of `_columns`, widths and levels, of equal weight."""
+        """Yield rows and their log-likelihoods for the cells of `_columns`, widths and levels, equally weighted."""
         window = self._windows(ratio)
         steps = [(self._step(one), _strength_step(two)) for one, two in zip(views.drift_m, views.strength, strict=True)]
         for step, strength in sorted(set(steps)):
@@ -180,7 +180,7 @@ class VolumeEnd:
                 rows = group[start : start + ROWS_AT_ONCE]
                 shape = (len(rows), len(self._columns), len(WIDTHS_CELLS), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
-                for part, silent in _runs(silence, self._columns):
+                for part, silent in _spans(silence, self._columns):
                     compared = self._compare(window[np.ix_(rows, part)], step, strength, silent, part)
                     here = behind[start : start + ROWS_AT_ONCE][:, part]
                     terms[:, part - self._columns[0]] = compared + here[..., None, None]
@@ -196,7 +196,7 @@ class VolumeEnd:
         return np.log(self.ground.level_share).astype(np.float32)
 
     def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
-        """Return the cells about each cell: volume alone before the first; beyond the last nothing is known."""
+        """Return the cells around each cell: volume only before the first; unknown beyond the last."""
         pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
         pad[:, -HALF:] = 0.0
         return sliding_window_view(pad, 2 * HALF + 1, axis=1)
@@ -230,7 +230,7 @@ class VolumeEnd:
     def _behind(
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
     ) -> Float32[np.ndarray, "pulse cell"]:
-        """Return what all cells behind the window of each cell say."""
+        """Return the log-likelihood from all cells behind the window of each cell."""
         one = np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS) * self.looks
         behind = np.zeros((len(ratio), self.cells + HALF + 1))
         behind[:, : self.cells] = np.cumsum(one[:, ::-1], axis=1)[:, ::-1]
@@ -239,7 +239,7 @@ class VolumeEnd:
     def _log_width(
         self, down: Float[np.ndarray, " pulse"], slope: float
     ) -> Float32[np.ndarray, "pulse column width 1"]:
-        """Return the log-probability of the widths, from what the beam spans on ground of these slopes."""
+        """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
         incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - np.arctan(slope * DEVIATES)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), LEAST_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
@@ -255,7 +255,7 @@ class VolumeEnd:
         return np.asarray(between[..., None])
 
     def _step(self, drift_m: float) -> int:
-        """Return a drift in half cells, to which the shapes are made."""
+        """Return a drift rounded to half cells, as used for the shapes."""
         return int(np.clip(round(2 * drift_m / self.cell_m), -LARGEST_STEP, LARGEST_STEP))
 
     def _shapes(self, step: int) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
@@ -268,17 +268,17 @@ def _strength_step(strength: float) -> int:
 
 
 def _log_sum(terms: Float32[np.ndarray, "... term"]) -> Float32[np.ndarray, "..."]:
-    """Return log sum exp over the last axis, in the terms' own precision; -inf of nothing but -inf."""
+    """Return log sum exp over the last axis, in the precision of the terms; -inf if all terms are -inf."""
     most = terms.max(axis=-1)
     with np.errstate(divide="ignore"):
         total = np.exp(terms - np.where(np.isfinite(most), most, 0.0)[..., None]).sum(axis=-1)
         return np.asarray(np.log(total) + np.where(np.isfinite(most), most, 0.0))
 
 
-def _runs(
+def _spans(
     silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
 ) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
-    """Yield the runs of columns with equal silence."""
+    """Yield the spans of columns with equal silence."""
     for part in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
         if len(part):
             yield part, float(silence[part[0]])
@@ -304,7 +304,7 @@ def _shapes(
         air = np.interp(place - step / 2, place, 1 - met, left=1.0, right=0.0)
         air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")[::FINE]
         airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid"))
-        # Each cell takes the power of its whole length.
+        # Each cell integrates the power over its whole length.
         ground = np.convolve(np.convolve(beam, np.ones(FINE) / FINE, "same")[::FINE], window, "same")
         grounds.append(ground / ground.sum())
     return np.array(airs), np.array(grounds)

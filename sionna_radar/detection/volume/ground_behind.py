@@ -1,6 +1,6 @@
-"""What a survey says of the ground behind its volume: how strong it is, and how steep.
+"""The ground behind a volume as learned from the survey: how strong it is, and how steep.
 
-Both decide how an echo may look. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power
+Both shape the echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power
 of a whole echo over the volume's in one cell is the same at any range and incidence: both fall as r^-2, and the
 longer the footprint the weaker each cell. A survey over a few kinds of ground has few such levels. Slopes make an
 echo wider or narrower than that of level ground, and bound how far neighbours' heights may differ.
@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float, Float32
 from scipy.special import logsumexp
 
-# Far over the volume, where it hardly matters, in coarser steps: a thin fog lies below the noise where the ground is.
+# Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
-# Levels rarer than this are none.
+# Rarer levels are dropped.
 RAREST_LEVEL = 2e-3
 LEVEL_ROUNDS = 200
-# Root-mean-square slopes among which the survey chooses.
+# Root-mean-square slopes that are compared.
 SLOPES = np.geomspace(0.04, 0.8, 9)
 FIRST_SLOPE = 0.15
 
@@ -26,7 +26,7 @@ FIRST_SLOPE = 0.15
 class GroundBehind:
     """Prior of the ground's echo behind a volume.
 
-    level, level_share: power of a whole echo over the volume's mean in one cell, and in which share of the pulses.
+    level, level_share: power of a whole echo over the volume's mean in one cell, and its share of the pulses.
     slope: root-mean-square slope of the ground in any direction.
     """
 
@@ -36,7 +36,7 @@ class GroundBehind:
 
     @property
     def mean_slope(self) -> float:
-        """Mean of how much the ground rises or falls for a metre of distance."""
+        """Mean absolute slope of the ground along a line."""
         return float(np.sqrt(2 / np.pi)) * self.slope
 
 
@@ -61,7 +61,7 @@ def learned_ground(
     shares, totals = zip(*(_level_share(one) for one in likelihood), strict=True)
     best = int(np.argmax(totals))
     share = shares[best]
-    # A level beside a frequent one may be its own: what lies between two steps.
+    # A level next to a frequent one may be real: the true level lies between two steps.
     kept = share > RAREST_LEVEL
     kept[1:-1] |= kept[2:] | kept[:-2]
     share = np.where(kept, np.maximum(share, RAREST_LEVEL), 0.0)[kept]
@@ -69,11 +69,11 @@ def learned_ground(
 
 
 def _level_share(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
-    """Return the most likely shares of the levels, by expectation and maximisation, and their log-likelihood."""
+    """Return the most likely shares of the levels, by expectation maximisation, and their log-likelihood."""
     log = likelihood.astype(np.float64)
     share = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
-        own = log + np.log(share)
-        share = np.exp(own - logsumexp(own, axis=1, keepdims=True)).mean(axis=0)
+        joint = log + np.log(share)
+        share = np.exp(joint - logsumexp(joint, axis=1, keepdims=True)).mean(axis=0)
         share = (share + 1e-6) / np.sum(share + 1e-6)
     return share, float(logsumexp(log + np.log(share), axis=1).sum())

@@ -1,9 +1,9 @@
-"""Ground is a surface: what the neighbours in a scan line say of the height that a pulse meets.
+"""Ground is continuous: the height that a pulse meets, given its neighbours in the scan line.
 
-Each pulse brings a log-likelihood of ground for every range cell. By its measured pose a range is a height on the
-beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about none, or jump
-anywhere (a wall, an edge) with a small probability. Forward and backward messages along the line give what all
-neighbours together say of each pulse's height; the product with its own likelihood is its posterior.
+Each pulse has a log-likelihood of ground for every range cell. Its measured pose turns a range into a height on the
+beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about zero, or jump
+anywhere (a wall, an edge) with a small probability. Forward and backward messages along the line give the evidence
+of all neighbours for each pulse's height; the product with its own likelihood is its posterior.
 """
 
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from jaxtyping import Float, Int
 from scipy.signal import lfilter
 from scipy.special import logsumexp
 
-# Heights jump so often from pulse to pulse.
+# Probability that the height jumps from pulse to pulse.
 JUMP_PROBABILITY = 0.03
-# Least downward cosine of a beam whose range tells a height.
+# Least downward cosine of a beam whose range determines a height.
 LEAST_DOWN = 0.1
 HEIGHT_STEPS_PER_CELL = 1.0
-# Posterior cells this far from the strongest are another surface.
+# Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisHeights:
-    """The beam's axis by the measured pose: a height is `position_m[2] - down * (range - shift_m)`.
+    """The beam's axis from the measured pose: a height is `position_m[2] - down * (range - shift_m)`.
 
-    shift_m: by how much the platform's motion lengthens ranges as the sweep reads them.
+    shift_m: by how much the platform's motion lengthens the ranges measured by the sweep.
     """
 
     position_m: Float[np.ndarray, "pulse 3"]
@@ -40,15 +40,15 @@ class AxisHeights:
 
     @property
     def top_m(self) -> Float[np.ndarray, " pulse"]:
-        """Height at the range that is read as 0."""
+        """Height at the measured range 0."""
         return self.position_m[:, 2] + self.down * self.shift_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
-    """Range of each pulse in cells, its standard deviation, and the probability of the surface that it lies on.
+    """Range of each pulse in cells, its standard deviation, and the probability of the surface it lies on.
 
-    evidence: log-likelihood of ground on that surface against none at all, neighbours counted in.
+    evidence: log-likelihood of ground on that surface against no ground, neighbours included.
     """
 
     cell: Float[np.ndarray, " pulse"]
@@ -69,15 +69,15 @@ def track(
     Parameters
     ----------
     evidence:
-        Log-likelihood of ground at each cell against none; -inf where none may be.
+        Log-likelihood of ground at each cell against no ground; -inf where ruled out.
     heights:
-        From ranges to heights, by the measured poses.
+        Conversion of ranges to heights, from the measured poses.
     cell_m:
         Length of a range cell.
     line:
-        Scan line of each pulse; lines know nothing of each other.
+        Scan line of each pulse; lines are independent.
     slope:
-        How much the ground rises or falls for a metre of distance, on average.
+        Mean absolute slope of the ground.
 
     """
     posterior = np.empty(evidence.shape)
@@ -102,18 +102,18 @@ def _neighbours(
     rows: Int[np.ndarray, " pulse"],
     slope: float,
 ) -> Float[np.ndarray, "pulse cell"]:
-    """Return the log-probability of each cell given the other pulses of the line, even where they say nothing."""
+    """Return the log-probability of each cell given the other pulses of the line; uniform where they give none."""
     count, cells = evidence.shape
     top, down = heights.top_m[rows], heights.down[rows]
-    told = down >= LEAST_DOWN
-    if told.sum() < 2:
+    looks_down = down >= LEAST_DOWN
+    if looks_down.sum() < 2:
         return np.full(evidence.shape, -np.log(cells))
     range_m = np.arange(cells) * cell_m
     low = float(np.min(top - np.maximum(down, LEAST_DOWN) * range_m[-1]))
     step_m = cell_m * HEIGHT_STEPS_PER_CELL
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
-    for row in np.flatnonzero(told):
+    for row in np.flatnonzero(looks_down):
         most = evidence[row].max()
         at = (top[row] - height) / (down[row] * cell_m)
         likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - most), left=0.0, right=0.0)
@@ -127,7 +127,7 @@ def _neighbours(
         backward[step] = _moved(backward[step + 1], likelihood[step + 1], decay[step])
     both = forward * backward
     out = np.full(evidence.shape, -np.log(cells))
-    for row in np.flatnonzero(told):
+    for row in np.flatnonzero(looks_down):
         prior = np.interp(top[row] - down[row] * range_m, height, both[row])
         out[row] = np.log(np.maximum(prior / max(prior.sum(), 1e-300), 1e-30))
     return out
@@ -136,7 +136,7 @@ def _neighbours(
 def _distances(
     evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
 ) -> Float[np.ndarray, " step"]:
-    """Return the distances between where consecutive beams meet level ground at the line's own height."""
+    """Return the distances between where consecutive beams meet level ground at the line's median height."""
     down = np.maximum(heights.down[rows], LEAST_DOWN)
     clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
     place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
@@ -147,7 +147,7 @@ def _distances(
 def _moved(
     message: Float[np.ndarray, " height"], likelihood: Float[np.ndarray, " height"], decay: float
 ) -> Float[np.ndarray, " height"]:
-    """Return what a pulse and those beyond it say of its neighbour's height."""
+    """Return the message of a pulse, and of those beyond it, about its neighbour's height."""
     here = message * likelihood
     total = here.sum()
     flat = np.full(len(here), 1 / len(here))

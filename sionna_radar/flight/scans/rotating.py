@@ -1,4 +1,4 @@
-"""Antennas that turn steadily about one axis, or stand still on it."""
+"""Antennas that rotate steadily about one axis, or are fixed."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,10 +13,10 @@ from sionna_radar.scenario.radar import ScanTable
 
 @dataclass(frozen=True, kw_only=True)
 class RotatingScan:
-    """An antenna that turns steadily and sends inside a sector about the middle.
+    """An antenna that rotates steadily and transmits inside a sector about the middle.
 
-    whisk_broom turns about the forward axis, at a constant angle from the plane across the track;
-    conical turns about the downward axis, at a constant angle from nadir; fixed does not turn.
+    whisk_broom rotates about the forward axis, at a constant angle from the plane across the track;
+    conical rotates about the downward axis, at a constant angle from nadir; fixed does not rotate.
     """
 
     mode: Literal["whisk_broom", "conical", "fixed"]
@@ -31,13 +31,13 @@ class RotatingScan:
         angle = self.start_rad + self.rotation_rad_s * time_s
         scan = np.mod(angle + np.pi, 2 * np.pi) - np.pi
         build = conical_from_antenna if self.mode == "conical" else whisk_broom_from_antenna
-        # A scan angle that should lie on the sector's edge must not fall out of it by rounding.
+        # A scan angle on the sector's edge must not fall outside by rounding.
         active = np.abs(scan) <= self.half_swath_rad + 1e-9
         turn = np.floor((angle + np.pi) / (2 * np.pi)) - np.floor((self.start_rad + np.pi) / (2 * np.pi))
         return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
 
     def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
-        """Return the widest distance between neighbouring beam centres on level ground."""
+        """Return the largest distance between neighbouring beam centres on level ground."""
         if self.rotation_rad_s == 0:
             return speed_mps / chirp_rate_hz
         line = speed_mps * 2 * np.pi / self.rotation_rad_s
@@ -53,7 +53,7 @@ class RotatingScan:
 @register_scan("conical", ScanTable)
 @register_scan("fixed", ScanTable)
 def rotating_scan(table: ScanTable) -> RotatingScan:
-    """Return the scan of a scenario's table; a fixed one does not turn."""
+    """Return the scan of a scenario's table; a fixed one does not rotate."""
     assert table.mode != "side_looking"
     turns = 0.0 if table.mode == "fixed" else table.rotation_rpm / 60
     return RotatingScan(

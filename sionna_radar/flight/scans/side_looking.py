@@ -1,4 +1,4 @@
-"""An antenna held to one side of the track."""
+"""An antenna pointing to one side of the track."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,7 +13,7 @@ from sionna_radar.scenario.radar import ScanTable
 
 @dataclass(frozen=True, kw_only=True)
 class SideLookingScan:
-    """An antenna held to one side of the track, its azimuth cut along the track."""
+    """An antenna pointing to one side of the track, its azimuth cut along the track."""
 
     side: Literal["left", "right"]
     incidence_rad: float

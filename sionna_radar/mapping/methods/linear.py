@@ -1,4 +1,4 @@
-"""The DEM method "linear": straight lines between the points."""
+"""The DEM method "linear": linear interpolation between the points."""
 
 from typing import Literal
 

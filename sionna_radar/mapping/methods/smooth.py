@@ -15,7 +15,7 @@ from sionna_radar.mapping.smoothing import Heights, smooth
 
 @register_dem_method("smooth")
 class Smooth:
-    """Lays the most probable surface through the located echoes, each weighted by its uncertainty."""
+    """Fits the most probable surface to the located echoes, each weighted by its uncertainty."""
 
     profiles: Literal["optional"] = "optional"
 
@@ -28,7 +28,7 @@ class Smooth:
 
 
 def _through(points: Points, grid: Grid) -> Heightfield:
-    """Return the smoothing surface through located echoes, each as uncertain as its range."""
+    """Return the smoothing surface through located echoes, with the uncertainties of their ranges."""
     away = points.position_m - points.origin_m
     steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-9)
     heights = Heights(points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep)

@@ -1,4 +1,4 @@
-"""The figure of a navigation budget: how large each error may be, and what grades of GPS/IMU make of the DEM."""
+"""The figure of a navigation budget: how large each error may be, and the DEM error with grades of GPS/IMU."""
 
 import math
 from pathlib import Path
@@ -17,7 +17,7 @@ STYLES = {
     "white": (ORANGE, "s", "White, standard deviation"),
     "markov": (RED, "D", "Gauss-Markov, standard deviation"),
 }
-# Errors of one name lie a little above each other, so that equal limits do not hide each other.
+# Errors of one name are drawn slightly above each other, so that equal limits do not overlap.
 DODGE = {"constant": -0.2, "white": 0.0, "markov": 0.2}
 QUANTITIES = {"m": "Metres", "m/s": "Metres per second", "deg": "Degrees", "s": "Seconds"}
 
@@ -38,7 +38,7 @@ def draw(budget: Budget) -> Figure:
     for panel, unit, place in zip(panels, units, axes[:-1], strict=True):
         _draw_limits(place, panel, unit)
     _draw_grades(axes[-1], budget)
-    figure.suptitle(f"Error of navigation that alone makes the DEM's RMS error grow by {budget.growth:.0%}")
+    figure.suptitle(f"Navigation error that alone raises the DEM's RMS error by {budget.growth:.0%}")
     named: dict[str, Any] = {}
     for place in axes[:-1]:
         handles, labels = place.get_legend_handles_labels()
@@ -56,7 +56,7 @@ def _draw_limits(axes: Axes, limits: list[Limit], unit: str) -> None:
         size = limit.size if reached else limit.error.largest
         style = {"marker": marker, "mfc": colour, "label": label}
         if not reached:
-            style = {"marker": ">", "mfc": "white", "label": "Limit beyond the largest tried"}
+            style = {"marker": ">", "mfc": "white", "label": "Limit beyond the largest tested"}
         axes.plot(size, row, ls="", ms=8, mec=colour, **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()

@@ -25,7 +25,7 @@ def write_budget(budget: Budget, directory: Path) -> list[Path]:
 
 
 def budget_summary(budget: Budget) -> dict[str, Any]:
-    """Return the numbers in a form that JSON can hold; a limit that was not reached is None."""
+    """Return the numbers in strict JSON form; a limit that was not reached is None."""
     return {
         "scenario": budget.scenario.model_dump(mode="json"),
         "growth": budget.growth,

@@ -11,7 +11,7 @@ KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}
 
 
 def print_budget(budget: Budget) -> None:
-    """Print the limits of all errors, and what the grades of GPS/IMU make of the DEM."""
+    """Print the limits of all errors, and the DEM error with grades of GPS/IMU."""
     out = console()
     out.print(limits_table(budget))
     if not budget.grades:
@@ -22,10 +22,10 @@ def print_budget(budget: Budget) -> None:
 
 
 def limits_table(budget: Budget) -> Table:
-    """Return the limits of all errors, a row an error and a column a kind."""
+    """Return the limits of all errors, one row per error and one column per kind."""
     title = (
         f"RMS error of all DEM cells {number(budget.rms_m, '.3f', ' m')} with the exact pose; "
-        f"the navigation error that alone makes it {budget.growth:.0%} more"
+        f"limits: the navigation error that alone raises it by {budget.growth:.0%}"
     )
     limits = Table(title=title, title_justify="left")
     limits.add_column("error")
@@ -38,7 +38,7 @@ def limits_table(budget: Budget) -> Table:
 
 
 def grades_table(budget: Budget) -> Table:
-    """Return what grades of GPS/IMU make of the DEM, a row a grade."""
+    """Return the DEM error with grades of GPS/IMU, one row per grade."""
     grades = Table(title="All errors of a grade of GPS/IMU together", title_justify="left")
     for name in ("grade", "RMS", "growth", "coverage"):
         grades.add_column(name, justify="left" if name == "grade" else "right")

@@ -36,8 +36,8 @@ def power(check: CrossCheck) -> Figure:
     dots = {"mfc": ORANGE, "mew": 0, "ms": 3.5, "label": "Gamma engine"}
     for run, style in ((check.sionna, rings), (check.gamma, dots)):
         upper.plot(incidence_deg, decibels(run.power), ls="", marker="o", **style)
-    upper.set_ylabel("Power of an echo (dB rel. to sent)")
-    upper.set_title("Power of each pulse, summed over its paths before they interfere", fontsize="medium")
+    upper.set_ylabel("Power of an echo (dB rel. to transmitted)")
+    upper.set_title("Power of each pulse, summed incoherently over its paths", fontsize="medium")
     upper.legend(frameon=False)
     difference = check.power_difference_db
     lower.plot(incidence_deg, difference, ls="", marker="o", ms=2, mew=0, color=GREY, alpha=0.5, label="Pulse")
@@ -58,7 +58,7 @@ def power(check: CrossCheck) -> Figure:
     lower.set_ylim(-1.3 * reach, 1.3 * reach)
     lower.axhline(0.0, color="black", lw=0.8)
     lower.set(xlabel="Mean local incidence (deg)", ylabel="Gamma minus Sionna (dB)")
-    title = f"Difference of power: {number(check.mean_power_difference_db, '+.3f', ' dB')} in the mean"
+    title = f"Difference of power: mean {number(check.mean_power_difference_db, '+.3f', ' dB')}"
     lower.set_title(title, fontsize="medium")
     lower.legend(frameon=False, ncols=3, loc="upper left")
     for axes in (upper, lower):
@@ -67,7 +67,7 @@ def power(check: CrossCheck) -> Figure:
 
 
 def ranges(check: CrossCheck) -> Figure:
-    """Draw how the ranges of the engines differ: before speckle, and as detected beside two seeds of one."""
+    """Draw how the ranges of the engines differ: before speckle, and as detected, with two seeds of one."""
     figure = ReportFigure(figsize=(9.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     paths = check.gamma.range_m - check.sionna.range_m
@@ -91,8 +91,8 @@ def dems(check: CrossCheck) -> Figure:
     filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
     heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
     reach = _limit(rasters[2].height_m.ravel())
-    apart, alone = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
-    speckle = f"RMS {apart},\nspeckle alone {alone}"
+    engines, seeds = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
+    speckle = f"RMS {engines},\nspeckle alone {seeds}"
     titles = "DEM of the Sionna engine", "DEM of the gamma engine", f"Difference, gamma minus Sionna\n{speckle}"
     styles = [(HEIGHTS, heights, "Height (m)")] * 2 + [(ERRORS, Normalize(-reach, reach), "Difference (m)")]
     for axes, raster, title, style in zip(figure.subplots(1, 3), rasters, titles, styles, strict=True):
@@ -108,7 +108,7 @@ def _map(axes: Axes, raster: Raster, colours: str, scale: Normalize, label: str)
 
 
 def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]], label: str, unit: str) -> None:
-    """Draw distributions on common bins that reach as far as 99 in 100 of the first."""
+    """Draw distributions on common bins that cover 99 % of the first."""
     reach = _limit(shown[0][0])
     edges = np.linspace(-reach, reach, 61)
     for values, colour, name in shown:
@@ -125,6 +125,6 @@ def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]]
 
 
 def _limit(values: Float[np.ndarray, " n"]) -> float:
-    """Return the size that 99 values in 100 stay within: a few outliers must not bleach a figure."""
+    """Return the size that 99 % of the values stay within: a few outliers must not wash out a figure."""
     known = np.abs(values[np.isfinite(values)])
     return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0

@@ -17,12 +17,12 @@ MARKER = "crosscheck.json"
 SPECKLE = (
     "Powers are sums of |gain|^2 over a pulse's paths, free of speckle. The DEMs are not: two seeds of one "
     "engine already differ. dem_rms_difference_m is over all four pairs of a Sionna and a gamma run; "
-    "dem_speckle_rms_m, over the pairs of one engine, is what speckle alone makes of it; dem_probability is the "
-    "chance of such a difference by speckle alone (randomisation test over dem_tiles tiles of the map)."
+    "dem_speckle_rms_m, over the pairs of one engine, is the part due to speckle alone; dem_probability is the "
+    "probability of such a difference by speckle alone (randomisation test over dem_tiles tiles of the map)."
 )
 SHARED = (
-    "Both engines share the ray casting, the antenna, the models of backscatter, the point targets and the mirror "
-    "reflections; the cross-check says nothing about those."
+    "Both engines share the ray casting, the antenna, the backscatter models, the point targets and the mirror "
+    "reflections; the cross-check does not test those."
 )
 
 
@@ -72,7 +72,7 @@ def crosscheck_summary(check: CrossCheck) -> dict[str, Any]:
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
-    """Return the middle and the width of a distribution, outliers apart and included."""
+    """Return the centre and the width of a distribution, without and with outliers."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return dict.fromkeys(("mean", "std", "median", "p95_abs"), math.nan)

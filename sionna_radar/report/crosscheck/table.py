@@ -1,4 +1,4 @@
-"""A cross-check as a table on the terminal."""
+"""The table of a cross-check, for the terminal."""
 
 from rich.table import Table
 
@@ -7,7 +7,7 @@ from sionna_radar.studies.crosscheck_result import CrossCheck
 
 
 def crosscheck_table(check: CrossCheck) -> Table:
-    """Return each difference with its tolerance and whether it keeps it."""
+    """Return each difference with its tolerance and whether it is within it."""
     table = Table(title=f"The engines {'agree' if check.agrees else 'DIFFER'}", title_justify="left")
     for name in ("difference", "value", "within", ""):
         table.add_column(name, justify="left" if name in ("difference", "") else "right")

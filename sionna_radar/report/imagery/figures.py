@@ -17,9 +17,9 @@ DPI = 150
 COLOURS = "viridis"
 EMPTY = "0.82"
 WIDTH_IN = 8.0
-# Height of an image: that of equal scales, within these limits.
+# Height of an image: that of equal axis scales, within these limits.
 HEIGHTS_IN = (1.8, 4.0)
-# Decibels about the median: speckle below, buildings and targets above, up to what so few pixels exceed (per cent).
+# Decibels around the median: speckle below, buildings and targets above, up to the level few pixels exceed (per cent).
 DARKEST_DB, LEAST_BRIGHTEST_DB, BRIGHTEST_SHARE = -12.0, 8.0, 1.0
 LABEL = "Power over the median (dB)"
 
@@ -37,7 +37,7 @@ def draw_all(imagery: Imagery, directory: Path) -> list[Path]:
 
 
 def slant_range(imagery: Imagery) -> Figure:
-    """Draw the slant-range image, as far as the beam lights the ground."""
+    """Draw the slant-range image, as far as the beam illuminates the ground."""
     strip, image = imagery.strip, imagery.slant
     edges = [strip.slant_range_m(ground) for ground in (strip.near_m, strip.far_m)]
     shown = (image.range_m >= edges[0]) & (image.range_m <= edges[1])
@@ -54,7 +54,7 @@ def slant_range(imagery: Imagery) -> Figure:
 
 
 def focused(imagery: Imagery, image: SarImage) -> Figure:
-    """Draw the image of the real aperture on level ground, above the focused one of the same pulses."""
+    """Draw the real-aperture image on level ground, above the focused one of the same pulses."""
     grid = image.grid
     real = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
@@ -65,10 +65,10 @@ def focused(imagery: Imagery, image: SarImage) -> Figure:
     _show(upper, levels[0], real.along_m, grid.across_m, brightest)
     picture = _show(lower, levels[1], grid.along_m, grid.across_m, brightest)
     sar = imagery.sar
-    told = f": resolves {_length(sar.along_m)} along the track, {_length(sar.across_m)} across it" if sar else ""
+    resolution = f": resolves {_length(sar.along_m)} along the track, {_length(sar.across_m)} across it" if sar else ""
     titles = (
         f"Real aperture (SLAR): resolves {_length(imagery.slar.along_m)} along the track",
-        f"The same pulses focused (SAR){told}",
+        f"The same pulses focused (SAR){resolution}",
     )
     for axes, title in zip((upper, lower), titles, strict=True):
         axes.set_title(title, fontsize="medium")

@@ -1,8 +1,8 @@
 """The folder of a side-looking survey's images: numbers, scenario, netCDF files and figures.
 
-The netCDF files are of the classic format with 64-bit offsets, which every netCDF reader takes (xarray's
-`open_dataset` among them); it knows no complex numbers, so an amplitude is stored as its real and imaginary parts.
-By the CF conventions what lies at a pixel names its `coordinates` and, on the map, its `grid_mapping`.
+The netCDF files are of the classic format with 64-bit offsets, which every netCDF reader accepts (xarray's
+`open_dataset` among them); it has no complex numbers, so an amplitude is stored as its real and imaginary parts.
+Following the CF conventions, variables name their `coordinates` and, if georeferenced, their `grid_mapping`.
 """
 
 from dataclasses import asdict
@@ -22,7 +22,7 @@ from sionna_radar.scenario import to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response
 
 MARKER = "image.json"
-# Variable that holds the CRS, as CF names it.
+# Variable that holds the CRS, under the name that CF gives it.
 GRID_MAPPING = "crs"
 
 
@@ -48,10 +48,10 @@ def _fill(imagery: Imagery, directory: Path) -> None:
 
 
 def image_summary(imagery: Imagery) -> dict[str, Any]:
-    """Return what was imaged and how finely, in a form that JSON can hold.
+    """Return what was imaged and at what resolution, in strict JSON form.
 
-    Half-power widths in metres: `theory` in the middle of the beam, and for every point target at its own place beside
-    what was `measured`, which is None where the target is not alone, not steady or not bright enough.
+    Half-power widths in metres: `theory` in the middle of the beam, and for every point target at its position next to
+    `measured`, which is None if the target is not isolated, not steady or not bright enough.
     """
     strip, focused = imagery.strip, imagery.focused
     document: dict[str, Any] = {
@@ -107,36 +107,36 @@ def _response(response: Response, across: str) -> dict[str, Any]:
 
 
 def write_slar(path: Path, imagery: Imagery) -> None:
-    """Write the slant-range image: power against the place along the track and the slant range."""
+    """Write the slant-range image: power against along-track position and slant range."""
     image = imagery.slant
     track = imagery.strip.pixels(image.along_m, np.zeros(1))
     with netcdf_file(path, "w", version=2) as file:
         _describe(file, imagery, "Slant-range image of a side-looking radar")
-        _axis(file, "along", image.along_m, "place along the track from the first pulse")
+        _axis(file, "along", image.along_m, "position along the track from the first pulse")
         _axis(file, "slant_range", image.range_m, "slant range, corrected for Doppler")
-        _variable(file, "power", image.power, ("along", "slant_range"), "W", "received power, mean of a stretch")
+        _variable(file, "power", image.power, ("along", "slant_range"), "W", "received power, mean over an interval")
         height = image.height_m + _origin_m(imagery)[2]
         _variable(file, "radar_height", height, ("along",), "m", "mean height of the radar, as measured")
         _places(file, imagery, track, row=0)
 
 
 def write_sar(path: Path, imagery: Imagery, image: SarImage) -> None:
-    """Write the focused image: complex amplitude against the ground range and the place along the track."""
+    """Write the focused image: complex amplitude against ground range and along-track position."""
     pixel = ("ground_range", "along")
     with netcdf_file(path, "w", version=2) as file:
         _describe(file, imagery, "Stripmap SAR image, back-projected on level ground")
-        _axis(file, "along", image.grid.along_m, "place along the track from under the first pulse")
+        _axis(file, "along", image.grid.along_m, "position along the track from below the first pulse")
         _axis(file, "ground_range", image.grid.across_m, "distance from the track on the ground")
         _variable(file, "amplitude_real", image.amplitude.real, pixel, "W^0.5", "real part of the amplitude")
         _variable(file, "amplitude_imag", image.amplitude.imag, pixel, "W^0.5", "imaginary part of the amplitude")
-        _variable(file, "pulses", image.pulses.astype(np.int32), pixel, "1", "pulses that a pixel is focused from")
+        _variable(file, "pulses", image.pulses.astype(np.int32), pixel, "1", "number of pulses focused into the pixel")
         _places(file, imagery, image.grid)
 
 
 def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
     file.Conventions, file.title, file.source = "CF-1.8", title, "sionna-radar"
     file.history = f"simulated with seed {imagery.scenario.seed}"
-    # scipy takes text for ASCII, and bytes as they are.
+    # scipy encodes text as ASCII, and writes bytes unchanged.
     file.scenario = to_toml(imagery.scenario).encode()
     file.side = imagery.strip.side
     file.ground_height_m = imagery.strip.height_m + _origin_m(imagery)[2]
@@ -148,7 +148,7 @@ def _describe(file: netcdf_file, imagery: Imagery, title: str) -> None:
 
 
 def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | None = None) -> None:
-    """Write the map coordinates of all pixels, or of one row of them, and name them beside what lies there."""
+    """Write the map coordinates of all pixels, or of one row of them, and name them as coordinates of the variables."""
     place = grid.position_m[..., :2] + np.array(_origin_m(imagery)[:2])
     dimensions: tuple[str, ...] = ("ground_range", "along")
     if row is not None:

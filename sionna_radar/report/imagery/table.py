@@ -7,12 +7,12 @@ from sionna_radar.studies.images import Imagery, Response
 
 
 def print_image(imagery: Imagery) -> None:
-    """Print what the images resolve: in theory in the middle of the beam, and as measured at point targets."""
+    """Print the resolution of the images: in theory in the middle of the beam, and as measured at point targets."""
     out = console()
     out.print(image_table(imagery))
     if imagery.focused is None:
         out.print(
-            "no focused image: scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
+            "no focused image because scatterers change from pulse to pulse; set tracing.speckle = 'persistent'",
             soft_wrap=True,
         )
 

@@ -1,4 +1,4 @@
-"""The scenario file of a plan: replaced only where this program wrote it and nobody has edited it since."""
+"""The scenario file of a plan: replaced only if this program wrote it and it was not edited since."""
 
 import hashlib
 from pathlib import Path
@@ -11,12 +11,12 @@ SIGNATURE = "# Written by sionna-radar plan, which replaces this file only unedi
 
 
 def check_plan_file(path: Path) -> Path:
-    """Return the resolved path, or refuse it before any work is lost on it.
+    """Return the resolved path, or refuse it before any work is done.
 
     Raises
     ------
     OutputError
-        It is a folder, a file that `plan` did not write or that was edited since, or lies in no folder that can be
+        It is a folder, a file that `plan` did not write or that was edited since, or its folder cannot be
         written.
 
     """
@@ -32,7 +32,7 @@ def check_plan_file(path: Path) -> Path:
 
 
 def write_plan_file(path: Path, text: str) -> None:
-    """Write a scenario to a file, whole or not at all.
+    """Write a scenario to a file, completely or not at all.
 
     Raises OutputError as `check_plan_file` does.
     """

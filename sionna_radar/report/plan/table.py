@@ -1,4 +1,4 @@
-"""A flight plan on the terminal."""
+"""The table of a flight plan, for the terminal."""
 
 import math
 
@@ -11,7 +11,7 @@ from sionna_radar.studies.planning import FlightPlan
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
-    """Return the two numbers that an option of the command line gives.
+    """Return the two numbers of a command-line option.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
 
 
 def print_plan(plan: FlightPlan) -> None:
-    """Print what is to be flown."""
+    """Print the planned flight."""
     table = Table(show_header=False)
     rows = {
         "altitude": f"{plan.altitude_m:.1f} m",
@@ -46,7 +46,7 @@ def print_plan(plan: FlightPlan) -> None:
 
 
 def print_check(check: PlanCheck) -> None:
-    """Print how finely the plan samples the area over its terrain, and what helps where it does not."""
+    """Print how finely the plan samples the area over its terrain, and a remedy if it is too coarse."""
     wanted_m = check.plan.wanted.sampling_m
     table = Table(title="Beam axes over the terrain of the scenario", title_justify="left", show_header=False)
     rows = {
@@ -60,7 +60,7 @@ def print_check(check: PlanCheck) -> None:
     out.print(table)
     if check.coverage < 1:
         out.print(
-            "not all of the area is sampled as wanted, because the terrain is not level; plan with a greater --slope "
+            "part of the area is sampled too coarsely, because the terrain is not level; plan with a greater --slope "
             "or --overlap, a finer --sampling, or a base with platform.height = 'terrain_following'",
             soft_wrap=True,
         )

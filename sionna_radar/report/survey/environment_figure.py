@@ -1,4 +1,4 @@
-"""The figure of a survey's surroundings: the true surface, the flight over it, and where its beam meets the ground."""
+"""The figure of a survey's environment: the true surface, the flight over it, and where its beam meets the ground."""
 
 import numpy as np
 from jaxtyping import Float
@@ -121,7 +121,7 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
 
 def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
     schedule = survey.schedule
-    # Regular steps would beat with the rotation of the antenna and show a pattern that is not flown.
+    # Regular steps would alias with the rotation of the antenna and show a false pattern.
     chosen = np.random.default_rng(0).permutation(len(schedule))[:MAX_OVERLAY]
     hits = _meet_ground(schedule.pulses(np.sort(chosen)).true, survey)
     met: Float[np.ndarray, "hit 3"] = hits[np.isfinite(hits).all(axis=1)]

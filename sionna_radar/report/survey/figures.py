@@ -45,7 +45,7 @@ from sionna_radar.survey.sensors.sensor import ChirpRecord
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000
-# Of a histogram that reaches this many NMADs to each side the shares are shown on a logarithmic scale.
+# A histogram that extends this many NMADs to each side has a logarithmic scale.
 HEAVY_TAILS = 10
 LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
@@ -86,7 +86,7 @@ def draw_chirp(survey: Survey) -> Figure:
         time_axes.plot(1e3 * record.sample_time_s, samples / 10.0**exponent, color=colour, lw=0.8, label=name)
     if len(drawn) > 1:
         time_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False)
-    unit = "relative to sent" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
+    unit = "relative to transmitted" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
     scale = rf"$10^{{{exponent}}}$ " if exponent else ""
     time_axes.set(xlabel="Time in the chirp (ms)", ylabel=f"Beat signal ({scale}{unit})")
     time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
@@ -106,7 +106,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
     shown = np.concatenate([power_db, threshold_db, echo_db])
     shown = shown[np.isfinite(shown)]
     if len(shown):
-        # Without noise the cells between echoes lie hundreds of dB below them.
+        # Without noise the cells between echoes are hundreds of dB below them.
         top = shown.max()
         axes.set_ylim(max(np.percentile(shown, 1) - 5, top - 110), top + 10)
     axes.set_xlabel("Range, not corrected for Doppler (m)")
@@ -129,7 +129,7 @@ def draw_power(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Fi
     axes = figure.subplots()
     power_db = decibels(points.power)
     chosen = _thinned(len(points), MAX_SCATTER)
-    # A bright point target is a handful of echoes, which thinning might drop.
+    # A bright point target has only a few echoes, which thinning might drop.
     brightest = np.argsort(points.power)[-50:]
     chosen = np.union1d(chosen, brightest)
     finite = power_db[np.isfinite(power_db)]
@@ -151,8 +151,8 @@ def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figu
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
     limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
-    told = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
-    for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, told)):
+    dem_title = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
+    for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, dem_title)):
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))
         finish_map(axes, bounds, title, frame)
         colour_bar(axes, height_colours(limits, frame), frame.height, map_in[0])
@@ -198,10 +198,10 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
     rows["RMS all cells"] = everywhere.rms_m
     lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
     lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
-    # The head room above the tallest bar belongs to the box of numbers.
+    # The space above the tallest bar is for the box of numbers.
     top = max(float(share.max()), 0.5)
     if limit > HEAVY_TAILS * e.nmad_m:
-        # Beside so narrow a middle the few errors at walls would not be seen.
+        # Next to so narrow a peak the few errors at walls would be invisible.
         low = 50 / max(len(values), 1)
         axes.set_yscale("log")
         axes.set_ylim(low, top * top / low)
@@ -226,7 +226,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
 def _map_pair(
     bounds: tuple[float, float, float, float],
 ) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
-    """Return a figure of two maps, one above the other where they are wide, and their size in inches."""
+    """Return a figure of two maps, stacked if they are wide, and their size in inches."""
     width, height = map_size(bounds, PAIRED_BOX_IN)
     if width > 1.5 * height:
         figure = ReportFigure(figsize=(width + 2.0, 2 * (height + 0.9) + 0.6), layout="constrained")
@@ -245,18 +245,18 @@ def _empty_patch(survey: Survey) -> Patch:
 def _warn(figure: Figure, survey: Survey) -> None:
     """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
-    told = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
-    if told:
-        figure.suptitle("\n".join(told), color=RED, fontsize="small", parse_math=False)
+    warnings = [line for warning in survey.warnings for line in wrap(f"Warning: {warning}", letters)]
+    if warnings:
+        figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
 
 
 def _error_limit(values: Float[np.ndarray, " cell"]) -> float:
-    """Return the size of error that 99 cells in 100 stay within: a few outliers must not bleach the map."""
+    """Return the error that 99 % of the cells stay within: a few outliers must not wash out the map."""
     return max(float(np.percentile(np.abs(values), 99)), 1e-3) if len(values) else 1.0
 
 
 def _thinned(count: int, most: int) -> Int[np.ndarray, " chosen"]:
-    """Return the rows to draw: all, or a fixed random choice that does not beat with the scan."""
+    """Return the rows to draw: all, or a fixed random choice, free of aliasing with the scan."""
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).permutation(count)[:most])
@@ -268,11 +268,11 @@ def _counted(chosen: Int[np.ndarray, " chosen"], points: object) -> str:
 
 
 def _power_label(quantity: str, radar: RadarTable) -> str:
-    # Under snr_db no transmit power is known, and powers are ratios to it.
-    return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to sent)"
+    # With snr_db the transmit power is unknown, and powers are relative to it.
+    return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to transmitted)"
 
 
 def _exponent(size: Float[np.ndarray, " n"]) -> int:
-    """Return the power of ten, in threes, that brings a signal near one."""
+    """Return the power of ten, a multiple of three, that scales a signal to near one."""
     largest = float(size.max(initial=0.0))
     return 3 * int(np.floor(np.log10(largest) / 3)) if largest > 0 else 0

@@ -34,9 +34,9 @@ def write_laz(
     """Write points as LAZ (LAS 1.4, point format 6).
 
     Beside the coordinates a point has `gps_time` (s since the start of the flight), `scan_angle` (steps of 0.006 deg:
-    the beam against the vertical, seen along the flight, to the right positive), `intensity` (steps of 0.01 dB above
+    the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
     the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo` and, in the
-    coordinates of the points, where the radar was as measured: `radar_x`, `radar_y`, `radar_z`.
+    coordinates of the points, the measured position of the radar: `radar_x`, `radar_y`, `radar_z`.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def write_laz(
     schedule:
         The pulses of the survey.
     georeference:
-        Place of the local frame; without one the file has local coordinates and no CRS.
+        Georeference of the local frame; without one the file has local coordinates and no CRS.
 
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
@@ -57,7 +57,7 @@ def write_laz(
     las.scan_angle = np.rint(_scan_angle_deg(points, schedule) / SCAN_ANGLE_STEP_DEG).astype(np.int16)
     las.intensity = _intensity(points.power)
     _, inverse, echoes = np.unique(points.pulse, return_inverse=True, return_counts=True)
-    # LAS counts the returns of a pulse in four bits, from one.
+    # LAS numbers the returns of a pulse in four bits, from one.
     las.return_number = np.minimum(points.number + 1, 15).astype(np.uint8)
     las.number_of_returns = np.minimum(echoes[inverse], 15).astype(np.uint8)
     las["snr_db"] = points.snr_db.astype(np.float32)
@@ -71,7 +71,7 @@ def write_laz(
 
 
 def _scan_angle_deg(points: Points, schedule: PulseSchedule) -> Float[np.ndarray, " point"]:
-    """Return the angle of the beam from the vertical about the direction of flight, to the right positive."""
+    """Return the angle of the beam from the vertical about the direction of flight, positive to the right."""
     angle = np.zeros(len(points))
     for first in range(0, len(points), POINTS_AT_ONCE):
         part = slice(first, first + POINTS_AT_ONCE)
@@ -89,9 +89,9 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
     header.offsets = offset_m
     header.generating_software = "sionna-radar"
     header.system_identifier = "simulated FMCW radar"
-    # A day without a time zone: files of the same survey are the same, wherever and whenever they are written.
+    # A fixed day: files of the same survey are identical, wherever and whenever they are written.
     header.creation_date = date(2000, 1, 1)
-    # The standard asks for this bit with point format 6, whether or not a CRS follows.
+    # The standard requires this bit with point format 6, with or without a CRS.
     header.global_encoding.wkt = True
     header.add_extra_dims(
         [
@@ -99,7 +99,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
             laspy.ExtraBytesParams(name="range_m", type="float64", description="slant range (m)"),
             laspy.ExtraBytesParams(name="range_sigma_m", type="float32", description="standard dev. of range (m)"),
             *(laspy.ExtraBytesParams(name=name, type="float64", description=d) for name, d in RADAR_PLACE.items()),
-            laspy.ExtraBytesParams(name="pulse", type="uint32", description="running number of pulse"),
+            laspy.ExtraBytesParams(name="pulse", type="uint32", description="index of pulse in survey"),
             laspy.ExtraBytesParams(name="echo", type="uint8", description="0 is nearest of its pulse"),
         ]
     )
@@ -109,7 +109,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
 
 
 def _las_wkt(crs: CRS) -> str:
-    """Return WKT 1, which LAS 1.4 names, or the CRS's own form where WKT 1 has no words for it."""
+    """Return WKT 1, as LAS 1.4 specifies, or the CRS's own form if WKT 1 cannot express it."""
     try:
         return crs.to_wkt(WktVersion.WKT1_GDAL) or crs.to_wkt()
     except CRSError:

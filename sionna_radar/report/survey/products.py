@@ -24,9 +24,9 @@ MARKER = "summary.json"
 
 
 def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Write the results into a directory, whole or not at all, and return the files.
+    """Write the results into a directory, completely or not at all, and return the files.
 
-    Of what the directory holds, the files of an earlier result are replaced, if nobody has changed them since.
+    Files of an earlier result in the directory are replaced if they were not changed since.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
     directory:
         Where to write.
     coordinates:
-        Those of the figures; rasters and points always have map coordinates where there are any.
+        Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> Non
     rasters = {
         "dem": (survey.dem, "DEM height", origin_height_m),
         "truth": (survey.truth, "true height", origin_height_m),
-        # A difference of heights does not depend on where they are counted from.
+        # A difference of heights does not depend on their datum.
         "error": (survey.error, "DEM minus truth", 0.0),
     }
     made_by = provenance(survey)
@@ -73,7 +73,7 @@ def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> Non
 
 
 def _header(survey: Survey) -> str:
-    """Return the comment that says what in the scenario is not what was flown."""
+    """Return the comment that lists the parts of the scenario replaced in the survey."""
     if not survey.replaced:
         return ""
     replaced = "".join(f"#   {key}: {what}\n" for key, what in survey.replaced.items())
@@ -81,7 +81,7 @@ def _header(survey: Survey) -> str:
 
 
 def provenance(survey: Survey) -> dict[str, str]:
-    """Return what made a raster, as TIFF and GDAL metadata; without a clock, so that equal surveys make equal files."""
+    """Return the origin of a raster as TIFF and GDAL metadata; undated, so that equal surveys give equal files."""
     description = "".join(c if c.isprintable() else " " for c in survey.scenario.description)
     return {
         "TIFFTAG_SOFTWARE": f"sionna-radar {versions()['sionna-radar']}",
@@ -112,9 +112,9 @@ def write_geotiff(
     description:
         What the band holds.
     height_offset_m:
-        Added to the heights.
+        Offset added to the heights.
     metadata:
-        What to say of the file beside what the band holds.
+        Metadata of the file, besides the band's description.
 
     """
     grid = raster.grid
@@ -131,7 +131,7 @@ def write_geotiff(
         "predictor": 3,
     }
     with warnings.catch_warnings():
-        # A local raster of unit cells in the corner of the frame is what rasterio takes for no place at all.
+        # rasterio takes a local raster of unit cells in the corner of the frame for one without a transform.
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         file = rasterio.open(path, "w", **profile)
     with file:
@@ -142,10 +142,10 @@ def write_geotiff(
 
 
 def _transform(grid: Grid, georeference: Georeference | None) -> Affine:
-    """Return the map from columns and rows, counted from the north-west corner, to coordinates."""
+    """Return the transform from columns and rows, numbered from the north-west corner, to coordinates."""
     east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
     west_edge, _, _, north_edge = grid.extent_m
     size = grid.spacing_m
-    # To a micrometre: sums of local and map coordinates leave round-off that other rasters of the same cells have not.
-    # Not rasterio's from_origin: it multiplies in a way that affine 3 warns of.
+    # To a micrometre: sums of local and map coordinates have round-off that other rasters of the same cells lack.
+    # Not rasterio's from_origin: its multiplication causes a warning with affine 3.
     return Affine(size, 0.0, round(west_edge + east_m, 6), 0.0, -size, round(north_edge + north_m, 6))

@@ -13,9 +13,9 @@ from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey.result import Survey
 
 MEANING = {
-    "replaced": "what was flown in place of these parts of the scenario, which do not describe the survey",
-    "georeference": "map coordinates are local ones plus the origin; null where the world has no place on the map",
-    "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to count it from true north",
+    "replaced": "parts of the scenario that were replaced from Python, and what replaced them",
+    "georeference": "map coordinates are local ones plus the origin; null if the scene is not georeferenced",
+    "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to refer it to true north",
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
@@ -26,7 +26,7 @@ PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return what was simulated, how well the DEM fits, and what it took.
+    """Return what was simulated, how accurate the DEM is, and the time it took.
 
     Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
     """
@@ -53,7 +53,7 @@ def summary(survey: Survey) -> dict[str, Any]:
 
 
 def georeference(place: Georeference | None) -> dict[str, Any] | None:
-    """Return the place of the local frame on the Earth: map coordinates are local ones plus the origin."""
+    """Return the georeference of the local frame: map coordinates are local ones plus the origin."""
     if place is None:
         return None
     crs = CRS.from_wkt(place.crs_wkt)
@@ -87,8 +87,8 @@ def summary_json(survey: Survey) -> str:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of Python and of what the numbers depend on; None for what is not installed."""
-    # Package metadata answers without loading Mitsuba and its LLVM.
+    """Return the versions of Python and of the packages that affect the numbers; None if not installed."""
+    # Package metadata is read without loading Mitsuba and its LLVM.
     return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
 
 

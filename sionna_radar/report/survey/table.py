@@ -1,4 +1,4 @@
-"""The result of a survey on the terminal."""
+"""The table of a survey, for the terminal."""
 
 from rich.table import Table
 
@@ -6,12 +6,12 @@ from sionna_radar.report.terminal import console
 from sionna_radar.scenario.terrain import CityTerrain
 from sionna_radar.survey.result import Survey
 
-# Of a chirp with no more echoes than these the ranges are printed.
+# The ranges of a chirp are printed if it has no more echoes than this.
 FEW_ECHOES = 4
 
 
 def print_survey(survey: Survey) -> None:
-    """Print what was flown, how well the DEM fits, and how long it took; the errors are those of lit cells."""
+    """Print what was flown, how accurate the DEM is, and how long it took; the errors are those of lit cells."""
     console().print(survey_table(survey))
 
 
@@ -54,7 +54,7 @@ def _errors(survey: Survey) -> dict[str, str]:
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
     if isinstance(survey.scenario.terrain, CityTerrain):
-        rows["coordinates"] = "local: Sionna's cities do not say where on Earth they lie"
+        rows["coordinates"] = "local: Sionna's cities are not georeferenced"
     start, end = survey.schedule.trajectory.cruise_s()
     rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"
     return rows

@@ -1,4 +1,4 @@
-"""The figure of a sweep: the error of the DEM against what was varied, with the spread over the trials."""
+"""The figure of a sweep: DEM error against the varied parameters, with the spread over the trials."""
 
 from itertools import cycle
 from numbers import Real
@@ -25,13 +25,13 @@ PANELS = {
     "mean_m": "Mean error of lit cells (m)",
     "coverage": "Coverage: share of lit\ncells with a height (%)",
 }
-# Panels that may have a logarithmic scale, and the ratio of largest to least from which they do.
+# Panels that may have a logarithmic scale, and the ratio of largest to smallest value at which they do.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
-# The dots of the trials stand so far beside their mean, in points, where its bar does not hide them.
+# Distance of the dots of the trials from their mean, in points, so that its bar does not hide them.
 BESIDE_PT = 7.0
 MAX_LEGEND = 14
-# Letters of all labels that fit side by side under one panel.
+# Number of label letters that fit side by side under one panel.
 MOST_LETTERS = 45
 
 
@@ -41,7 +41,7 @@ def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
 
 
 def errors(sweep: Sweep) -> Figure:
-    """Draw the errors of lit cells and the coverage against one varied key, a line for each setting of the others."""
+    """Draw the errors of lit cells and the coverage against one varied key, one line per setting of the others."""
     across = abscissa(sweep.axes)
     lines = _lines(sweep, across)
     statistics = _panels(sweep)
@@ -69,7 +69,7 @@ def errors(sweep: Sweep) -> Figure:
 
 
 def _panels(sweep: Sweep) -> list[str]:
-    """Return the statistics of the four panels: the errors off walls, where there are any, in place of the NMAD."""
+    """Return the statistics of the four panels: if there are walls, the error off walls in place of the NMAD."""
     walls = any(np.isfinite(case.mean("off_wall_rms_m")) for case in sweep.cases)
     return [s for s in PANELS if s != ("nmad_m" if walls else "off_wall_rms_m")]
 
@@ -92,7 +92,7 @@ def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
 
 
 def abscissa(axes: tuple[Axis, ...]) -> Axis:
-    """Return the axis to draw against: the numeric one with most values, or else the one with most values."""
+    """Return the axis of the abscissa: the numeric one with most values, otherwise the one with most values."""
     return max(axes, key=lambda axis: (_numeric(axis), len(axis.values)))
 
 
@@ -117,7 +117,7 @@ def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, styl
     numeric = _numeric(across)
     x = np.array([_place(across, case.setting[across.key]) for case in cases], dtype=float)
     if not numeric:
-        x = x + shift  # bars over one word would hide each other
+        x = x + shift  # bars over the same word would overlap
     for place, case in zip(x, cases, strict=True):
         if len(case.trials) > 1:
             values = case.of_trials(statistic)
@@ -153,13 +153,13 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
 
 
 def _apart(values: list[float], logarithmic: bool) -> bool:
-    """Tell whether ticks at all values leave room for their labels."""
+    """Return whether ticks at all values leave room for their labels."""
     place = np.log(values) if logarithmic else np.array(values, dtype=float)
     return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
 
 
 def _slanted(values: list[Any]) -> dict[str, Any]:
-    """Return how the labels of words are turned so that they keep apart."""
+    """Return the rotation that keeps the labels of words apart."""
     if sum(len(shown(value)) + 2 for value in values) <= MOST_LETTERS:
         return {}
     return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

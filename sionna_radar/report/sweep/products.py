@@ -37,7 +37,7 @@ def write_sweep(sweep: Sweep, directory: Path) -> list[Path]:
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
-    """Return the study as one document of strict JSON values, but for NaN."""
+    """Return the study as one JSON document, strict except for NaN."""
     return {
         "source": sweep.source,
         "axes": [asdict(axis) for axis in sweep.axes],
@@ -59,9 +59,9 @@ def summary(sweep: Sweep) -> dict[str, Any]:
 
 
 def table_csv(sweep: Sweep) -> str:
-    """Return one row a case: the setting, the mean of each statistic and its spread; nothing for NaN.
+    """Return one row per case: the setting, the mean of each statistic and its spread; empty for NaN.
 
-    The errors are of lit cells where the name of a column does not say otherwise.
+    The errors are those of lit cells unless the column name says otherwise.
     """
     keys = [axis.key for axis in sweep.axes]
     header = [*keys, "runs", *(column for s in STATISTICS for column in (s, f"{s}_spread")), "reason"]
@@ -78,7 +78,7 @@ def table_csv(sweep: Sweep) -> str:
 
 
 def runs_csv(sweep: Sweep) -> str:
-    """Return one row a survey: setting, seed and every statistic of the error, of lit cells and of the others."""
+    """Return one row per survey: setting, seed and every error statistic, of lit cells and of the others."""
     names = [f.name for f in fields(DemError)]
     kinds = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
     header = [*(axis.key for axis in sweep.axes), "run_seed", "echoes"]

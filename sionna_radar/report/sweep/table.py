@@ -20,7 +20,7 @@ SIGNED = ("min_m", "max_m", "mean_m")
 
 
 def print_sweep(result: Sweep) -> None:
-    """Print a sweep as a table: a row a case, mean and spread of each statistic; then what went wrong."""
+    """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
     out = console()
     table = sweep_table(result, "+-" if out.options.ascii_only else "±")
     # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
@@ -32,7 +32,7 @@ def print_sweep(result: Sweep) -> None:
 
 
 def sweep_table(result: Sweep, sign: str = "±") -> Table:
-    """Return a row a case: mean and spread of each statistic, with a sign between them."""
+    """Return one row per case: mean and spread of each statistic, with a sign between them."""
     trials = (
         f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
     )
@@ -49,7 +49,7 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
 
 
 def _warnings(case: Case) -> list[str]:
-    """Return the warnings of a case, that of its first seed where the seeds differ in its numbers."""
+    """Return the warnings of a case; if the seeds differ in the numbers of one, that of the first seed."""
     return list(next((t.warnings for t in case.trials if t.warnings), ()))
 
 

@@ -1,1 +1,1 @@
-"""The terrains, one file a source."""
+"""The terrains, one file per source."""

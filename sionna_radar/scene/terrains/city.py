@@ -1,7 +1,7 @@
-"""The city scenes that Sionna RT ships, with materials that exist at 77 GHz.
+"""The city scenes shipped with Sionna RT, with materials defined at 77 GHz.
 
 Their ITU materials (concrete, marble, brick, ...) are slabs with a specular reflection, and most end far below
-77 GHz. Here each object scatters diffusely instead: the ground as `ground`, all else as `building`, unless the
+77 GHz. Here each object scatters diffusely instead: the ground as `ground`, everything else as `building`, unless the
 scenario maps a Sionna material to one of its own.
 """
 
@@ -28,13 +28,13 @@ GROUND_OBJECTS = ("ground", "terrain")
 def load_city(
     terrain: CityTerrain, carrier_hz: float, channel: Channel
 ) -> tuple[tuple[Surface, ...], dict[str, RadarMaterial]]:
-    """Return the surfaces of a Sionna city and the materials kept; log which material each of Sionna's became.
+    """Return the surfaces of a Sionna city and the materials kept; log how Sionna's materials are replaced.
 
     Raises
     ------
     ScenarioError
         The scenario maps a material that the city does not have, or keeps one that is undefined at the
-        carrier or scatters nothing.
+        carrier or does not scatter.
 
     """
     load_mitsuba()
@@ -78,7 +78,7 @@ def _is_ground(name: str) -> bool:
 
 
 def _place(named: tuple[str, Any]) -> tuple[bool, str, bytes]:
-    """Return what orders the objects of a city: Mitsuba loads them on many threads, and names them as they come."""
+    """Return the sort key of a city's objects: Mitsuba loads them on many threads and names them in arrival order."""
     name, thing = named
     vertices = thing.mi_mesh.vertex_positions_buffer().numpy()
     return not _is_ground(name), thing.radio_material.name, hashlib.sha256(vertices.tobytes()).digest()

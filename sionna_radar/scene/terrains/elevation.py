@@ -1,4 +1,4 @@
-"""Ground from elevation rasters: the user's own, and the SRTM tile in matplotlib's sample data."""
+"""Ground from elevation rasters: the user's, and the SRTM tile in matplotlib's sample data."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_
 @register_terrain("jacksboro", SampleTerrain)
 @register_terrain("raster", RasterTerrain)
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
-    """Return the ground of an elevation raster, of which no more is read than the survey can see."""
+    """Return the ground of an elevation raster, read only as far as the survey can see."""
     cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
     with _opened(terrain) as dataset:
         raster, georeference = cut(dataset, cutout)
@@ -27,9 +27,9 @@ def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> L
 
 
 def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
-    """Return how the elevation file of a terrain lies in its local frame; the file itself is closed again.
+    """Return the georeference of a terrain's elevation file in its local frame; the file itself is closed again.
 
-    Raises ScenarioError or InputFileError where it cannot be read or placed.
+    Raises ScenarioError or InputFileError if it cannot be read or georeferenced.
     """
     with _opened(terrain) as dataset:
         return place_file(dataset, _stated(terrain))
@@ -37,7 +37,7 @@ def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
 
 def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:
     if isinstance(terrain, SampleTerrain):
-        # SRTM counts its heights from the EGM96 geoid.
+        # SRTM heights refer to the EGM96 geoid.
         return StatedFrame(crs="EPSG:4326", vertical_crs="EPSG:5773", centre_lonlat_deg=terrain.centre_lonlat_deg)
     return StatedFrame(
         crs=terrain.crs,
@@ -55,9 +55,9 @@ def _opened(terrain: SampleTerrain | RasterTerrain) -> Iterator[Any]:
         return
     with np.load(get_sample_data("jacksboro_fault_dem.npz", asfileobj=False)) as tile:
         # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
-        # seconds, fall on cell centres. "ymin" is wrong: it lies 344 rows NORTH of ymax. That ymax is the
-        # northern edge follows from the highest cell, which so falls on Cross Mountain (36.1983 N,
-        # 84.2306 W, 1077 m), and from the town of Jacksboro (36.33 N), which the other way is not inside.
+        # seconds, are cell centres. "ymin" is wrong: it is 344 rows NORTH of ymax. That ymax is the
+        # northern edge follows from the highest cell, which then is on Cross Mountain (36.1983 N,
+        # 84.2306 W, 1077 m), and from the town of Jacksboro (36.33 N), which otherwise is outside.
         west, north = float(tile["xmin"]), float(tile["ymax"])
         dx, dy = float(tile["dx"]), float(tile["dy"])
         height_m = np.asarray(tile["elevation"])

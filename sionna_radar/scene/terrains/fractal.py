@@ -11,8 +11,8 @@ from sionna_radar.scene.terrains.synthetic import scaled, synthetic_grid
 def fractal(terrain: FractalTerrain, given: TerrainInputs) -> Landscape:
     """Return white noise filtered to a power spectrum of k^-(2 H + 2), scaled to heights of 0 to `height_m`.
 
-    The variance of differences over d is then the integral of (1 - J0(k d)) k^-(2 H + 2) k dk, which goes like d^2H.
-    The surface repeats beyond its borders.
+    The variance of differences over d is then the integral of (1 - J0(k d)) k^-(2 H + 2) k dk, proportional to d^2H.
+    The surface is periodic.
     """
     grid = synthetic_grid(terrain)
     noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)

@@ -1,4 +1,4 @@
-"""What all synthetic terrains share: their grid, and the scale of their heights."""
+"""Common parts of all synthetic terrains: their grid, and the scaling of their heights."""
 
 import math
 
@@ -14,14 +14,14 @@ MAX_SYNTHETIC_CELLS = 16_000_000
 
 def synthetic_grid(terrain: FlatTerrain | HillsTerrain | FractalTerrain) -> Grid:
     """Return the grid whose outermost centres bound the terrain, so that its mesh has the whole size."""
-    # The small number keeps 1.1 / 0.1 = 11.000000000000002 from asking for a twelfth cell.
+    # The small number keeps 1.1 / 0.1 = 11.000000000000002 from adding a twelfth cell.
     columns, rows = (math.ceil(size / terrain.spacing_m - 1e-9) + 1 for size in terrain.size_m)
     if terrain.spacing_m > min(terrain.size_m):
         message = f"{terrain.spacing_m:g} exceeds the shorter side of terrain.size_m ({min(terrain.size_m):g} m)"
         raise ScenarioError([Problem("terrain.spacing_m", message)])
     if columns * rows > MAX_SYNTHETIC_CELLS:
         message = (
-            f"{terrain.spacing_m:g} makes {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
+            f"{terrain.spacing_m:g} gives {columns * rows:,} cells, more than {MAX_SYNTHETIC_CELLS:,}; "
             "raise it or lower terrain.size_m"
         )
         raise ScenarioError([Problem("terrain.spacing_m", message)])

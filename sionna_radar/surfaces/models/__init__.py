@@ -1,1 +1,1 @@
-"""The models of backscatter that scenarios name."""
+"""The backscatter models available to scenarios, one file per family."""

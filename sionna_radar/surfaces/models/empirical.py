@@ -1,4 +1,4 @@
-"""Constant gamma, Lambert's law, and curves that were fitted to measurements or measured."""
+"""Constant gamma, Lambert's law, and fitted or measured curves."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What all models of a surface share: the cross-polar echo, the mirror, and what the surface is made of."""
+"""Common parts of all surface models: cross-polar echo, mirror reflection, and permittivity."""
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.scenario.materials import EmpiricalTable, RoughTable
@@ -14,7 +14,7 @@ def polarized_material(
     carrier_hz: float,
     channel: Channel,
 ) -> RadarMaterial:
-    """Return a surface of co-polar models for V and H, with what its table says beside them."""
+    """Return a surface of co-polar models for V and H, with the other settings of its table."""
     return RadarMaterial(
         vertical=vertical,
         horizontal=horizontal,
@@ -26,7 +26,7 @@ def polarized_material(
 
 
 def table_permittivity(table: EmpiricalTable | RoughTable, carrier_hz: float) -> complex | None:
-    """Return what a surface is made of; None where its table does not say."""
+    """Return the permittivity of a surface; None if its table does not give one."""
     if table.medium is not None:
         return permittivity_of(table.medium, carrier_hz)
     return None if table.permittivity is None else complex(table.permittivity[0], -table.permittivity[1])

@@ -1,9 +1,9 @@
-"""Sionna RT's ITU materials: where they are defined, and what they scatter back.
+"""Sionna RT's ITU materials: where they are defined, and their backscatter.
 
 Their diffuse model gives sigma0 = 4 S^2 R^2 cos^2 (1 - K), with S the scattering coefficient, R^2 the power that
-the slab reflects at that angle and polarisation, and K the share that turns cross-polar. The coefficients are
-Sionna's; the scattering matrix around them is ours (`RadarMaterial`), because Sionna's own keeps field components in
-the world's spherical basis: for a linearly polarised antenna that looks down at a scan angle it loses the co-polar
+the slab reflects at that angle and polarization, and K the cross-polar share. The coefficients are
+Sionna's; the scattering matrix around them is ours (`RadarMaterial`), because Sionna's uses field components in
+the world's spherical basis: for a linearly polarized antenna looking down at a scan angle it loses the co-polar
 echo, 3 dB straight down and 4.5 to 24 dB off nadir.
 """
 
@@ -60,11 +60,11 @@ class SlabBackscatter:
 
 
 def slab_material(slab: SionnaSlab, frequency_hz: float, channel: Channel) -> RadarMaterial:
-    """Return the material of a slab; ValueError where Sionna does not define it or it scatters nothing."""
+    """Return the material of a slab; ValueError if Sionna does not define it or it does not scatter."""
     permittivity = _permittivity(slab.itu_type, frequency_hz)
     if slab.scattering_coefficient <= 0:
         message = (
-            f"{slab.itu_type} has a scattering coefficient of 0, so that it echoes nothing; map it to a material "
+            f"{slab.itu_type} has a scattering coefficient of 0 and returns no echo; map it to a material "
             f'with model = "sionna_itu", itu_type = "{slab.itu_type}" and a scattering_coefficient'
         )
         raise ValueError(message)
@@ -102,7 +102,7 @@ def _permittivity(itu_type: str, frequency_hz: float) -> complex:
 
 @register_material("sionna_itu", SionnaItu)
 def sionna_itu(table: SionnaItu, carrier_hz: float, channel: Channel) -> RadarMaterial:
-    """Return a slab of a scenario's table."""
+    """Return the material of a slab given in a scenario."""
     slab = SionnaSlab(
         itu_type=table.itu_type,
         thickness_m=table.thickness_m,

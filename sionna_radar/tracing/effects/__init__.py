@@ -1,1 +1,1 @@
-"""What is added to an engine's paths: mirrors, point targets, and the weather."""
+"""Effects added to an engine's paths: mirrors, point targets, and the weather."""

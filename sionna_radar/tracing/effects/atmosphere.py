@@ -1,4 +1,4 @@
-"""What stands between the radar and the scene: the loss on every path, and the echo of what fills the air."""
+"""The air between radar and scene: the loss on every path, and the echo of rain, snow, fog or dust."""
 
 import dataclasses
 
@@ -11,7 +11,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho
-from sionna_radar.tracing.effects.volume_polarization import volume_polarisation
+from sionna_radar.tracing.effects.volume_polarization import volume_polarization
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
@@ -31,19 +31,19 @@ class Atmosphere:
         self._steps = int(np.ceil(chirp.max_range_m / self._step_m))
         volume = volume_of(weather)
         self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)
-        self._polarisation = None if volume is None else volume_polarisation(weather, antenna)
+        self._polarization = None if volume is None else volume_polarization(weather, antenna)
 
     def with_volume(self, paths: Paths, pulses: Pulses) -> Paths:
-        """Return a block's diffuse paths and the echo of what fills the air in front of them."""
+        """Return a block's diffuse paths together with the volume echo in front of them."""
         if self._echo is None:
             return paths
         echo = self._echo.trace(pulses, paths)
-        if self._polarisation is not None:
-            echo = self._polarisation.received(echo, pulses)
+        if self._polarization is not None:
+            echo = self._polarization.received(echo, pulses)
         return Paths.concatenate([paths, echo])
 
     def through(self, paths: Paths, pulses: Pulses) -> Paths:
-        """Return a block's paths with the loss on their way; clear air changes nothing."""
+        """Return a block's paths with the propagation loss applied; none in clear air."""
         if self._weather.clear:
             return paths
         row, range_m = pulses.row_of(paths.pulse), paths.delay_s * (speed_of_light / 2)
@@ -58,9 +58,9 @@ class Atmosphere:
     def _uneven_loss_db(
         self, rain: RainMap, pulses: Pulses, row: Int[np.ndarray, " path"], range_m: Float[np.ndarray, " path"]
     ) -> Float[np.ndarray, " path"]:
-        """Return the one-way loss in rain that differs along the boresight: the sum over cells of range to each path.
+        """Return the one-way loss in rain that varies along the boresight: the sum over range cells up to each path.
 
-        Behind the farthest range that is sampled it goes on as in the last cell.
+        Beyond the farthest sampled range it continues as in the last cell.
         """
         pose = pulses.true
         middle_m = (np.arange(self._steps) + 0.5) * self._step_m
@@ -77,7 +77,7 @@ class Atmosphere:
         return lost_db
 
     def _through_radome(self, pulses: Pulses) -> Float[np.ndarray, " pulse"]:
-        """Return the share of an echo's power that the film on the radome leaves, both ways."""
+        """Return the share of an echo's power that passes the water film on the radome, both ways."""
         if self._weather.rain_map is None:
             rates = np.full(len(pulses), self._weather.rain_rate_mm_per_h)
         else:
@@ -87,16 +87,16 @@ class Atmosphere:
         return 10 ** (-np.array([self._weather.wet_radome_loss_db(float(rate)) for rate in some]) / 10)[of]
 
     def attenuation_db_per_km(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
-        """Return the one-way specific attenuation along the boresight, where the rain is the same everywhere."""
+        """Return the one-way specific attenuation along the boresight in uniform rain."""
         return self._weather.attenuation_db_per_km(self._mix(pose))
 
     def _mix(self, pose: Pose) -> Float[np.ndarray, " pulse"]:
-        """Return what P.838 takes of the boresight and of the field's tilt.
+        """Return the elevation and tilt term of P.838 for the boresight and the field.
 
-        Rain weakens a horizontal field more. With the field e, the boresight d and z up, the tilt of e from the
+        Rain attenuates a horizontal field more. With the field e, the boresight d and z up, the tilt of e from the
         horizontal axis h = z x d / |z x d| and the elevation of d make cos^2(el) cos(2 tilt) =
-        2 (e . z x d)^2 - (1 - d_z^2), which needs no axis straight down. V and H have it opposite, so that a circular
-        wave has the difference of their shares of it: none.
+        2 (e . z x d)^2 - (1 - d_z^2), which is regular at nadir. V and H have opposite signs, so that a circular
+        wave, with equal shares of both, has zero.
         """
         field = pose.R_world_antenna[:, :, 1 if self._antenna.polarization == "H" else 2]
         d = pose.boresight
@@ -106,7 +106,7 @@ class Atmosphere:
 
 
 def build_atmosphere(table: WeatherTable, antenna: Antenna, chirp: Chirp, seed: int) -> Atmosphere:
-    """Return the weather of a scenario as its radar sees it."""
+    """Return the weather of a scenario as seen by its radar."""
     return Atmosphere(build_weather(table, chirp.carrier_hz), antenna, chirp, seed)
 
 
@@ -134,7 +134,7 @@ def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
 
 
 def rain_map_of(table: WeatherTable) -> RainMap | None:
-    """Return the rain of a scenario by place; None where it is the same everywhere."""
+    """Return the rain map of a scenario; None if its rain is uniform."""
     parts: list[RainMap] = []
     field, cell = table.rain_field, table.rain_cell
     uneven = field is not None and field.spread_db > 0 and table.rain_rate_mm_per_h > 0

@@ -1,21 +1,21 @@
-"""Mirror reflections: plane patches of a surface that send the wave back coherently, by physical optics.
+"""Mirror reflections: plane patches of a surface that return the wave coherently, by physical optics.
 
-An endless plane is a mirror: its echo is that of the radar's own image, twice as far away as the plane, so
-|gain| = G |R| lambda / (4 pi 2 h), with R the coherent reflection at right angles and h the distance to the foot of
-the perpendicular from the radar onto the plane. Of a patch, the border adds waves of its own.
+An infinite plane is a mirror: its echo is that of the radar's own image, twice as far away as the plane, so
+|gain| = G |R| lambda / (4 pi 2 h), with R the coherent reflection at normal incidence and h the distance to the foot of
+the perpendicular from the radar onto the plane. For a patch, the border adds edge waves.
 
-                radar            Faces that lie in one plane and touch form a patch. Its echo over that of the endless
-                  |              plane is the Kirchhoff integral over the patch, which a radial integration turns into
+                radar            Adjacent coplanar faces form a patch. Its echo relative to that of the infinite
+                  |              plane is the Kirchhoff integral over the patch, which radial integration turns into
                   | h            one along the border:
       ------------+---------
                 foot                 F = w - 1/(2 pi) * integral of (h / r)^2 exp(-2 j k (r - h)) dphi,
 
 with w = 1 when the foot lies inside and 0 when outside, r the distance from the radar to the border, and phi the
-angle about the foot (in the way of Maggi 1888 and Rubinowicz 1917; the obliquity and the spread h / r are slow).
-A patch large against the first Fresnel zone (radius sqrt(lambda h / 2), 0.3 m at 50 m) has F = 1 in its midst, 1/2 on
-its edge and ripples between; a small one becomes a plate in the far field, of cross-section 4 pi A^2 / lambda^2.
-Along an edge at the distance d from the foot, r in the phase is taken to second order about its nearest place: what is
-integrated is d / (d^2 + t^2) (h / r)^2, piecewise linear, times a Fresnel phase, which is exact.
+angle about the foot (following Maggi 1888 and Rubinowicz 1917; the obliquity and the spread h / r vary slowly).
+A patch much larger than the first Fresnel zone (radius sqrt(lambda h / 2), 0.3 m at 50 m) has F = 1 inside, 1/2 on
+its edge and ripples between; a small one becomes a plate in the far field, with cross-section 4 pi A^2 / lambda^2.
+Along an edge at the distance d from the foot, r in the phase is expanded to second order about its nearest point: the
+integrand is d / (d^2 + t^2) (h / r)^2, piecewise linear, times a Fresnel phase, which is exact.
 """
 
 from dataclasses import dataclass
@@ -34,17 +34,17 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.paths import Paths
 
-# Corners nearer than this are one, and faces whose normals differ by less are in one plane (1e-9: 0.003 deg).
+# Corners closer than this are merged, and faces whose normals differ by less are coplanar (1e-9: 0.003 deg).
 SAME_CORNER_M = 1e-3
 SAME_PLANE = 1e-9
-# The float32 of the ray caster.
+# The float32 precision of the ray caster.
 TOUCHING_M = 0.02
-# Physical optics holds for patches of some wavelengths; smaller ones are left to the diffuse echo.
+# Physical optics is valid for patches of several wavelengths; smaller ones are left to the diffuse echo.
 LEAST_WAVELENGTHS = 2.0
-# The echo of a patch ends (at -25 to -30 dB) as its foot goes from the first to the second of these distances outside,
-# in Fresnel radii; gradually, since facets that share a curved surface would show a sudden end as an edge.
+# The echo of a patch fades out (at -25 to -30 dB) as its foot moves from the first to the second distance outside,
+# in Fresnel radii; gradually, since on a curved surface of many facets a sudden end would appear as an edge.
 OUTSIDE_RADII = 3.0, 6.0
-# An edge so many Fresnel radii away does not change an echo.
+# An edge this many Fresnel radii away does not affect an echo.
 EDGE_RADII = 12.0
 LEAST_DISTANCE_M = 1e-4
 # Nodes of an edge between which dphi is linear.
@@ -71,7 +71,7 @@ class Patch:
         return float(np.linalg.norm(self.border_m, axis=2).max())
 
     def nearest_m(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Return the place of the border nearest to each point of the plane."""
+        """Return the point of the border nearest to each point of the plane."""
         start, along = self.border_m[:, 0], self.border_m[:, 1] - self.border_m[:, 0]
         share = np.clip(((point_m[:, None] - start) * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
         place = start + share[:, :, None] * along
@@ -79,33 +79,33 @@ class Patch:
         return place[np.arange(len(point_m)), nearest]
 
     def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Tell which points of the plane lie inside: the border turns about them once."""
+        """Return which points of the plane lie inside: the border winds around them once."""
         return _turns(*self._seen_from(point_m)) > 0
 
     def _seen_from(
         self, point_m: Float[np.ndarray, "n 2"]
     ) -> tuple[Float[np.ndarray, "n edge"], Float[np.ndarray, "n edge"], Float[np.ndarray, "n edge"]]:
-        """Return the distance of each edge's line, positive to its left, and where its ends lie along it."""
+        """Return the distance of each edge's line, positive to its left, and the positions of its ends along it."""
         start, end = self.border_m[:, 0], self.border_m[:, 1]
         along = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
         x, y = np.moveaxis(start - point_m[:, None], 2, 0)
         distance = x * along[:, 1] - y * along[:, 0]
         first = x * along[:, 0] + y * along[:, 1]
-        # On an edge's very line the sign says on which side a point lies; a tenth of a millimetre changes no echo.
+        # Exactly on an edge's line the sign selects the side of a point; a tenth of a millimetre changes no echo.
         distance = np.where(np.abs(distance) < LEAST_DISTANCE_M, LEAST_DISTANCE_M, distance)
         return distance, first, first + np.linalg.norm(end - start, axis=1)
 
     def factor(
         self, foot_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, " n"], wavelength_m: float
     ) -> Complex[np.ndarray, " n"]:
-        """Return the echo of the patch over that of the endless plane, F in the module's text.
+        """Return the echo of the patch relative to that of the infinite plane, F in the module docstring.
 
         Parameters
         ----------
         foot_m, height_m:
-            Where the perpendiculars from the radar meet the plane, in its own coordinates, and their lengths.
+            Feet of the perpendiculars from the radar, in the coordinates of the plane, and their lengths.
         wavelength_m:
-            Of the carrier.
+            Wavelength of the carrier.
 
         """
         distance, first, last = self._seen_from(foot_m)
@@ -122,7 +122,7 @@ class Patch:
 def _turns(
     distance_m: Float[np.ndarray, "n edge"], first_m: Float[np.ndarray, "n edge"], last_m: Float[np.ndarray, "n edge"]
 ) -> Float[np.ndarray, " n"]:
-    """Return how often a border turns about each point: 1 inside, 0 outside."""
+    """Return the winding number of a border around each point: 1 inside, 0 outside."""
     angle = (np.arctan(last_m / distance_m) - np.arctan(first_m / distance_m)).sum(axis=1)
     turns: Float[np.ndarray, " n"] = np.round(angle / (2 * np.pi))
     return turns
@@ -133,7 +133,7 @@ def _lobe_m(
 ) -> Float[np.ndarray, " n"]:
     """Return the Fresnel radius, from which a path to a plane and back is half a wavelength longer, for a patch.
 
-    The lobes of a patch smaller than that reach out farther, by the ratio.
+    The lobes of a patch smaller than that extend farther, by the ratio.
     """
     fresnel_m = np.sqrt(wavelength_m * height_m / 2)
     lobe: Float[np.ndarray, " n"] = fresnel_m * np.maximum(1.0, fresnel_m / radius_m)
@@ -149,13 +149,13 @@ def _edge_wave(
 ) -> Complex[np.ndarray, " n"]:
     """Return the integral of (h / r)^2 exp(-2 j k (r - h)) dphi along edges."""
     size = np.abs(distance_m)
-    # Nodes dense where dphi/dt is high; there dphi = du / cosh u with t = |d| sinh u.
+    # Nodes are dense where dphi/dt is high; there dphi = du / cosh u with t = |d| sinh u.
     share = np.linspace(0.0, 1.0, EDGE_NODES)
     low, high = np.arcsinh(first_m / size), np.arcsinh(last_m / size)
     place = size[:, None] * np.sinh(low[:, None] + (high - low)[:, None] * share)
     aside = distance_m[:, None] ** 2 + place**2
     weight = distance_m[:, None] / aside / (1 + aside / height_m[:, None] ** 2)
-    # r about the edge's nearest place, where it is exact: corners of small patches then fit together.
+    # r is expanded about the edge's nearest point, where it is exact, so that the corners of small patches match.
     nearest = np.clip(0.0, first_m, last_m)
     line_m = np.hypot(height_m, distance_m)
     slant = np.hypot(line_m, nearest)
@@ -169,7 +169,7 @@ def _edge_wave(
     slope = np.diff(weight, axis=1) / np.maximum(np.diff(place, axis=1), 1e-300)
     level = weight[:, :-1] - slope * x[:, :-1]
     wave = (level * np.diff(swept, axis=1) + slope * np.diff(moment, axis=1)).sum(axis=1)
-    # slant - height without cancellation, less what the square has at the nearest place.
+    # slant - height without cancellation, minus the value of the square at the nearest point.
     longer = (distance_m**2 + nearest**2) / (slant + height_m)
     return wave * np.exp(1j * (bend[:, 0] * (nearest - centre[:, 0]) ** 2 - 2 * wavenumber * longer))
 
@@ -180,7 +180,7 @@ def patches_of(surface: Surface, number: int, amplitude: complex, least_m: float
     corner = corners[faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.linalg.norm(normal, axis=1)
-    # A face of no area has no plane.
+    # A degenerate face has no plane.
     faces, corner, normal = faces[area > 0], corner[area > 0], normal[area > 0] / area[area > 0][:, None]
     border, owner, first_face = _borders(faces, normal)
     patches = []
@@ -200,7 +200,7 @@ def _borders(
     edge = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     edge_number = np.unique(np.sort(edge, axis=1), axis=0, return_inverse=True)[1].ravel()
     label = _planes(edge_number, normal)
-    # An edge between two faces of one patch is no border.
+    # An edge between two faces of the same patch is not on the border.
     owner = np.repeat(label, 3)
     order = np.lexsort([owner, edge_number])
     twice = np.zeros(len(order), dtype=bool)
@@ -217,7 +217,7 @@ def _patch(
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(normal, first)])
     low, high = outline.reshape(-1, 3).min(axis=0), outline.reshape(-1, 3).max(axis=0)
-    # The middle of the box may lie off the plane of a slanted patch.
+    # The centre of the box may be off the plane of a slanted patch.
     centre = (low + high) / 2
     centre = centre - (centre - outline[0, 0]) @ normal * normal
     return Patch(
@@ -231,14 +231,14 @@ def _patch(
 
 
 def _welded(surface: Surface) -> tuple[Float[np.ndarray, "corner 3"], Int[np.ndarray, "face 3"]]:
-    """Return a surface's corners and faces with equal corners made one."""
+    """Return a surface's corners and faces with equal corners merged."""
     cell = np.round(surface.vertices_m / SAME_CORNER_M).astype(np.int64)
     _, first, number = np.unique(cell, axis=0, return_index=True, return_inverse=True)
     return surface.vertices_m[first], number.ravel()[surface.faces]
 
 
 def _planes(edge_number: Int[np.ndarray, " n"], normal: Float[np.ndarray, "face 3"]) -> Int[np.ndarray, " face"]:
-    """Return a number for each face, the same for faces that touch and lie in one plane."""
+    """Return a label for each face, the same for adjacent coplanar faces."""
     order = np.argsort(edge_number, kind="stable")
     shared = np.flatnonzero(np.diff(edge_number[order]) == 0)
     one, other = order[shared] // 3, order[shared + 1] // 3
@@ -277,7 +277,7 @@ class MirrorTracer:
         seen = gain > 0
         seen[seen] = self._caster.visible(position[seen], place[seen], TOUCHING_M)
         amplitude = np.array([p.amplitude for p in self._patches], dtype=np.complex128)[patch]
-        # The factor's phase counts from the foot, the path's delay to the nearest place of the patch.
+        # The phase of the factor is relative to the foot, the delay of the path to the nearest point of the patch.
         turn = np.exp(4j * np.pi / self._wavelength_m * (range_m - height))
         echo = gain * amplitude * self._wavelength_m / (8 * np.pi * height) * factor * turn
         order = np.flatnonzero(seen)[np.argsort(rows[seen], kind="stable")]
@@ -299,7 +299,7 @@ class MirrorTracer:
         Complex[np.ndarray, " echo"],
         Int[np.ndarray, " echo"],
     ]:
-        """Return row, nearest place, height above the plane, factor and patch of every mirror echo."""
+        """Return row, nearest point, height above the plane, factor and patch of every mirror echo."""
         found = []
         for number in np.flatnonzero(self._possible(position_m)):
             patch = self._patches[number]
@@ -321,7 +321,7 @@ class MirrorTracer:
         return rows, places, heights, factors, numbers
 
     def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
-        """Tell which patches may be mirrors for some of the positions: a bound from the ball around them."""
+        """Return which patches may be mirrors for any of the positions: a bound from the sphere around them."""
         middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
         reach = np.linalg.norm(position_m - middle, axis=1).max()
         away = middle - self._centre_m

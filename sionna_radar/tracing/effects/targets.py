@@ -1,8 +1,8 @@
-"""Point targets: one path each, by the radar equation, of a constant or a fluctuating cross-section.
+"""Point targets: one path each, by the radar equation, with a constant or fluctuating cross-section.
 
 Swerling's cases draw the cross-section about its mean: 1 and 2 from an exponential distribution, as of many scatterers
-alike, 3 and 4 from a chi-squared one of four degrees of freedom, as of a large scatterer among small ones; 1 and 3
-once a scan, 2 and 4 for every pulse. Source: Swerling 1954, RAND RM-1217, read as restated in "Chi-squared target
+alike, 3 and 4 from a chi-squared one with four degrees of freedom, as of a large scatterer among small ones; 1 and 3
+once per scan, 2 and 4 for every pulse. Source: Swerling 1954, RAND RM-1217, as restated in "Chi-squared target
 models" (handwiki.org) and in AGI's description of its SwerlingTargetModel.
 """
 
@@ -28,7 +28,7 @@ def trace_targets(
 ) -> Paths:
     """Return the paths of visible targets, sorted by pulse.
 
-    |gain|^2 = G^2 lambda^2 sigma / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 3), the phase zero but for the
+    |gain|^2 = G^2 lambda^2 sigma / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 3), with zero phase apart from the
     delay, as of a fixed point.
 
     seed: of the fluctuations.
@@ -58,7 +58,7 @@ def trace_targets(
 def cross_section(target: Target, number: int, pulses: Pulses, seed: int) -> Float[np.ndarray, " pulse"]:
     """Return the cross-section of a target at each pulse.
 
-    number: of the target in its scene; it and the seed rule the fluctuation, whatever else the scene holds.
+    number: index of the target in its scene; it and the seed alone determine the fluctuation.
     """
     if target.swerling == 0:
         return np.full(len(pulses), target.rcs_m2)

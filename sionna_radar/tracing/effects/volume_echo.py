@@ -1,18 +1,18 @@
-"""The echo of what fills the air (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
+"""The volume echo (rain, snow, fog, dust): for every pulse one random tone in each of many thin cells.
 
-Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase even), and
-new in each pulse: between two chirps drops move by many wavelengths. A tone lies at an even chance anywhere within
-its cell, so that the mean spectrum is that of a volume without gaps, however wide the cells are; they are half a range
-cell. Where several kinds fill the air, a tone has the power of all and moves as one of them, drawn as the echo weighs
-them. Its range rate is the platform's along the boresight with the fall of a particle drawn as the echo weighs the
-sizes, and with the wind, which carries particles of all sizes alike. The loss on the way is not taken here but with
-that of all paths (`atmosphere`).
+Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase uniform),
+and new in each pulse: between two chirps drops move by many wavelengths. A tone is uniformly distributed within
+its cell, so that the mean spectrum is that of a continuous volume, however wide the cells are; they are half a range
+cell. In a mixture of kinds, a tone has the power of all and moves as one of them, drawn with their echo power as
+weight. Its range rate is that of the platform along the boresight, plus the fall of a particle drawn with the echo of
+each size as weight, plus the wind, which carries particles of all sizes alike. The propagation loss is applied with
+that of all other paths (`atmosphere`).
 
-The volume fills the beam as far as the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
+The volume fills the beam up to the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
 incidence, split at the edge of a roof; the part of the beam that is still in the air at a range is the share of
-|gain|^2 r^2 that the surfaces beyond it send back. That is the share of the two-way beam where sigma0 / cos t is
-one constant over the footprint (constant gamma, one material), and near it elsewhere. A pulse that meets no
-surface sees the volume as far as its beat is sampled.
+|gain|^2 r^2 returned by the surfaces beyond it. That is the share of the two-way beam where sigma0 / cos t is
+constant over the footprint (constant gamma, one material), and close to it elsewhere. A pulse that meets no
+surface sees the volume up to the last sampled range.
 
 Close to the antenna the far-field law 1/r^2 cannot hold: there the beam is as wide as the aperture. By reciprocity a
 drop's echo is P/P_t = sigma lambda^2 / (4 pi) (S/P_t)^2 with the power density S, in the far field the radar
@@ -21,7 +21,7 @@ returns eta / G0 whatever the range. The far-field law falls below that at
 
     r = lambda (G0^3 Omega_2 / (4 pi)^3)^(1/2),
 
-2.3 m for a beam of 2 deg; nearer than that the echo of a cell is held.
+2.3 m for a beam of 2 deg; nearer than that the echo of a cell is kept constant.
 """
 
 import numpy as np
@@ -38,17 +38,17 @@ from sionna_radar.weather.path import rain_clutter_power
 from sionna_radar.weather.volume import Volume
 
 CELLS_PER_RANGE_CELL = 2
-# A range where less of the beam than this is in the air has nothing worth a tone: that of side lobes.
+# Ranges where less of the beam than this (side lobes) is in the air get no tone.
 LEAST_SHARE = 1e-3
 
 
 class VolumeEcho:
-    """What fills the air in the beam of one antenna.
+    """The volume in the beam of one antenna.
 
-    wind_mps: toward east, north and up. Uneven rain drifts with it, unchanged.
+    wind_mps: toward east, north and up. Non-uniform rain drifts with it, unchanged.
     cell_m: width of a cell.
-    cell_power: mean received over sent power of each cell, full of a volume of the reflectivity that places are told
-        against, without loss on the way.
+    cell_power: mean received over transmitted power of each cell, filled at the volume's reference
+        reflectivity, without propagation loss.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class VolumeEcho:
     def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
         """Return the tones of a block of pulses, sorted by pulse, those of a pulse by range.
 
-        surfaces: the diffuse paths of the block, which end the volume; a mirror's would outweigh its place in the beam.
+        surfaces: the diffuse paths of the block, which end the volume; mirror paths would be weighted too strongly.
         """
         share = self._in_air(pulses, surfaces)
         row, cell = np.nonzero(share > LEAST_SHARE)
@@ -91,13 +91,13 @@ class VolumeEcho:
         )
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
-        """Return the share of each pulse's two-way beam that has not met a surface nearer than each cell's middle."""
+        """Return the share of each pulse's two-way beam that has met no surface before each cell's centre."""
         cells = len(self.cell_power)
         ground = surfaces.surface >= 0
         range_m = surfaces.delay_s[ground] * (speed_of_light / 2)
         weight = np.abs(surfaces.gain[ground].astype(np.complex128)) ** 2 * range_m**2
         row = pulses.row_of(surfaces.pulse[ground])
-        cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells)  # the last: beyond all
+        cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells)  # the last one: beyond all cells
         inside = np.bincount(row * (cells + 1) + cell, weight, minlength=len(pulses) * (cells + 1))
         inside = inside.reshape(len(pulses), cells + 1)
         total = inside.sum(axis=1, keepdims=True)
@@ -120,6 +120,6 @@ def _cell_power(
         wavelength_m=chirp.wavelength_m,
         specific_attenuation_db_per_km=0.0,
     )
-    # The power of a cell as thin as can be at the edge: the first far one's times (r + dr) / r.
+    # The power of an infinitely thin cell at the edge: that of the first far cell times (r + dr) / r.
     held = far[0] * edge_m[first + 1] / edge_m[first]
     return np.concatenate([np.full(first, held), far])

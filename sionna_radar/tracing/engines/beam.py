@@ -1,9 +1,9 @@
-"""The beam engine: a block of pulses traced in one wavefront, fields by Sionna's own field calculator.
+"""The beam engine: a block of pulses traced in one wavefront, with Sionna's field calculator.
 
-Rays are shot inside the beam only (see `beam_sampling`). A ray drawn with the density p per steradian, one of K,
-stands for the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the
-probability stored with the path, so samples = 1 and probability = 4 pi K p say just that. A monostatic echo
-comes back the way it went, so no second visibility ray is needed.
+Rays are shot only inside the beam (see `beam_sampling`). One of K rays drawn with the density p per steradian
+represents the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the
+probability stored with the path, so samples = 1 and probability = 4 pi K p express this. A monostatic echo
+returns along the same ray, so no second visibility test is needed.
 """
 
 import numpy as np
@@ -23,14 +23,14 @@ from sionna_radar.tracing.sionna.pattern import sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
-# It loads libLLVM, which the import above has chosen.
+# Loads libLLVM, which the import above has selected.
 import drjit as dr
 
 RAYS_AT_ONCE = 4_000_000
 
 
 class BeamEngine:
-    """Traces blocks of pulses; see the module's text."""
+    """Traces blocks of pulses; see the module docstring."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class BeamEngine:
         ]
 
     def trace(self, pulses: Pulses) -> Paths:
-        """Return the paths of a block of pulses, in wavefronts of no more than `RAYS_AT_ONCE` rays."""
+        """Return the paths of a block of pulses, traced in wavefronts of at most `RAYS_AT_ONCE` rays."""
         step = max(1, RAYS_AT_ONCE // self._sampler.rays)
         if len(pulses) <= step:
             return self._wavefront(pulses)
@@ -96,7 +96,7 @@ class BeamEngine:
         cos = dr.safe_sqrt(1 - u * u - v * v)
         beam = cos * _density(self._quantiles[0], u) * _density(self._quantiles[1], v)
         density = sampler.beam_share * beam + (1 - sampler.beam_share) / (2 * dr.pi)
-        # Quantiles of the two cuts can combine to cosines of no direction; such a ray carries nothing.
+        # Quantiles of the two cuts can combine to invalid direction cosines; such a ray carries no power.
         probability = dr.select(u * u + v * v < 1, 4 * dr.pi * sampler.rays * density, 0.0)
         axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * cos + axes[1] * u + axes[2] * v), probability

@@ -1,8 +1,8 @@
-"""Ray directions inside a beam, drawn so that a few hundred rays carry the beam's whole echo.
+"""Ray directions inside a beam, drawn so that a few hundred rays represent the whole echo.
 
-Most rays are drawn in proportion to the two-way power of the beam, a small share evenly over the half sphere
-in front of the antenna, for the side lobes. Within a pulse the rays form a low-discrepancy set (Halton), turned
-by a random shift of each pulse (Cranley and Patterson 1976), which leaves every single ray random and makes the
+Most rays are drawn in proportion to the two-way power of the beam, a small share uniformly over the half sphere
+in front of the antenna, for the side lobes. Within a pulse the rays form a low-discrepancy set (Halton), shifted
+at random in each pulse (Cranley and Patterson 1976), which leaves every single ray random and makes the
 pulse's total power far less noisy than independent rays would.
 """
 
@@ -21,9 +21,9 @@ QUANTILES = 4096
 class BeamSampler:
     """The rays of one pulse before its random shift.
 
-    unit: low-discrepancy points of the unit square, one a ray; the first `beam_rays` follow the beam.
+    unit: low-discrepancy points of the unit square, one per ray; the first `beam_rays` follow the beam.
     azimuth_quantile, elevation_quantile: direction cosines at equally spaced probabilities; between two of
-        them the density is constant, and it is that density which the weights use.
+        them the density is constant, and the weights use that density.
     """
 
     unit: Float[np.ndarray, "ray 2"]
@@ -33,7 +33,7 @@ class BeamSampler:
 
     @property
     def rays(self) -> int:
-        """Rays of a pulse."""
+        """Rays per pulse."""
         return len(self.unit)
 
     @property

@@ -1,4 +1,4 @@
-"""Which facets lie in a beam: a tree of balls around them, searched by the beam's envelope."""
+"""Which facets lie in a beam: a tree of bounding spheres, searched with the beam's envelope."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,17 @@ from scipy.spatial import KDTree
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.tracing.engines.facet_mesh import Facets
 
-# Two-way level to which facets are looked for: side lobes of -20 dB, -40 dB both ways, count.
+# Two-way level down to which facets are included: side lobes of -20 dB, -40 dB both ways, count.
 FOOTPRINT_DB = -50.0
 GROUP = 64
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """The directions that count, as outer envelopes of the two cuts over the size of the direction cosine.
+    """The directions that count, as outer envelopes of the two cuts against the magnitude of the direction cosine.
 
-    An envelope is the largest voltage that far or farther from the middle, over the cut's peak, so it never
-    rises outward: no side lobe beyond it is missed, and a nearest direction stands for a whole ball.
+    An envelope is the largest voltage at that distance from the axis or beyond, over the cut's peak, so it never
+    rises outward: no side lobe beyond it is missed, and the nearest direction decides for a whole sphere.
     """
 
     azimuth: Float[np.ndarray, " m"]
@@ -35,11 +35,11 @@ class Footprint:
     def meets(
         self, ahead_m: Float[np.ndarray, "n 3"], radius_m: Float[np.ndarray, " n"] | float
     ) -> Bool[np.ndarray, " n"]:
-        """Tell which balls reach into the footprint, by their centres in the antenna's frame."""
+        """Return which spheres reach into the footprint, given their centres in the antenna's frame."""
         x, left, up = ahead_m.T
         distance = np.maximum(np.sqrt(x * x + left * left + up * up), 1e-9)
         sine = np.minimum(radius_m / distance, 1.0)
-        # Farthest that a direction into the ball lies from the direction to its centre (a chord).
+        # Largest chord between a direction into the sphere and the direction to its centre.
         reach = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
         voltage = _outside(self.azimuth, np.abs(left) / distance - reach)
         voltage *= _outside(self.elevation, np.abs(up) / distance - reach)
@@ -60,9 +60,9 @@ def _outside(envelope: Float[np.ndarray, " m"], cosine: Float[np.ndarray, " n"])
 
 
 class FacetIndex:
-    """Balls around facets, around groups of them, around groups of groups, up to a handful at the top.
+    """Bounding spheres of facets, of groups of them, of groups of groups, up to a handful at the top.
 
-    The facets stand in the order of a KD-tree's leaves, so neighbours in the table are neighbours in space.
+    The facets are in the order of a KD-tree's leaves, so neighbours in the table are neighbours in space.
     """
 
     def __init__(self, facets: Facets) -> None:
@@ -84,7 +84,7 @@ class FacetIndex:
         position_m: Float[np.ndarray, " 3"],
         R_world_antenna: Float[np.ndarray, "3 3"],
     ) -> Facets:
-        """Return the facets whose balls reach into the footprint of a pose."""
+        """Return the facets whose spheres reach into the footprint of a pose."""
         place = np.arange(len(self._centre[-1]))
         for level in range(len(self._centre) - 1, -1, -1):
             ahead = (self._centre[level][place] - position_m) @ R_world_antenna

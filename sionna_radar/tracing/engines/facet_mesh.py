@@ -1,4 +1,4 @@
-"""Triangles as scatterers: dividing them, and the identity that each keeps for its phase."""
+"""Triangles as scatterers: their subdivision, and the identity that determines the phase of each."""
 
 import functools
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ FIRST_STEP = np.ones(1, dtype=np.uint64)
 
 @dataclass(frozen=True, kw_only=True)
 class Facets(Columns):
-    """Triangles with the identity that their phases depend on, and the surface that each belongs to."""
+    """Triangles with the identities that determine their phases, and the surface of each."""
 
     corner_m: Float[np.ndarray, "facet 3 3"]
     identity: UInt64[np.ndarray, " facet"]
@@ -46,12 +46,12 @@ class Facets(Columns):
         )
 
     def divided(self, parts: int) -> "Facets":
-        """Return every facet as parts^2 equal facets of its own shape, each side cut into that many parts."""
+        """Return every facet as parts^2 equal facets of the same shape, each side cut into that many parts."""
         a, b, c = np.moveaxis(self.corner_m, 1, 0)
         weight = _lattice(parts)
         corner = np.multiply.outer(weight[:, :, 0], a) + np.multiply.outer(weight[:, :, 1], b)
         corner += np.multiply.outer(weight[:, :, 2], c)
-        # The first two steps are those of the halves.
+        # Steps 1 and 2 are taken by the halves.
         step = np.arange(3, 3 + len(weight), dtype=np.uint64)
         return Facets(
             corner_m=corner.transpose(0, 2, 1, 3).reshape(-1, 3, 3),
@@ -62,7 +62,7 @@ class Facets(Columns):
 
 @functools.cache
 def _lattice(parts: int) -> Float[np.ndarray, "piece corner 3"]:
-    """Return the barycentric coordinates of the pieces of a triangle, wound as the whole is."""
+    """Return the barycentric coordinates of the pieces of a triangle, with the same winding."""
     pieces = []
     for i in range(parts):
         for j in range(parts - i):
@@ -74,7 +74,7 @@ def _lattice(parts: int) -> Float[np.ndarray, "piece corner 3"]:
 
 
 def facets_of(surfaces: Sequence[Surface]) -> Facets:
-    """Return the triangles of some surfaces, numbered through."""
+    """Return the triangles of some surfaces, numbered consecutively."""
     count = sum(len(s.faces) for s in surfaces)
     return Facets(
         corner_m=np.concatenate([s.vertices_m[s.faces].astype(np.float64) for s in surfaces]),
@@ -84,7 +84,7 @@ def facets_of(surfaces: Sequence[Surface]) -> Facets:
 
 
 def split_mix(state: UInt64[np.ndarray, "..."], step: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
-    """Return the numbers that SplitMix64 yields at some steps from some states.
+    """Return the outputs of SplitMix64 at given steps from given states.
 
     Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"; the constants are
     those of Vigna's public-domain splitmix64.c.

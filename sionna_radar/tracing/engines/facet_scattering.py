@@ -1,13 +1,13 @@
-"""What a facet sends back to the radar, polarisation included: the scattering matrix of `RadarMaterial` in plain NumPy.
+"""Backscatter of a facet, polarization included: the scattering matrix of `RadarMaterial` in plain NumPy.
 
-With e the field that the antenna sends toward a facet and r the one that it receives, both unit vectors across the
+With e the field that the antenna transmits toward a facet and r the one that it receives, both unit vectors across the
 line of sight k, h = k x n / |k x n| across the plane of incidence and v = h x k in it, the facet's amplitude over
 its area is
 
     a_v r.e + (a_h - a_v) (r.h) (h.e)  +  j s1 d ((r.h) (e.h) - (r.v) (e.v)) + s2 x ((r.h) (e.v) + (r.v) (e.h))
 
-where a_v^2 = sigma_v - d^2, a_h^2 = sigma_h - d^2, x^2 is the cross-polar sigma0 (and d^2 too, but for a material of a
-co-polar correlation of its own), and the signs s1, s2 belong to the facet. A beam that is turned out of the vertical
+where a_v^2 = sigma_v - d^2, a_h^2 = sigma_h - d^2, x^2 is the cross-polar sigma0 (and so is d^2, unless a material
+has its own co-polar correlation), and the signs s1, s2 belong to the facet. A beam rotated out of the vertical
 plane mixes V and H in this way, as does a sloping facet.
 """
 
@@ -43,11 +43,11 @@ class FacetScattering:
         Parameters
         ----------
         direction, normal:
-            Unit vectors from the radar to each facet, and away from its lit side; world frame.
+            Unit vectors from the radar to each facet, and its normal on the illuminated side; world frame.
         surface, identity:
-            The surface that each belongs to, and a number of its own.
+            The surface of each facet, and its unique identity.
         R_world_antenna:
-            How the antenna is turned.
+            Orientation of the antenna.
 
         """
         cosine = np.minimum(-np.einsum("fi,fi->f", direction, normal), 1.0)
@@ -57,13 +57,13 @@ class FacetScattering:
             own = material == number
             model = self._materials[number]
             if _is_plain(model):
-                # The field comes back along the axis that it was sent: nothing for a cross-polar receiver.
+                # The field returns along its transmit axis: no signal in a cross-polar receiver.
                 kept = self._antenna.mirrored
                 if kept != 0:
                     amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
                 continue
             fields = self._fields(direction[own], normal[own], R_world_antenna)
-            amplitude[own] = _polarised(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
+            amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
         return amplitude
 
     def _fields(
@@ -72,35 +72,35 @@ class FacetScattering:
         normal: Float[np.ndarray, "facet 3"],
         R_world_antenna: Float[np.ndarray, "3 3"],
     ) -> tuple[Inexact[np.ndarray, "facet 2"], Inexact[np.ndarray, "facet 2"]]:
-        """Return the sent and the received field along v and h of each facet."""
+        """Return the transmitted and the received field along v and h of each facet."""
         across = np.cross(direction, normal)
         size = np.linalg.norm(across, axis=1)
-        # Straight down on a facet every axis is in the plane of incidence; one across the line of sight will do.
+        # At normal incidence the plane of incidence is undefined; any axis across the line of sight will do.
         level = size < 1e-9
         across[level] = np.cross(direction[level], np.eye(3)[np.argmin(np.abs(direction[level]), axis=1)])
         across /= np.linalg.norm(across, axis=1)[:, None]
         axes = np.stack([np.cross(across, direction), across], axis=1)
         ahead = direction @ R_world_antenna
-        sent, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
-        return np.einsum("fai,fi->fa", axes, sent), np.einsum("fai,fi->fa", axes, received)
+        transmitted, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
+        return np.einsum("fai,fi->fa", axes, transmitted), np.einsum("fai,fi->fa", axes, received)
 
 
 def _is_plain(model: RadarMaterial) -> bool:
     return model.cross_polar == 0.0 and model.copolar_correlation is None and model.vertical is model.horizontal
 
 
-def _polarised(
+def _polarized(
     model: RadarMaterial,
     incidence_rad: Float[np.ndarray, " facet"],
-    sent: Inexact[np.ndarray, "facet 2"],
+    transmitted: Inexact[np.ndarray, "facet 2"],
     received: Inexact[np.ndarray, "facet 2"],
     signs: Sequence[Float[np.ndarray, " facet"]],
 ) -> Complex[np.ndarray, " facet"]:
     parts = model.parts(incidence_rad)
-    (sent_v, sent_h), (received_v, received_h) = sent.T, received.T
-    kept = parts.vertical * (sent_v * received_v) + parts.horizontal * (sent_h * received_h)
-    opposed = sent_h * received_h - sent_v * received_v
-    exchanged = sent_h * received_v + sent_v * received_h
+    (transmitted_v, transmitted_h), (received_v, received_h) = transmitted.T, received.T
+    kept = parts.vertical * (transmitted_v * received_v) + parts.horizontal * (transmitted_h * received_h)
+    opposed = transmitted_h * received_h - transmitted_v * received_v
+    exchanged = transmitted_h * received_v + transmitted_v * received_h
     amplitude: Complex[np.ndarray, " facet"] = (
         kept + 1j * (signs[0] * parts.opposed) * opposed + signs[1] * parts.exchanged * exchanged
     )

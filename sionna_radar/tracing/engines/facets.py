@@ -1,23 +1,23 @@
-"""The gamma engine: the paper's own facet model, one scatterer on every facet that the beam meets.
+"""The gamma engine: the paper's facet model, one scatterer on every facet in the beam.
 
-Rouveure et al. 2017, section 3: the surface is a set of facets; each that is seen from the radar inside the
+Rouveure et al. 2017, section 3: the surface is a set of facets; each facet visible to the radar inside the
 antenna's footprint is one scatterer of cross-section sigma0 A, and the echo is their coherent sum. Geometry,
-index, amplitudes and phases are NumPy and SciPy, nothing comes from Sionna. The shadow test alone is shared:
-it asks the scene's `RayCaster`, that is Mitsuba's ray casting, whether a facet's centre is seen.
+index, amplitudes and phases use NumPy and SciPy, not Sionna. Only the shadow test is shared:
+the scene's `RayCaster` (Mitsuba's ray casting) determines whether a facet's centre is visible.
 
 Footprint: the directions where the outer envelope of the two-way pattern is above `FOOTPRINT_DB` of its peak.
-With side lobes of -20 dB what lies outside holds less than 0.001 dB of the echo of a uniform surface, and
-less than 0.05 dB of it where everything outside is 20 dB brighter than all inside.
+With side lobes of -20 dB the directions outside contribute less than 0.001 dB to the echo of a uniform surface, and
+less than 0.05 dB where everything outside is 20 dB brighter than everything inside.
 
-Polarisation: a facet scatters by the whole matrix of its material, in its own plane of incidence; see
+Polarization: a facet scatters by the full matrix of its material, in its own plane of incidence; see
 `facet_scattering`.
 
-Facets coarse against the beam or the range cell are divided until they are fine enough. With
-persistent speckle a scatterer's phase depends on the seed and on the facet's place in the scene, so it is the same
-from pulse to pulse, and with delays from float64 positions the phase history of the echo is that of a real, still
-surface; otherwise every pulse draws its own. Nearer than 7.5
+Facets too coarse for the beam or the range cell are divided until they are fine enough. With
+persistent speckle a scatterer's phase depends on the seed and on the facet's position in the scene, so it is the same
+from pulse to pulse, and with delays from float64 positions the phase history of the echo is that of a real, stationary
+surface; otherwise every pulse draws new phases. Nearer than 7.5
 range cells over the beamwidth (64 m for 2 deg and 0.3 m) the division depends on the distance: a facet whose
-division changes takes new phases there, as another surface would.
+division changes gets new phases there, like a different surface.
 """
 
 from collections.abc import Iterator
@@ -38,23 +38,23 @@ from sionna_radar.tracing.engines.facet_mesh import FIRST_STEP, Facets, facets_o
 from sionna_radar.tracing.engines.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
 
-# Longest side of a facet: this share of the half-power footprint, and so many range cells. Straight down,
+# Longest side of a facet: this share of the half-power footprint, and this many range cells. At nadir,
 # where the footprint is smallest, the echo of a plane is then within 0.03 dB of the integral.
 BEAM_SHARE = 1 / 3
 RANGE_CELLS = 2.5
 FINEST_M = 1e-3
-# Facets up to so many times too long are divided in one step.
+# Facets up to this many times too long are divided in one step.
 MOST_PARTS = 4
-# A facet's centre lies on the mesh that it is tested against, to within the float32 of the ray caster.
+# A facet's centre lies on the mesh it is tested against, to within the float32 precision of the ray caster.
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Scatterers(Columns):
-    """The facets of one pulse that would echo if nothing stood before them.
+    """The facets of one pulse that would return an echo if not occluded.
 
-    gain: amplitude of each echo, with the phase of its scattering matrix alone.
+    gain: amplitude of each echo, with only the phase of its scattering matrix.
     """
 
     gain: Complex[np.ndarray, " facet"]
@@ -65,22 +65,22 @@ class _Scatterers(Columns):
 
 
 class GammaEngine:
-    """Traces pulses over facets; see the module's text.
+    """Traces pulses over facets; see the module docstring.
 
     Parameters
     ----------
     scene, antenna, chirp:
-        What is seen, with what.
+        The scene, and the radar that sees it.
     seed:
-        Rules the phases of the facets.
+        Determines the phases of the facets.
     caster:
         Rays against the scene's surfaces, for the shadows.
     footprint_db:
-        Two-way level over the peak down to which the beam counts.
+        Two-way level relative to the peak down to which the beam counts.
     beam_share, range_cells:
-        Longest side of a facet, in half-power widths of the beam on the spot and in range resolutions.
+        Longest side of a facet, in local half-power widths of the beam and in range resolutions.
     speckle:
-        Whether the phases of the facets stay ("persistent") or every pulse draws its own ("per_pulse").
+        Whether the phases of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
 
     """
 
@@ -111,7 +111,7 @@ class GammaEngine:
         return Paths.concatenate([self._visible(pulses, *batch) for batch in self._batches(pulses)])
 
     def _batches(self, pulses: Pulses) -> Iterator[tuple[list[int], list[_Scatterers]]]:
-        """Yield rows of the block with their scatterers, few enough of them for one wave of rays."""
+        """Yield rows of the block with their scatterers, few enough for one wavefront of rays."""
         rows: list[int] = []
         found: list[_Scatterers] = []
         for row in range(len(pulses)):
@@ -173,7 +173,7 @@ class GammaEngine:
             for count in np.unique(parts[few]):
                 pieces = facets.rows(few & (parts == count)).divided(int(count))
                 fine.append(self._centred(pieces, position_m, R_world_antenna))
-            # What the beam misses of far too long ones is dropped before they are divided at once.
+            # Parts of very long facets outside the beam are dropped before they are divided in one step.
             facets = facets.rows(met & (parts > MOST_PARTS)).halved()
         return Facets.concatenate(fine) if fine else facets
 
@@ -184,7 +184,7 @@ class GammaEngine:
         return facets.rows(self._footprint.meets((facets.centre_m - position_m) @ R_world_antenna, 0.0))
 
     def _visible(self, pulses: Pulses, rows: list[int], found: list[_Scatterers]) -> Paths:
-        """Return the paths of scatterers that nothing hides."""
+        """Return the paths of visible scatterers."""
         row = np.repeat(np.array(rows, dtype=np.int64), [len(f.gain) for f in found])
         together = _Scatterers.concatenate(found)
         origin = pulses.true.position_m[row]

@@ -1,11 +1,11 @@
-"""The engines by their names; each is loaded when it is built, so that none needs the libraries of another."""
+"""The engines by name; each is loaded when it is built, so that none needs the libraries of another."""
 
 from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
 
 
 @register_engine("sionna")
 def sionna_engine(given: EngineInputs) -> Engine:
-    """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or stays on the surface."""
+    """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or persists on the surface."""
     table = given.tracing
     if table.speckle == "persistent":
         from sionna_radar.tracing.engines.persistent import PersistentEngine

@@ -1,8 +1,8 @@
 """The persistent engine: scatterers fixed to the surface, so that phase from chirp to chirp is that of a real scene.
 
-Each pulse sees the scatterers within its beam, cut off in azimuth and in elevation, that a ray reaches. Their fields
+Each pulse sees the scatterers within its beam, truncated in azimuth and in elevation, that a ray reaches. Their fields
 come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and
-incidence t stands for the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
+incidence t represents the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ from sionna_radar.tracing.sionna.pattern import sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
-# It loads libLLVM, which the import above has chosen.
+# Loads libLLVM, which the import above has selected.
 import drjit as dr
 
 # Share of the two-way power of each cut that may lie outside the beam.
@@ -33,7 +33,7 @@ SHORT_OF_SURFACE = 1e-4
 
 
 class PersistentEngine:
-    """Traces blocks of pulses over fixed scatterers; see the module's text.
+    """Traces blocks of pulses over fixed scatterers; see the module docstring.
 
     per_m2: scatterers per square metre of surface.
     region_m: box that the survey can see; scatterers lie inside it only.
@@ -68,7 +68,7 @@ class PersistentEngine:
         """Return pulse row and scatterer of the pairs that lie in the beam and see each other."""
         pose = pulses.true
         beam, which = self._scatterers.cells.in_beams(pose.position_m[rows], pose.R_world_antenna[rows], self._reach)
-        if len(beam) == 0:  # Dr.Jit takes no empty arrays beside scalars
+        if len(beam) == 0:  # Dr.Jit does not accept empty arrays together with scalars
             return rows[beam], which
         origin = mi.Point3f(pose.position_m[rows[beam]].T.astype(np.float32))
         ahead, left, up = (mi.Vector3f(pose.R_world_antenna[rows[beam], :, i].T.astype(np.float32)) for i in range(3))

@@ -1,4 +1,4 @@
-"""Scatterers that stay on the surface, for work that needs the phase from chirp to chirp."""
+"""Scatterers fixed to the surface, for processing that needs the phase from chirp to chirp."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ ADDITIVE_STEP = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True, kw_only=True)
 class Cells:
-    """Groups of neighbouring scatterers, for finding quickly those in a beam.
+    """Groups of neighbouring scatterers, for a quick search of those in a beam.
 
     first: where each cell's scatterers begin; the last entry is the end of all.
-    centre_m, radius_m: a ball around them.
+    centre_m, radius_m: a sphere around them.
     """
 
     first: Int[np.ndarray, " edge"]
@@ -47,9 +47,9 @@ class Cells:
         along = ahead @ self.centre_m.T - np.sum(ahead * apex_m, axis=1)[:, None]
         squares = np.sum(self.centre_m**2, axis=1) - 2 * apex_m @ self.centre_m.T + np.sum(apex_m**2, axis=1)[:, None]
         distance = np.sqrt(np.maximum(squares, 1e-12))
-        # The small angle covers the rounding of these products.
+        # The small angle allows for rounding of these products.
         widened = half_angle_rad + np.arcsin(np.minimum(self.radius_m / distance, 1.0)) + 1e-4
-        # A cone around the beam first, for all cells; then the beam's sides, for those that are left.
+        # First a cone around the beam, for all cells; then the beam's sides, for the remaining ones.
         beam, cell = np.nonzero(along >= distance * np.cos(np.minimum(widened, np.pi)))
         away, radius = self.centre_m[cell] - apex_m[beam], self.radius_m[cell]
         aside = np.abs(np.einsum("ni,nij->nj", away, R_world_antenna[beam, :, 1:]))
@@ -64,13 +64,13 @@ class Cells:
 
 @dataclass(frozen=True, kw_only=True)
 class Scatterers:
-    """Points on the surfaces of a scene, each standing for the same area, cell by cell.
+    """Points on the surfaces of a scene, each representing the same area, cell by cell.
 
     surface, face: where each lies, as indices of the scene's surfaces and of their triangles.
     normal: unit normal of the triangle.
     reflectivity: complex normal numbers of mean power one; the sum of any of them is exactly Gaussian, so that
         speckle is fully developed however few share a range cell.
-    area_m2: area that each stands for.
+    area_m2: area that each represents.
     """
 
     position_m: Float[np.ndarray, "scatterer 3"]
@@ -91,7 +91,7 @@ def scatter(
     seed: int,
     region_m: Float[np.ndarray, "2 3"] | None = None,
 ) -> Scatterers:
-    """Strew scatterers over a scene, uniformly by area.
+    """Distribute scatterers over a scene, uniformly by area.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def scatter(
     seed:
         Each surface has its own generator, so that adding one leaves the others' scatterers where they were.
     region_m:
-        Lowest and highest corner of the box that matters; triangles wholly outside bear none. None takes all.
+        Lowest and highest corner of the box of interest; triangles wholly outside get none. None: no limit.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def scatter(
 
 
 def check_scatterers(scene: Scene, per_m2: float, region_m: Float[np.ndarray, "2 3"] | None = None) -> None:
-    """Refuse what `scatter` would refuse, before anything is strewn; for the parameters see there."""
+    """Refuse what `scatter` would refuse, before any scatterer is made; see there for the parameters."""
     area = 0.0
     for surface in scene.surfaces:
         corner = surface.vertices_m[surface.faces]
@@ -153,14 +153,14 @@ def _check_count(area_m2: float, per_m2: float) -> None:
     count = area_m2 * per_m2
     if count > MAX_SCATTERERS:
         message = (
-            f"{per_m2:g} makes {count:.3g} scatterers, more than {MAX_SCATTERERS:,}; "
+            f"{per_m2:g} gives {count:.3g} scatterers, more than {MAX_SCATTERERS:,}; "
             f"lower it to {0.99 * MAX_SCATTERERS / area_m2:.3g}"
         )
         raise ScenarioError([Problem("tracing.scatterers_per_m2", message)])
 
 
 def _cell_order(position_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order that brings cubes of space together, and where each begins in it."""
+    """Return the order that groups scatterers by cubes of space, and where each cube begins in it."""
     index = np.floor(position_m / CELL_M).astype(np.int64)
     index -= index.min(axis=0, initial=0)
     key = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0, initial=0) + 1))
@@ -194,17 +194,17 @@ def _touching(
 def _by_area(
     area: Float[np.ndarray, " face"], per_m2: float, generator: np.random.Generator
 ) -> Int[np.ndarray, " scatterer"]:
-    """Return the triangle of each scatterer: equal steps through the area, one random start."""
+    """Return the triangle of each scatterer: equal steps of area from one random start."""
     edge = np.cumsum(area) * per_m2
     step = np.arange(int(edge[-1] + generator.random())) + generator.random()
     return np.minimum(np.searchsorted(edge, step, side="right"), len(area) - 1)
 
 
 def _barycentric(face: Int[np.ndarray, " n"], faces: int, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-    """Return the place of each scatterer in its triangle.
+    """Return the position of each scatterer in its triangle.
 
     The scatterers of a triangle follow an additive sequence with a random start (Roberts 2018, "The unreasonable
-    effectiveness of quasirandom sequences"), which spreads them more evenly than chance: a range cell then holds
+    effectiveness of quasirandom sequences"), which spreads them more evenly than random draws: a range cell then holds
     nearly the number it should.
     """
     first = np.flatnonzero(np.diff(face, prepend=-1))

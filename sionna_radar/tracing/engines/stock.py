@@ -1,4 +1,4 @@
-"""The slow second way: Sionna's stock path solver, pulse by pulse, with the same material and antenna.
+"""The slow alternative: Sionna's stock path solver, pulse by pulse, with the same material and antenna.
 
 It shoots its rays over the whole sphere, so a pencil beam gets few of them; its use is to check the beam engine.
 """
@@ -17,7 +17,7 @@ from sionna_radar.tracing.sionna.pattern import sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
-# These load libLLVM, which the import above has chosen.
+# These load libLLVM, which the import above has selected.
 import drjit as dr
 import sionna.rt as rt
 
@@ -25,7 +25,7 @@ import sionna.rt as rt
 class PathSolverEngine:
     """Traces one pulse after another with `sionna.rt.PathSolver`.
 
-    samples: rays a pulse, over the whole sphere.
+    samples: rays per pulse, over the whole sphere.
     """
 
     def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, seed: int, samples: int) -> None:

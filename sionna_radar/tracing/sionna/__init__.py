@@ -1,1 +1,1 @@
-"""Sionna RT's side of a scene, and the contract that a release of it must keep."""
+"""The scene inside Sionna RT, and the contract that a Sionna release must keep."""

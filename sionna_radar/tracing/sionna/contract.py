@@ -1,7 +1,7 @@
-"""What is relied on of Sionna RT beyond its documented interface, checked on a path whose gain is known.
+"""Check of the undocumented parts of Sionna RT that the engines rely on, on a path with known gain.
 
-The engines fill Sionna's path buffer by private names. Another release may rename one, and would then compute from
-zeros, or from memory that is not its own, without a word.
+The engines fill Sionna's path buffer through private names. Another release may rename one, and would then compute from
+zeros, or from uninitialised memory, without an error.
 """
 
 import functools
@@ -29,12 +29,12 @@ TOLERANCE = 1e-3
 
 @functools.cache
 def check_sionna() -> None:
-    """Compute the echo of a small patch of ground straight below, and hold it against the radar equation.
+    """Compute the echo of a small patch of ground at nadir, and compare it with the radar equation.
 
     Raises
     ------
     BackendError
-        Sionna RT computes another gain or delay, or lacks what the engines rely on.
+        Sionna RT gives a different gain or delay, or lacks something that the engines rely on.
 
     """
     corner = np.array([[-50.0, -50.0, 0.0], [50.0, -50.0, 0.0], [0.0, 50.0, 0.0]])
@@ -68,7 +68,7 @@ def check_sionna() -> None:
     right = abs(abs(gain) ** 2 / expected - 1) < TOLERANCE and abs(found.tau.numpy()[0] / delay_s - 1) < TOLERANCE
     if not right:
         message = (
-            f"sionna-rt {metadata.version('sionna-rt')} gives a known path the power {abs(gain) ** 2:.3g} instead of "
+            f"sionna-rt {metadata.version('sionna-rt')} gives a test path the power {abs(gain) ** 2:.3g} instead of "
             f"{expected:.3g}; install sionna-rt=={TESTED}, which was tested"
         )
         raise BackendError(message)

@@ -1,4 +1,4 @@
-"""Sionna's field calculator over monostatic single-bounce paths found by an engine of ours."""
+"""Sionna's field calculator for the monostatic single-bounce paths found by our engines."""
 
 from importlib import metadata
 from typing import Any
@@ -8,13 +8,13 @@ from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.scene import SionnaScene
 
 # isort: split
-# These load libLLVM, which the import above has chosen.
+# These load libLLVM, which the import above has selected.
 import drjit as dr
 import sionna.rt as rt
 from sionna.rt.path_solvers.field_calculator import FieldCalculator
 from sionna.rt.path_solvers.paths_buffer import PathsBuffer
 
-# What `diffuse_buffer` fills. Setting a name that a release has no use for would leave its own column empty.
+# Columns filled by `diffuse_buffer`. Setting a name that a release does not use would leave its own column empty.
 BUFFER_COLUMNS = (
     "_src_indices",
     "_tgt_indices",
@@ -34,18 +34,18 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
     Parameters
     ----------
     row:
-        Pulse of each path in its block: source and target at once.
+        Pulse of each path in its block: both source and target.
     position, shape, primitive:
         Where it bounces, on which shape (its pointer as an integer), on which triangle.
     probability:
-        4 pi over the solid angle that the path stands for, with one sample a source.
+        4 pi over the solid angle that the path represents, with one sample per source.
     valid:
-        Which paths there are.
+        Which paths exist.
 
     Raises
     ------
     BackendError
-        This release of Sionna RT keeps its paths otherwise.
+        This release of Sionna RT stores its paths differently.
 
     """
     count = dr.width(row)
@@ -54,12 +54,12 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
     missing = [name for name in BUFFER_COLUMNS if not hasattr(buffer, name)]
     if missing:
         message = (
-            f"sionna-rt {metadata.version('sionna-rt')} keeps its paths otherwise than the releases that were tested: "
+            f"sionna-rt {metadata.version('sionna-rt')} stores its paths differently from the tested releases: "
             f"its buffer has no {', '.join(missing)}; install sionna-rt~=2.2.0"
         )
         raise BackendError(message)
     buffer.valid = valid
-    # Sionna fills these columns by scattering path after path; all of them are known here at once.
+    # Sionna fills these columns path by path; here all of them are known at once.
     buffer._src_indices = buffer._tgt_indices = row
     buffer._vertices_x = mi.TensorXf(position.x, size)
     buffer._vertices_y = mi.TensorXf(position.y, size)
@@ -72,8 +72,8 @@ def diffuse_buffer(row: Any, position: Any, shape: Any, primitive: Any, probabil
 
 
 def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any) -> Any:
-    """Return the buffer with channel gains and delays, by Sionna's own field calculator."""
-    # Evaluated at once: the calculator gathers from each array, and would compute all of them again for each.
+    """Return the buffer with channel gains and delays, from Sionna's field calculator."""
+    # Evaluated now: the calculator gathers from each array, and would otherwise recompute all of them for each.
     dr.eval(
         buffer.valid,
         buffer.source_indices,

@@ -24,9 +24,9 @@ class BackscatterMaterial(rt.RadioMaterialBase):
     """A radio material that scatters diffusely with given sigma0 in V, H and cross-polar.
 
     A ray tube of solid angle W that meets the surface at incidence t illuminates the area r^2 W / cos t, so
-    the scattered over the incident field, both at 1 m, is sqrt(sigma0(t) / (4 pi cos t) W). Sionna's own
-    diffuse matrix keeps field components in the world's spherical basis, which is singular at the zenith and
-    loses half the power of a linearly polarised antenna that looks straight down; this one acts on the
+    the scattered over the incident field, both at 1 m, is sqrt(sigma0(t) / (4 pi cos t) W). Sionna's
+    diffuse matrix uses field components in the world's spherical basis, which is singular at the zenith and
+    loses half the power of a linearly polarized antenna pointing straight down; this one acts on the
     transverse field vector itself, by the matrix of `RadarMaterial`. With c = k x n, of size sin t, that is
 
         a_v + (a_h - a_v) / sin^2 t c c^T
@@ -40,10 +40,10 @@ class BackscatterMaterial(rt.RadioMaterialBase):
         material = as_radar_material(backscatter)
         vertical, excess, opposed, exchanged = _amplitudes(material)
         self._vertical = mi.Float(vertical.astype(np.float32))
-        # Left out where they are zero, for speed.
+        # Omitted where they are zero, for speed.
         self._excess = mi.Float(excess.astype(np.float32)) if np.any(excess) else None
         self._cross = mi.Float(exchanged.astype(np.float32)) if np.any(exchanged) or np.any(opposed) else None
-        # With both alike any axes will do.
+        # If both are equal any axes will do.
         self._opposed = None if material.copolar_correlation is None else mi.Float(opposed.astype(np.float32))
 
     def frequency_update(self) -> None:
@@ -51,7 +51,7 @@ class BackscatterMaterial(rt.RadioMaterialBase):
 
     def sample(self, ctx, si, sample1, sample2, active=True):  # type: ignore[no-untyped-def]
         """Sample a diffuse reflection, the only interaction there is."""
-        # The solver says which interactions it wants in the bits of this float.
+        # The solver encodes the requested interactions in the bits of this float.
         wanted = (dr.reinterpret_array(mi.UInt32, si.dp_du.z) & InteractionType.DIFFUSE) > 0
         width = dr.width(si.wi)
         sample = mi.BSDFSample3f()
@@ -111,7 +111,7 @@ def _amplitudes(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return a_v, (a_h - a_v) / sin^2, d and x at evenly spaced incidence angles, for a solid angle of one."""
     incidence = np.linspace(0.0, np.pi / 2, TABLE_SIZE)
-    # At grazing the ratio is taken just short of the horizon, where sigma0 and the cosine both vanish.
+    # At grazing incidence the ratio is taken just short of 90 deg, where sigma0 and the cosine both vanish.
     safe = np.minimum(incidence, np.deg2rad(89.99))
     spread = 4 * np.pi * np.cos(safe)
     parts = material.parts(safe, spread)
@@ -122,7 +122,7 @@ def _amplitudes(
 
 
 class _Transverse:
-    """Matrices that carry a field vector, projected, from one direction's implicit basis to another's."""
+    """Matrices that project a field vector from one direction's implicit basis to another's."""
 
     def __init__(self, k_in, k_out) -> None:  # type: ignore[no-untyped-def]
         self._in = implicit_basis_vector(k_in)
@@ -133,7 +133,7 @@ class _Transverse:
 
     @property
     def kept(self):  # type: ignore[no-untyped-def]
-        """The field vector as it came."""
+        """The field vector unchanged."""
         return mi.Matrix2f([[self._ss, self._sp], [self._ps, self._pp]])
 
     @property
@@ -143,11 +143,11 @@ class _Transverse:
 
     @property
     def opposed(self):  # type: ignore[no-untyped-def]
-        """Its second component turned round."""
+        """Its second component with opposite sign."""
         return mi.Matrix2f([[self._ss, -self._sp], [self._ps, -self._pp]])
 
     def along(self, axis):  # type: ignore[no-untyped-def]
-        """Its part along an axis, times the axis's size squared."""
+        """Its part along an axis, times the axis's squared length."""
         return self.between(axis, axis)
 
     def between(self, shown, seen):  # type: ignore[no-untyped-def]
@@ -156,21 +156,21 @@ class _Transverse:
 
 
 def _incidence_axes(k_in, normal):  # type: ignore[no-untyped-def]
-    """Return unit axes across the plane of incidence and in it; any two straight down."""
+    """Return unit axes across the plane of incidence and in it; any two at normal incidence."""
     across = dr.cross(k_in, normal)
     across = dr.normalize(dr.select(dr.squared_norm(across) > 1e-12, across, implicit_basis_vector(k_in)))
     return across, dr.cross(across, k_in)
 
 
 def _as_four(real, imaginary):  # type: ignore[no-untyped-def]
-    """Return a complex Jones matrix as the real one of twice the size that Sionna works with."""
+    """Return a complex Jones matrix as the real one of twice the size used by Sionna."""
     return mi.Matrix4f([[*real[i], *(-imaginary[i])] for i in range(2)] + [[*imaginary[i], *real[i]] for i in range(2)])
 
 
 def _signs(place):  # type: ignore[no-untyped-def]
-    """Return two signs that depend on a place alone: its coordinates' bits, hashed.
+    """Return two signs that depend only on a position: its coordinates' bits, hashed.
 
-    Multipliers: Teschner and others 2003, "Optimized spatial hashing"; the finish is MurmurHash3's.
+    Multipliers: Teschner and others 2003, "Optimized spatial hashing"; the finaliser is MurmurHash3's.
     """
     x, y, z = (dr.reinterpret_array(mi.UInt32, c) for c in place)
     bits = (x * 73856093) ^ (y * 19349663) ^ (z * 83492791)
@@ -181,7 +181,7 @@ def _signs(place):  # type: ignore[no-untyped-def]
 
 
 def sionna_material(name: str, backscatter: Backscatter) -> rt.RadioMaterialBase:
-    """Return a model of backscatter as a material of Sionna RT."""
+    """Return a backscatter model as a material of Sionna RT."""
     properties = mi.Properties(PLUGIN)
     properties.set_id(name)
     properties["color"] = mi.ScalarColor3f(0.5, 0.5, 0.5)

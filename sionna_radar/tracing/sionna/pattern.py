@@ -16,12 +16,12 @@ import sionna.rt as rt  # noqa: E402
 class SeparablePattern(rt.AntennaPattern):
     """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
 
-    jones: shares of the field along Sionna's two axes, theta (ours for V, turned downward) and phi; None for what the
-    antenna sends.
+    jones: shares of the field along Sionna's two axes, theta (ours for V, pointing down) and phi; None for what the
+    antenna transmits.
     """
 
     def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
-        # With one axis turned round, the hands of a circular wave change places.
+        # Reversing one axis swaps the two senses of circular polarization.
         shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
         azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in _cuts(antenna))
         peak = float(np.sqrt(antenna.peak_gain))
@@ -49,6 +49,6 @@ def _lookup(table, cosine):  # type: ignore[no-untyped-def]
 
 
 def sionna_angles(R_world_antenna: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return the turns about z, y and x that Sionna describes an orientation by."""
-    # A beam straight down is a gimbal lock: any split of the turn is right, and the warning says nothing.
+    """Return the rotations about z, y and x by which Sionna describes an orientation."""
+    # A beam straight down is in gimbal lock: any split of the rotation is right, so the warning is irrelevant.
     return Rotation.from_matrix(R_world_antenna).as_euler("ZYX", suppress_warnings=True)

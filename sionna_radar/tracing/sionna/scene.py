@@ -18,19 +18,19 @@ import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen be
 class SionnaScene:
     """A scene of ours inside Sionna RT.
 
-    pattern, receive_pattern: the antenna as it sends and as it receives.
+    pattern, receive_pattern: the antenna in transmission and in reception.
     shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
-    surface_of_shape: the reverse; -1 where there is none.
+    surface_of_shape: the inverse; -1 where there is none.
     """
 
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
-        # Sionna knows materials and objects by names from one list: those of the user's stay out of it.
+        # Sionna keeps materials and objects in one list of names: the user's names stay out of it.
         materials = {
             name: sionna_material(f"material-{number}", model)
             for number, (name, model) in enumerate(scene.materials.items())
         }
         self.rt_scene = rt.Scene()
-        # Before the materials arrive, some of which are undefined at Sionna's default frequency.
+        # Set before adding materials, some of which are undefined at Sionna's default frequency.
         self.rt_scene.frequency = carrier_hz
         objects = [
             rt.SceneObject(mi_mesh=mitsuba_mesh(s), name=f"surface-{i}", radio_material=materials[s.material])
@@ -38,7 +38,7 @@ class SionnaScene:
         ]
         self.rt_scene.edit(add=objects)
         self.pattern = SeparablePattern(antenna)
-        # Sionna receives by the conjugate of the pattern: what is conjugated for its axes stays as it is.
+        # Sionna receives with the conjugate of the pattern, which cancels the conjugation for its axes.
         self.receive_pattern = SeparablePattern(antenna, antenna.jones[1])
         shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)

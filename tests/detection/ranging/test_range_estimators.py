@@ -7,7 +7,7 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging.beam_profile import beam_profile
-from sionna_radar.detection.ranging.estimator import EchoRuns, build_range_estimator
+from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_estimator
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scenario.processing import ProcessingTable
@@ -19,7 +19,7 @@ NAMES = ("peak", "centroid", "leading_edge", "model_fit")
 ESTIMATORS = {name: build_range_estimator(ProcessingTable(ranging=name)) for name in NAMES}
 
 
-def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoRuns:
+def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoSpans:
     """Echoes of a plane by brute force over the beam, the powers of all cells exponential and independent."""
     cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
     beam = beam_profile(Antenna(cut, cut), np.array([1.0]))
@@ -31,7 +31,7 @@ def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoRuns:
     mean = np.histogram(range_m, edges, weights=weight)[0]
     power = np.random.default_rng(2).exponential(size=(ECHOES, 400)) * (mean / mean.max() + 1e-6)
     strong = np.flatnonzero(mean > 1e-2 * mean.max())
-    return EchoRuns(
+    return EchoSpans(
         power=power,
         noise=np.full_like(power, 1e-6),
         row=np.arange(ECHOES),

@@ -110,7 +110,7 @@ def test_boresight_meets_a_slope_where_geometry_says(survey: Survey) -> None:
 def test_power_is_in_watts_only_when_the_sent_power_is_known() -> None:
     physical = make_survey(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
     assert "(dBW)" in figures.draw_chirp(physical).axes[1].get_ylabel()
-    assert "rel. to sent" in figures.draw_chirp(make_survey()).axes[1].get_ylabel()
+    assert "rel. to transmitted" in figures.draw_chirp(make_survey()).axes[1].get_ylabel()
 
 
 def test_a_notebook_shows_a_figure(survey: Survey) -> None:

@@ -36,7 +36,7 @@ def power_db(paths):
 
 
 def test_a_point_target_loses_the_closed_form(pencil):
-    """Straight down the polarisation does not matter: P.838 at 90 deg of elevation, twice the way."""
+    """Straight down the polarization does not matter: P.838 at 90 deg of elevation, twice the way."""
     caster = RayCaster([make_surface(lambda x, y: 0 * x)])
     chirp, pulses = make_chirp(), make_pulses(3)
     clear = trace_targets([Target(position_m=(0.0, 0.0, 0.0), rcs_m2=1.0)], pulses, pencil, chirp, caster)

@@ -27,14 +27,14 @@ def engine(scene, antenna, chirp, rays=512, seed=1, side_lobe_share=0.05):
 
 
 @pytest.fixture(scope="module", params=["V", "H"])
-def polarised(request, plane):
+def polarized(request, plane):
     antenna = make_antenna(2.0, 2.0, request.param)
     return antenna, engine(plane, antenna, make_chirp())
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 15, 30, 45, 60, 70])
-def test_mean_power_over_a_plane_is_the_radar_equation(polarised, incidence_deg):
-    antenna, beam = polarised
+def test_mean_power_over_a_plane_is_the_radar_equation(polarized, incidence_deg):
+    antenna, beam = polarized
     pulses = make_pulses(400, incidence_deg=incidence_deg)
     mean = power_per_pulse(beam.trace(pulses), pulses).mean()
     expected = plane_power(antenna, 50.0, incidence_deg)

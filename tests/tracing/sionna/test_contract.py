@@ -55,7 +55,7 @@ def test_a_release_that_computes_another_gain_is_refused(monkeypatch):
 
     monkeypatch.setattr(sionna_contract, "calculate_fields", half)
     check_sionna.cache_clear()
-    with pytest.raises(BackendError, match="gives a known path the power"):
+    with pytest.raises(BackendError, match="gives a test path the power"):
         check_sionna()
 
 

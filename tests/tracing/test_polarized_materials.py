@@ -77,7 +77,7 @@ def mean_power(paths, pulses) -> float:
     return float(np.sum(np.abs(paths.gain.astype(complex)) ** 2) / len(pulses))
 
 
-def polarised_plane_power(antenna, height_m, incidence_deg, material) -> float:
+def polarized_plane_power(antenna, height_m, incidence_deg, material) -> float:
     """Received over sent power: the radar equation over a plane, the field of every direction split into V and H."""
     near, far = 3 * max(antenna.beamwidths_rad), np.pi / 2
     grid = np.concatenate(
@@ -112,7 +112,7 @@ def test_each_model_over_a_plane_is_the_radar_equation(name, polarization):
     for incidence_deg in (0, 20, 45, 70, 80):
         pulses = make_pulses(100, incidence_deg=incidence_deg)
         level_db = 10 * np.log10(
-            mean_power(beam.trace(pulses), pulses) / polarised_plane_power(antenna, 50.0, incidence_deg, material)
+            mean_power(beam.trace(pulses), pulses) / polarized_plane_power(antenna, 50.0, incidence_deg, material)
         )
         # At grazing the mirror-like kirchhoff echoes through a few side-lobe rays straight below: noisy, not biased
         # (8 seeds of 60 pulses, 8192 rays: +0.004 +- 0.011 dB at 70 deg, -0.011 +- 0.052 dB at 80 deg).
@@ -134,7 +134,7 @@ def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, head
     # Reciprocity, path by path: what H receives of V is what V receives of H.
     vh, hv = paths["H", "cross"].gain, paths["V", "cross"].gain
     np.testing.assert_allclose(vh, hv, rtol=0, atol=2e-4 * np.abs(vh).max())
-    expected = polarised_plane_power(make_antenna(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
+    expected = polarized_plane_power(make_antenna(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
     for (_, receives), table in paths.items():
         level = mean_power(table, pulses) / expected
         assert 10 * np.log10(level / (0.1 if receives == "cross" else 1.0)) == pytest.approx(0.0, abs=0.05)
@@ -143,7 +143,7 @@ def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, head
 @pytest.mark.parametrize("scan_deg", [0.0, 40.0])
 @pytest.mark.parametrize("receives", ["co", "cross"])
 @pytest.mark.parametrize("polarization", ["V", "H"])
-def test_facets_turn_the_polarisation_as_the_fields_do(polarization, receives, scan_deg):
+def test_facets_turn_the_polarization_as_the_fields_do(polarization, receives, scan_deg):
     """A scanned beam meets the plane of incidence at an angle: SPM ground has V and H 6 dB apart here."""
     even = MODELS["small_perturbation"]
     material = replace(even, cross_polar=0.02)
@@ -164,11 +164,11 @@ def test_facets_scatter_the_radar_equation_in_v_and_h(polarization):
     material, antenna = MODELS["small_perturbation"], make_antenna(2.0, 2.0, polarization)
     scene, pulses = plane_of(material), make_pulses(1, incidence_deg=45.0)
     facets = GammaEngine(scene, antenna, make_chirp(), 1, RayCaster(scene.surfaces)).trace(pulses)
-    expected = polarised_plane_power(antenna, 50.0, 45, material)
+    expected = polarized_plane_power(antenna, 50.0, 45, material)
     assert 10 * np.log10(mean_power(facets, pulses) / expected) == pytest.approx(0.0, abs=0.03)
 
 
-def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarisation():
+def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarization():
     scene = plane_of(MODELS["lambertian"])
     crossed = replace(make_antenna(2.0, 2.0), receives="cross")
     paths = BeamEngine(scene, crossed, make_chirp(), 1, 512, 0.05).trace(make_pulses(20, incidence_deg=40.0))
@@ -178,7 +178,7 @@ def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarisation():
     assert np.sum(np.abs(paths.gain) ** 2) < 1e-9 * np.sum(np.abs(kept.gain) ** 2)
 
 
-def test_the_stock_solver_sees_the_same_polarised_surface():
+def test_the_stock_solver_sees_the_same_polarized_surface():
     material = replace(MODELS["small_perturbation"], cross_polar=0.2)
     scene, pulses = plane_of(material), make_pulses(8, incidence_deg=50.0)
     for polarization in "VH":
@@ -284,7 +284,7 @@ def test_sionnas_slab_scatters_what_is_stated(polarization):
     beam = BeamEngine(plane_of(material), antenna, make_chirp(), 1, 512, 0.05)
     for incidence_deg in (0, 30, 60):
         pulses = make_pulses(200, incidence_deg=incidence_deg)
-        expected = polarised_plane_power(antenna, 50.0, incidence_deg, material)
+        expected = polarized_plane_power(antenna, 50.0, incidence_deg, material)
         level_db = 10 * np.log10(mean_power(beam.trace(pulses), pulses) / expected)
         assert level_db == pytest.approx(0.0, abs=0.05)
 
@@ -298,7 +298,7 @@ def test_sionnas_slab_keeps_its_power_with_the_scan_angle():
         pulses = make_pulses(100, incidence_deg=20.0, scan_deg=scan_deg)
         tilt_deg = np.rad2deg(np.arccos(np.cos(np.deg2rad(20.0)) * np.cos(np.deg2rad(scan_deg))))
         ground = scene.materials["ground"]
-        levels = [polarised_plane_power(make_antenna(2.0, 2.0, p), 50.0, tilt_deg, ground) for p in "VH"]
+        levels = [polarized_plane_power(make_antenna(2.0, 2.0, p), 50.0, tilt_deg, ground) for p in "VH"]
         measured = mean_power(beam.trace(pulses), pulses)
         assert min(levels) * 0.85 < measured < max(levels) * 1.15
 
@@ -313,7 +313,7 @@ def test_cross_polar_signs_are_the_same_in_any_block():
         np.testing.assert_array_equal(getattr(whole, field.name)[whole.pulse == 4], getattr(alone, field.name))
 
 
-def test_plain_models_need_no_polarised_work():
+def test_plain_models_need_no_polarized_work():
     material = sionna_material("plain", ConstantGammaBackscatter(0.1))
     assert isinstance(material, BackscatterMaterial)
     assert material._excess is None
