@@ -9,11 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from test_architecture import ROOMS, run
 
 import sionna_radar
 from sionna_radar.scenario import parts
 from sionna_radar.scenario.registry import Registry
+from test_architecture import ROOMS, run
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = [*sorted((ROOT / "examples").rglob("*.py"))]

@@ -83,9 +83,10 @@ class Scenario(Table):
     radar: RadarTable
     weather: WeatherTable = WeatherTable()
     lidar: LidarTable = LidarTable()
-    tracing: TracingTable = TracingTable()
-    processing: ProcessingTable = ProcessingTable()
-    dem: DemTable = DemTable()
+    # Their parameters are checked by the parts themselves, whose modules import this package.
+    tracing: TracingTable = Field(default_factory=TracingTable)
+    processing: ProcessingTable = Field(default_factory=ProcessingTable)
+    dem: DemTable = Field(default_factory=DemTable)
 
     @model_validator(mode="after")
     def _materials_exist(self) -> Scenario:

@@ -7,22 +7,23 @@ from sionna_radar.accuracy.edges import walls_on
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.buildings import build_box
+from worlds import make_scene, make_surface
 
 GRID = Grid(west_m=-40.0, south_m=-40.0, spacing_m=1.0, columns=81, rows=81)
 
 
 @pytest.mark.parametrize(("height_m", "walls"), [(6.0, True), (0.5, False)])
-def test_a_box_s_walls_are_those_of_its_outline(scene_of, surface_of, height_m, walls):
+def test_a_box_s_walls_are_those_of_its_outline(height_m, walls):
     """The same box once as a building of the scenario, once as any mesh of a city."""
     box = Building(position_m=(3.0, -5.0), size_m=(20.0, 12.0, height_m), heading_deg=30.0)
-    ground = surface_of(lambda x, y: 0 * x)
+    ground = make_surface(lambda x, y: 0 * x)
     mesh = build_box(box, 0, lambda point: np.zeros(len(point)))
-    city = walls_on(GRID, scene_of(ground, mesh), ())
+    city = walls_on(GRID, make_scene(ground, mesh), ())
     assert bool(city) is walls
     if not walls:
         return
     reach = np.full(len(GRID.centres_m), 3.0)
-    exact = walls_on(GRID, scene_of(ground, mesh), (box,))
+    exact = walls_on(GRID, make_scene(ground, mesh), (box,))
     assert len(exact.foot_m) == 0
     differing = city.near(GRID.centres_m, reach) != exact.near(GRID.centres_m, reach)
     assert exact.near(GRID.centres_m, reach).sum() > 300
@@ -31,13 +32,13 @@ def test_a_box_s_walls_are_those_of_its_outline(scene_of, surface_of, height_m, 
 
 
 @pytest.mark.parametrize(("slope_deg", "walls"), [(45.0, False), (55.0, False), (65.0, True)])
-def test_ground_is_no_wall_unless_no_soil_lies_so_steep(scene_of, surface_of, slope_deg, walls):
+def test_ground_is_no_wall_unless_no_soil_lies_so_steep(slope_deg, walls):
     rise = np.tan(np.deg2rad(slope_deg))
-    ramp = surface_of(lambda x, y: rise * np.clip(x, 0.0, 10.0), size_m=100.0)
-    assert bool(walls_on(GRID, scene_of(ramp), ())) is walls
+    ramp = make_surface(lambda x, y: rise * np.clip(x, 0.0, 10.0), size_m=100.0)
+    assert bool(walls_on(GRID, make_scene(ramp), ())) is walls
 
 
-def test_walls_beyond_the_map_are_none(scene_of, surface_of):
+def test_walls_beyond_the_map_are_none():
     far = Building(position_m=(200.0, 0.0), size_m=(20.0, 12.0, 6.0))
     mesh = build_box(far, 0, lambda point: np.zeros(len(point)))
-    assert not walls_on(GRID, scene_of(surface_of(lambda x, y: 0 * x), mesh), ())
+    assert not walls_on(GRID, make_scene(make_surface(lambda x, y: 0 * x), mesh), ())

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from beams import make_chirp
 from sionna_radar.accuracy.precipitation import from_rain
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
@@ -35,16 +36,16 @@ def echoes_of(rows):
     )
 
 
-def test_each_echo_has_the_stronger_of_what_lies_at_its_range(chirp_of):
+def test_each_echo_has_the_stronger_of_what_lies_at_its_range():
     paths = paths_of([
         (7, 10.0, 3.0, VOLUME), (7, 10.2, 1.0, 0), (7, 60.0, 2.0, VOLUME), (7, 60.1, 5.0, 0),
         (8, 10.0, 3.0, VOLUME), (8, 150.0, 9.0, TARGET),
         (9, 10.0, 1.0, 0),
     ])  # fmt: skip
     echoes = echoes_of([(7, 10.1), (7, 60.0), (7, 100.0), (8, 10.3), (8, 150.0), (9, 10.0)])
-    assert from_rain(echoes, paths, chirp_of()).tolist() == [True, False, False, True, False, False]
+    assert from_rain(echoes, paths, make_chirp()).tolist() == [True, False, False, True, False, False]
 
 
-def test_in_clear_air_nothing_is_rain(chirp_of):
+def test_in_clear_air_nothing_is_rain():
     paths = paths_of([(0, 10.0, 1.0, 0), (1, 10.0, 1.0, TARGET)])
-    assert not from_rain(echoes_of([(0, 10.0), (1, 10.0)]), paths, chirp_of()).any()
+    assert not from_rain(echoes_of([(0, 10.0), (1, 10.0)]), paths, make_chirp()).any()

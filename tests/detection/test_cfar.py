@@ -6,6 +6,7 @@ from math import comb
 import numpy as np
 import pytest
 
+from beams import make_chirp
 from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.foundation.errors import ScenarioError
@@ -16,7 +17,7 @@ KINDS = ("CA", "GO", "SO", "OS")
 INDEPENDENT = np.array([1.0])
 
 
-def make_chirp(samples, sampling) -> Chirp:
+def sampled_chirp(samples, sampling) -> Chirp:
     return Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=samples, sampling=sampling)
 
 
@@ -126,7 +127,7 @@ def test_a_step_in_the_noise_shows_what_each_kind_is_for():
 def false_alarms(sampling: str, zero_padding: int, guard: int, training: int, chirps: int):
     """Count false alarms in pure noise at a wanted 1e-3: for each kind, (alarms, cells) of middle and edges."""
     samples = 512 if sampling == "real" else 256  # 256 range cells either way
-    chirp = make_chirp(samples=samples, sampling=sampling)
+    chirp = sampled_chirp(samples=samples, sampling=sampling)
     detectors = {}
     for kind in KINDS:
         table = CfarTable(kind=kind, guard=guard, training=training, false_alarm_probability=1e-3)
@@ -171,7 +172,7 @@ def test_no_cell_is_detected_where_no_side_fits():
     assert np.all(np.isinf(cfar.threshold(np.ones((1, 18)))))
 
 
-def test_guard_cells_that_the_window_reaches_over_are_refused(chirp_of):
+def test_guard_cells_that_the_window_reaches_over_are_refused():
     with pytest.raises(ScenarioError, match=r"processing.cfar.guard.*needs at least 2"):
-        build_detector(ProcessingTable(cfar=CfarTable(guard=1)), chirp_of())
-    build_detector(ProcessingTable(cfar=CfarTable(guard=2)), chirp_of())
+        build_detector(ProcessingTable(cfar=CfarTable(guard=1)), make_chirp())
+    build_detector(ProcessingTable(cfar=CfarTable(guard=2)), make_chirp())

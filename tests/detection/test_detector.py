@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.detection.detector import Detector, Spectra, build_detector
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_estimator
+from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import add_noise
@@ -29,8 +31,8 @@ def spectra_of(chirp, *pulses: dict[int, float]) -> Spectra:
     return Spectra(power=power, noise=np.ones_like(power), threshold=np.full_like(power, 10.0))
 
 
-def found(detector, spectra, looking) -> Echoes:
-    pulses = looking(len(spectra.power), first=20)
+def found(detector, spectra) -> Echoes:
+    pulses = make_pulses(len(spectra.power), first=20)
     return detector.echoes(spectra, pulses.index, pulses.measured)
 
 
@@ -40,62 +42,62 @@ def cells_of(echoes: Echoes) -> list[tuple[int, int, float]]:
     ]
 
 
-def test_neighbouring_cells_are_one_echo(chirp_of, looking):
-    detector = detector_of(chirp_of(), echoes="all", merge_gap_m=0.0)
-    echoes = found(detector, spectra_of(chirp_of(), {50: 20, 51: 40, 52: 20, 60: 30}, {}, {70: 15}), looking)
+def test_neighbouring_cells_are_one_echo():
+    detector = detector_of(make_chirp(), echoes="all", merge_gap_m=0.0)
+    echoes = found(detector, spectra_of(make_chirp(), {50: 20, 51: 40, 52: 20, 60: 30}, {}, {70: 15}))
     assert cells_of(echoes) == [(20, 0, pytest.approx(51)), (20, 1, pytest.approx(60)), (22, 0, pytest.approx(70))]
     np.testing.assert_allclose(echoes.power, [40, 30, 15])
     np.testing.assert_allclose(echoes.snr_db, 10 * np.log10([40, 30, 15]))
 
 
 @pytest.mark.parametrize(("gap_cells", "count"), [(0, 3), (1, 2), (2, 2), (3, 1)])
-def test_gaps_up_to_the_merge_gap_are_bridged(chirp_of, looking, gap_cells, count):
+def test_gaps_up_to_the_merge_gap_are_bridged(gap_cells, count):
     # One cell lies between 50 and 52, three between 52 and 56.
-    detector = detector_of(chirp_of(), echoes="all", merge_gap_m=(gap_cells + 0.01) * CELL_M)
-    assert len(found(detector, spectra_of(chirp_of(), {50: 20, 52: 20, 56: 20}), looking)) == count
+    detector = detector_of(make_chirp(), echoes="all", merge_gap_m=(gap_cells + 0.01) * CELL_M)
+    assert len(found(detector, spectra_of(make_chirp(), {50: 20, 52: 20, 56: 20}))) == count
 
 
-def test_a_merged_echo_is_placed_by_all_its_power(chirp_of, looking):
-    detector = detector_of(chirp_of(), merge_gap_m=1.0)
-    echoes = found(detector, spectra_of(chirp_of(), {50: 31, 52: 11}), looking)
+def test_a_merged_echo_is_placed_by_all_its_power():
+    detector = detector_of(make_chirp(), merge_gap_m=1.0)
+    echoes = found(detector, spectra_of(make_chirp(), {50: 31, 52: 11}))
     assert echoes.range_m[0] / CELL_M == pytest.approx((30 * 50 + 10 * 52) / 40)  # power above the noise
 
 
 @pytest.mark.parametrize(("choice", "cells"), [("all", [40, 60, 80]), ("first", [40]), ("strongest", [60])])
-def test_which_echoes_are_kept(chirp_of, looking, choice, cells):
-    detector = detector_of(chirp_of(), echoes=choice)
-    spectra = spectra_of(chirp_of(), {40: 20, 60: 90, 80: 50}, {40: 20, 60: 90, 80: 50})
-    echoes = found(detector, spectra, looking)
+def test_which_echoes_are_kept(choice, cells):
+    detector = detector_of(make_chirp(), echoes=choice)
+    spectra = spectra_of(make_chirp(), {40: 20, 60: 90, 80: 50}, {40: 20, 60: 90, 80: 50})
+    echoes = found(detector, spectra)
     assert cells_of(echoes) == [(p, n, pytest.approx(c)) for p in (20, 21) for n, c in enumerate(cells)]
 
 
 @pytest.mark.parametrize(("choice", "cells"), [("all", [60, 80]), ("first", [60]), ("strongest", [80])])
-def test_echoes_far_below_the_strongest_are_dropped(chirp_of, looking, choice, cells):
-    detector = detector_of(chirp_of(), echoes=choice, dynamic_range_db=20.0)
-    spectra = spectra_of(chirp_of(), {40: 9.9e3, 60: 1.1e4, 80: 1e6})
-    assert [c for _, _, c in cells_of(found(detector, spectra, looking))] == pytest.approx(cells, abs=1e-3)
+def test_echoes_far_below_the_strongest_are_dropped(choice, cells):
+    detector = detector_of(make_chirp(), echoes=choice, dynamic_range_db=20.0)
+    spectra = spectra_of(make_chirp(), {40: 9.9e3, 60: 1.1e4, 80: 1e6})
+    assert [c for _, _, c in cells_of(found(detector, spectra))] == pytest.approx(cells, abs=1e-3)
 
 
-def test_of_equal_echoes_the_nearest_is_the_strongest(chirp_of, looking):
-    detector = detector_of(chirp_of(), echoes="strongest")
-    assert cells_of(found(detector, spectra_of(chirp_of(), {40: 50, 60: 50}), looking)) == [(20, 0, pytest.approx(40))]
+def test_of_equal_echoes_the_nearest_is_the_strongest():
+    detector = detector_of(make_chirp(), echoes="strongest")
+    assert cells_of(found(detector, spectra_of(make_chirp(), {40: 50, 60: 50}))) == [(20, 0, pytest.approx(40))]
 
 
-def test_nothing_nearer_than_the_least_range_counts(chirp_of, looking):
-    detector = detector_of(chirp_of(), min_range_m=20.5 * CELL_M, echoes="all")
-    spectra = spectra_of(chirp_of(), {3: 99, 20: 99, 21: 99, 30: 99})
-    assert [c for _, _, c in cells_of(found(detector, spectra, looking))] == pytest.approx([21, 30])
+def test_nothing_nearer_than_the_least_range_counts():
+    detector = detector_of(make_chirp(), min_range_m=20.5 * CELL_M, echoes="all")
+    spectra = spectra_of(make_chirp(), {3: 99, 20: 99, 21: 99, 30: 99})
+    assert [c for _, _, c in cells_of(found(detector, spectra))] == pytest.approx([21, 30])
 
 
-def test_silence_has_no_echoes(chirp_of, looking):
-    for ranging in ESTIMATORS:
-        assert len(found(detector_of(chirp_of(), ranging=ranging), spectra_of(chirp_of(), {}, {}), looking)) == 0
+def test_silence_has_no_echoes():
+    for ranging in RANGE_ESTIMATORS.known():
+        assert len(found(detector_of(make_chirp(), ranging=ranging), spectra_of(make_chirp(), {}, {}))) == 0
 
 
-def test_a_run_at_the_end_of_the_spectrum_is_kept(chirp_of, looking):
-    for ranging in ESTIMATORS:
-        detector = detector_of(chirp_of(), ranging=ranging)
-        echoes = found(detector, spectra_of(chirp_of(), {510: 50}), looking)
+def test_a_run_at_the_end_of_the_spectrum_is_kept():
+    for ranging in RANGE_ESTIMATORS.known():
+        detector = detector_of(make_chirp(), ranging=ranging)
+        echoes = found(detector, spectra_of(make_chirp(), {510: 50}))
         assert echoes.range_m[0] / CELL_M == pytest.approx(510, abs=0.51)
 
 
@@ -108,13 +110,15 @@ def test_estimators_on_a_known_shape():
         row=np.array([0]), start=np.array([8]), stop=np.array([34]), peak=np.array([20]),
     )  # fmt: skip
     for name in ("peak", "centroid", "model_fit"):  # the leading edge counts on speckle; without a beam a fit is a mean
-        assert ESTIMATORS[name](runs).range_m[0] == pytest.approx(0.3 * 20.3, abs=2e-3)
+        assert build_range_estimator(ProcessingTable(ranging=name))(runs).range_m[0] == pytest.approx(
+            0.3 * 20.3, abs=2e-3
+        )
 
 
-def beats(chirp, looking, ranges_m, powers, noise=1e-4):
+def beats(chirp, ranges_m, powers, noise=1e-4):
     """Beats of one pulse for each row of ranges, each with a phase of its own."""
     ranges_m = np.atleast_2d(ranges_m)
-    pulses, each = looking(len(ranges_m), velocity_mps=(0, 0, 0)), ranges_m.shape[1]
+    pulses, each = make_pulses(len(ranges_m), velocity_mps=(0, 0, 0)), ranges_m.shape[1]
     phase = np.random.default_rng(4).uniform(0, 2 * np.pi, ranges_m.size)
     paths = Paths(
         pulse=np.repeat(pulses.index, each),
@@ -131,10 +135,10 @@ def beats(chirp, looking, ranges_m, powers, noise=1e-4):
 @pytest.mark.parametrize("ranging", ["peak", "centroid"])
 @pytest.mark.parametrize("zero_padding", [1, 2, 4])
 @pytest.mark.parametrize("sampling", ["real", "iq"])
-def test_a_point_target_is_ranged_within_a_centimetre(chirp_of, looking, sampling, zero_padding, ranging):
-    chirp = chirp_of(sampling=sampling)
+def test_a_point_target_is_ranged_within_a_centimetre(sampling, zero_padding, ranging):
+    chirp = make_chirp(sampling=sampling)
     truth = np.linspace(60, 61, 50)
-    beat, pulses = beats(chirp, looking, truth[:, None], [1.0])
+    beat, pulses = beats(chirp, truth[:, None], [1.0])
     detector = detector_of(chirp, ranging=ranging, zero_padding=zero_padding)
     error = detector.detect(beat, pulses.index, pulses.measured).range_m - truth
     # The parabola through a Hann lobe sampled once a cell is off by up to 1.6 % of the cell: 5 mm.
@@ -142,16 +146,16 @@ def test_a_point_target_is_ranged_within_a_centimetre(chirp_of, looking, samplin
     assert abs(error.mean()) < 0.001
 
 
-def test_an_echoes_power_is_the_targets(chirp_of, looking):
-    chirp = chirp_of()
-    beat, pulses = beats(chirp, looking, [[200 * CELL_M]], [2.5], noise=1e-6)
+def test_an_echoes_power_is_the_targets():
+    chirp = make_chirp()
+    beat, pulses = beats(chirp, [[200 * CELL_M]], [2.5], noise=1e-6)
     echoes = detector_of(chirp, zero_padding=2).detect(beat, pulses.index, pulses.measured)
     assert 10 * np.log10(echoes.power[0] / 2.5) == pytest.approx(0.0, abs=0.02)
 
 
-def test_snr_is_counted_against_the_noise(chirp_of, looking):
-    chirp = chirp_of()
-    beat, pulses = beats(chirp, looking, np.full((200, 1), 200 * CELL_M), [1.0], noise=0.1)
+def test_snr_is_counted_against_the_noise():
+    chirp = make_chirp()
+    beat, pulses = beats(chirp, np.full((200, 1), 200 * CELL_M), [1.0], noise=0.1)
     cfar = {"kind": "CA", "guard": 3, "training": 32}
     echoes = detector_of(chirp, cfar=cfar).detect(beat, pulses.index, pulses.measured)
     # Noise 0.1 over 512 cells, times Hann's 1.5: 35.3 dB below the target.
@@ -159,20 +163,20 @@ def test_snr_is_counted_against_the_noise(chirp_of, looking):
 
 
 @pytest.mark.parametrize("gap_m", [2.5, 7.6])
-def test_two_targets_are_told_apart(chirp_of, looking, gap_m):
+def test_two_targets_are_told_apart(gap_m):
     """The paper's roof edge: 36.4 m and 44.0 m in one chirp."""
-    chirp = chirp_of()
+    chirp = make_chirp()
     truth = np.array([36.4, 36.4 + gap_m])
-    beat, pulses = beats(chirp, looking, [truth] * 20, [1.0, 0.5], noise=0.1)  # 35 and 32 dB
+    beat, pulses = beats(chirp, [truth] * 20, [1.0, 0.5], noise=0.1)  # 35 and 32 dB
     echoes = detector_of(chirp, echoes="all", zero_padding=2).detect(beat, pulses.index, pulses.measured)
     np.testing.assert_array_equal(echoes.number, [0, 1] * 20)
     np.testing.assert_allclose(echoes.range_m.reshape(20, 2), np.tile(truth, (20, 1)), atol=0.02)
 
 
-def test_detection_knows_no_other_pulse(chirp_of, looking):
-    chirp = chirp_of()
-    beat, pulses = beats(chirp, looking, np.linspace(40, 90, 30)[:, None], [1.0])
+def test_detection_knows_no_other_pulse():
+    chirp = make_chirp()
+    beat, pulses = beats(chirp, np.linspace(40, 90, 30)[:, None], [1.0])
     detector = detector_of(chirp, echoes="all")
     whole = detector.detect(beat, pulses.index, pulses.measured)
-    parts = [detector.detect(beat[k : k + 1], pulses.index[k : k + 1], looking(1).measured) for k in range(30)]
+    parts = [detector.detect(beat[k : k + 1], pulses.index[k : k + 1], make_pulses(1).measured) for k in range(30)]
     np.testing.assert_array_equal(Echoes.concatenate(parts).range_m, whole.range_m)

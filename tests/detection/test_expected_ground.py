@@ -9,6 +9,8 @@ import rasterio
 from pyproj import CRS, Transformer
 from rasterio import Affine
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.detection.expected_ground import build_expected_ground
@@ -17,7 +19,6 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import received
 from sionna_radar.survey.sensors.radar import SawtoothRadar
 
 KEY = "processing.expected_ground"
@@ -53,16 +54,14 @@ def expected(antenna, *, place=None, **table):
 
 @pytest.mark.parametrize("direction", ["up", "down"])
 @pytest.mark.parametrize(("incidence_deg", "speed_mps"), [(0.0, 10.0), (45.0, 10.0), (60.0, -20.0)])
-def test_over_level_ground_the_beam_s_edges_and_the_motion_make_the_window(
-    chirp_of, antenna_of, looking, incidence_deg, speed_mps, direction
-):
+def test_over_level_ground_the_beam_s_edges_and_the_motion_make_the_window(incidence_deg, speed_mps, direction):
     """Steepest edge to the highest ground, flattest edge to the lowest, plus the sweep's shift by the motion."""
-    chirp, antenna = chirp_of(), antenna_of(4.0, 2.0)
+    chirp, antenna = make_chirp(), make_antenna(4.0, 2.0)
     if direction == "down":
-        chirp = chirp_of(sweep="down")
+        chirp = make_chirp(sweep="down")
     azimuth, elevation = antenna.beamwidths_rad
     incidence = np.deg2rad(incidence_deg)
-    pulses = looking(1, incidence_deg=incidence_deg, velocity_mps=(0.0, speed_mps, 0.0))
+    pulses = make_pulses(1, incidence_deg=incidence_deg, velocity_mps=(0.0, speed_mps, 0.0))
     window = expected(antenna).window_m(pulses, chirp)
     # The azimuth edges of a beam that looks along the track leave nadir by this much.
     beside = np.arccos(np.cos(incidence) * np.cos(azimuth))
@@ -75,19 +74,19 @@ def test_over_level_ground_the_beam_s_edges_and_the_motion_make_the_window(
     np.testing.assert_allclose(window, [[nearest + shift_m, farthest + shift_m]], rtol=1e-9)
 
 
-def test_a_beam_that_meets_no_expected_ground_keeps_what_it_can(pencil, chirp_of, looking):
+def test_a_beam_that_meets_no_expected_ground_keeps_what_it_can(pencil):
     edge = np.rad2deg(pencil.beamwidths_rad[1]) / 2
-    pulses = looking(3, incidence_deg=0.0, scan_deg=np.array([0.0, 90.0 - edge, 120.0]))
-    window = expected(pencil).window_m(pulses, chirp_of())
+    pulses = make_pulses(3, incidence_deg=0.0, scan_deg=np.array([0.0, 90.0 - edge, 120.0]))
+    window = expected(pencil).window_m(pulses, make_chirp())
     assert np.all(np.isfinite(window[0]))
     assert np.isfinite(window[1, 0])
     assert window[1, 1] == np.inf
     np.testing.assert_array_equal(window[2], EVERYWHERE)
 
 
-def test_below_the_highest_expected_ground_the_window_starts_at_nothing(pencil, chirp_of, looking):
-    pulses = looking(1, velocity_mps=(0.0, 0.0, 0.0))
-    window = expected(pencil, tolerance_m=80.0).window_m(pulses, chirp_of())
+def test_below_the_highest_expected_ground_the_window_starts_at_nothing(pencil):
+    pulses = make_pulses(1, velocity_mps=(0.0, 0.0, 0.0))
+    window = expected(pencil, tolerance_m=80.0).window_m(pulses, make_chirp())
     assert window[0, 0] == 0.0
     assert window[0, 1] == pytest.approx(130.0 / np.cos(max(pencil.beamwidths_rad)))
 
@@ -99,16 +98,16 @@ def slope_window(antenna, incidence_deg, slope):
     return np.array([47.0, 53.0]) / (np.cos(angles) + slope * np.sin(angles))
 
 
-def test_the_window_of_a_rough_dem_follows_its_slope(tmp_path, pencil, chirp_of, looking):
+def test_the_window_of_a_rough_dem_follows_its_slope(tmp_path, pencil):
     """Rows go south in a file: a slope read upside down would put the window 40 m off."""
     y = 500.0 - 25.0 * (np.arange(40) + 0.5)
     path = geotiff(tmp_path, np.tile(0.3 * y[:, None], (1, 40)))
-    pulses = looking(1, incidence_deg=40.0, velocity_mps=(0.0, 0.0, 0.0))
-    window = expected(pencil, path=str(path)).window_m(pulses, chirp_of())
+    pulses = make_pulses(1, incidence_deg=40.0, velocity_mps=(0.0, 0.0, 0.0))
+    window = expected(pencil, path=str(path)).window_m(pulses, make_chirp())
     np.testing.assert_allclose(window[0], slope_window(pencil, 40.0, 0.3), atol=0.02)
 
 
-def test_a_rough_dem_in_degrees_lies_where_the_survey_is(tmp_path, pencil, chirp_of, looking):
+def test_a_rough_dem_in_degrees_lies_where_the_survey_is(tmp_path, pencil):
     """A georeferenced survey; the file is in another CRS, and its heights count from the datum."""
     utm = CRS.from_epsg(32633)
     place = Georeference(crs_wkt=utm.to_wkt(), origin_m=(500_000.0, 5_400_000.0, 250.0))
@@ -119,28 +118,28 @@ def test_a_rough_dem_in_degrees_lies_where_the_survey_is(tmp_path, pencil, chirp
     heights = np.tile(250 + 0.3 * north_m[:, None], (1, 40))
     corner = {"west_m": longitude - 0.01, "north_m": latitude + 0.01, "spacing_m": 0.0005}
     path = geotiff(tmp_path, heights, **corner, crs="EPSG:4326")
-    pulses = looking(1, incidence_deg=40.0, velocity_mps=(0.0, 0.0, 0.0))
-    window = expected(pencil, path=str(path), place=place).window_m(pulses, chirp_of())
+    pulses = make_pulses(1, incidence_deg=40.0, velocity_mps=(0.0, 0.0, 0.0))
+    window = expected(pencil, path=str(path), place=place).window_m(pulses, make_chirp())
     np.testing.assert_allclose(window[0], slope_window(pencil, 40.0, 0.3), atol=0.1)
 
 
 @pytest.mark.parametrize("hole", [np.nan, -9999.0, 3e38])
-def test_holes_of_a_rough_dem_take_its_mean(tmp_path, pencil, chirp_of, looking, hole):
+def test_holes_of_a_rough_dem_take_its_mean(tmp_path, pencil, hole):
     heights = np.full((40, 40), 12.0)
     heights[:, 21:] = hole
-    pulses = looking(1, velocity_mps=(0.0, 0.0, 0.0), position_m=(60.0, 0.0, 50.0))
-    window = expected(pencil, path=str(geotiff(tmp_path, heights))).window_m(pulses, chirp_of())
+    pulses = make_pulses(1, velocity_mps=(0.0, 0.0, 0.0), position_m=(60.0, 0.0, 50.0))
+    window = expected(pencil, path=str(geotiff(tmp_path, heights))).window_m(pulses, make_chirp())
     np.testing.assert_allclose(window[0], [35.0, 41.0 / np.cos(max(pencil.beamwidths_rad))], atol=0.01)
 
 
-def test_a_single_cell_is_a_dem(tmp_path, pencil, chirp_of, looking):
+def test_a_single_cell_is_a_dem(tmp_path, pencil):
     path = geotiff(tmp_path, np.full((1, 1), 5.0), spacing_m=1000.0)
-    window = expected(pencil, path=str(path)).window_m(looking(1, velocity_mps=(0.0, 0.0, 0.0)), chirp_of())
+    window = expected(pencil, path=str(path)).window_m(make_pulses(1, velocity_mps=(0.0, 0.0, 0.0)), make_chirp())
     assert window[0, 0] == pytest.approx(42.0)
 
 
-def test_a_stronger_target_off_the_ground_is_refused_in_clear_air(chirp_of):
-    chirp = chirp_of()
+def test_a_stronger_target_off_the_ground_is_refused_in_clear_air():
+    chirp = make_chirp()
     rng = np.random.default_rng(4)
     phase = 2 * np.pi * chirp.beat_per_metre_hz * chirp.sample_time_s
     beat = (np.cos(70.0 * phase) + 5 * np.cos(40.0 * phase) + 0.3 * rng.normal(size=chirp.samples))[None]
@@ -157,27 +156,27 @@ def test_a_stronger_target_off_the_ground_is_refused_in_clear_air(chirp_of):
 def in_rain():
     """Spectra of hills through rain, and where their ground is."""
     ready = prepare(load_scenario("hills", SHORT | {"weather.rain_rate_mm_per_h": 4.0}))
-    sensor = SawtoothRadar(ready)
-    pulses = ready.schedule.pulses(np.arange(len(ready.schedule)))
-    power = ready.detector.analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    sensor = SawtoothRadar(ready.sensor_inputs())
+    pulses = ready.flight.pulses(np.arange(len(ready.flight)))
+    power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
     return ready, sensor.through[0], pulses, power
 
 
 def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
     ready, through, pulses, power = in_rain()
-    free = through.find(power, pulses, ready.chirp).echoes
+    free = through.find(power, pulses, ready.receiver.chirp).echoes
     assert len(free) == len(pulses)
     # A bird 30 dB over the rain and 25 m in front of the ground, in one pulse after another.
     stride = ready.detector.analyser.zero_padding
     bird_m = free.range_m - 25.0
-    cell = np.rint(bird_m / ready.chirp.range_resolution_m).astype(int)
+    cell = np.rint(bird_m / ready.receiver.chirp.range_resolution_m).astype(int)
     struck = power.copy()
     for step in (-1, 0, 1):
         struck[np.arange(len(pulses)), stride * cell + step] = 1e3 * through.volume.background[cell]
-    found = through.find(struck, pulses, ready.chirp).echoes
+    found = through.find(struck, pulses, ready.receiver.chirp).echoes
     assert np.median(found.range_m - bird_m) < 5.0
     window = np.column_stack([free.range_m - 15.0, free.range_m + 15.0])
-    found = through.find(struck, pulses, ready.chirp, window).echoes
+    found = through.find(struck, pulses, ready.receiver.chirp, window).echoes
     assert len(found) == len(pulses)
     assert np.abs(found.range_m - free.range_m).max() < 0.3
 
@@ -186,11 +185,11 @@ def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():
 def test_behind_rain_there_is_no_ground_where_it_is_expected_wrongly(offset_m):
     """The rain ends elsewhere, and that is heard: the likeliest of the expected ranges is still none."""
     ready, through, pulses, power = in_rain()
-    ground_m = through.find(power, pulses, ready.chirp).echoes.range_m
+    ground_m = through.find(power, pulses, ready.receiver.chirp).echoes.range_m
     window = ground_m[:, None] + offset_m + np.array([-10.0, 10.0])
-    assert len(through.find(power, pulses, ready.chirp, window).echoes) == 0
+    assert len(through.find(power, pulses, ready.receiver.chirp, window).echoes) == 0
     nowhere = np.tile([30.0, 20.0], (len(pulses), 1))
-    assert len(through.find(power, pulses, ready.chirp, nowhere).echoes) == 0
+    assert len(through.find(power, pulses, ready.receiver.chirp, nowhere).echoes) == 0
 
 
 @pytest.mark.parametrize("rate", [0.0, 4.0])
@@ -205,9 +204,9 @@ def test_a_survey_without_ground_where_it_is_expected_says_so(small, tmp_path, r
 
 def test_an_altimeter_s_window_around_the_ground_changes_nothing():
     ready, through, pulses, power = in_rain()
-    window = expected(ready.antenna, tolerance_m=20.0).window_m(pulses, ready.chirp)
+    window = expected(ready.antenna, tolerance_m=20.0).window_m(pulses, ready.receiver.chirp)
     assert np.all(np.isfinite(window))
-    free, told = (through.find(power, pulses, ready.chirp, one).echoes for one in (None, window))
+    free, told = (through.find(power, pulses, ready.receiver.chirp, one).echoes for one in (None, window))
     np.testing.assert_array_equal(told.pulse, free.pulse)
     np.testing.assert_allclose(told.range_m, free.range_m, atol=0.05)
 

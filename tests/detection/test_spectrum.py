@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from beams import make_chirp
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 
 C = 299_792_458.0
@@ -17,31 +18,31 @@ def tone(chirp, cycles: float, power: float, phase: float = 0.4) -> np.ndarray:
 @pytest.mark.parametrize("zero_padding", [1, 2, 4])
 @pytest.mark.parametrize("window", ["hann", "blackman", "boxcar"])
 @pytest.mark.parametrize("sampling", ["real", "iq"])
-def test_a_tone_of_power_p_peaks_at_p(chirp_of, sampling, window, zero_padding):
-    chirp = chirp_of(sampling=sampling)
+def test_a_tone_of_power_p_peaks_at_p(sampling, window, zero_padding):
+    chirp = make_chirp(sampling=sampling)
     spectrum = SpectrumAnalyser(chirp, window, zero_padding).power(tone(chirp, 200, 2.5e-9)[None])[0]
     assert np.argmax(spectrum) == 200 * zero_padding
     assert 10 * np.log10(spectrum.max() / 2.5e-9) == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_tone_between_bins_loses_the_scalloping_of_its_window(chirp_of):
-    chirp = chirp_of()
+def test_a_tone_between_bins_loses_the_scalloping_of_its_window():
+    chirp = make_chirp()
     # Hann, half a bin off: 1.42 dB (Harris 1978, Table 1).
     spectrum = SpectrumAnalyser(chirp, "hann", 1).power(tone(chirp, 200.5, 1.0)[None])[0]
     assert 10 * np.log10(spectrum.max()) == pytest.approx(-1.42, abs=0.01)
 
 
 @pytest.mark.parametrize(("sampling", "cells"), [("real", 512), ("iq", 1024)])
-def test_the_range_axis_covers_what_the_sampling_can_tell(chirp_of, sampling, cells):
-    analyser = SpectrumAnalyser(chirp_of(sampling=sampling), "hann", 2)
+def test_the_range_axis_covers_what_the_sampling_can_tell(sampling, cells):
+    analyser = SpectrumAnalyser(make_chirp(sampling=sampling), "hann", 2)
     assert len(analyser.range_m) == 2 * cells
     np.testing.assert_allclose(analyser.range_m, np.arange(2 * cells) * C / 2e9, rtol=1e-12)
     assert analyser.power(np.zeros((3, 1024))).shape == (3, 2 * cells)
 
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])
-def test_white_noise_of_power_n_lies_at_n_over_the_windows_gain(chirp_of, sampling):
-    chirp = chirp_of(sampling=sampling)
+def test_white_noise_of_power_n_lies_at_n_over_the_windows_gain(sampling):
+    chirp = make_chirp(sampling=sampling)
     random = np.random.default_rng(3)
     noise = random.normal(size=(2000, 1024))
     if sampling == "iq":
@@ -53,14 +54,14 @@ def test_white_noise_of_power_n_lies_at_n_over_the_windows_gain(chirp_of, sampli
     assert power.std() == pytest.approx(power.mean(), rel=0.02)  # exponential
 
 
-def test_noise_correlation_of_the_hann_window(chirp_of):
+def test_noise_correlation_of_the_hann_window():
     # Hann is 1 at lag 0, its square has cosine terms at one and two bins: 2/3 and 1/6.
-    correlation = SpectrumAnalyser(chirp_of(), "hann", 2).noise_correlation(6)
+    correlation = SpectrumAnalyser(make_chirp(), "hann", 2).noise_correlation(6)
     np.testing.assert_allclose(correlation, [1, 2 / 3, 1 / 6, 0, 0, 0], atol=1e-4)
 
 
-def test_noise_correlation_is_the_measured_one(chirp_of):
-    chirp = chirp_of(sampling="iq", samples=128)
+def test_noise_correlation_is_the_measured_one():
+    chirp = make_chirp(sampling="iq", samples=128)
     analyser = SpectrumAnalyser(chirp, "blackman", 2)
     random = np.random.default_rng(3)
     noise = random.normal(size=(20_000, 128)) + 1j * random.normal(size=(20_000, 128))

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.triangular import pair_sweeps
@@ -54,9 +56,9 @@ def sawtooth_of(pulses, range_rate_mps):
 
 
 @pytest.fixture(scope="module")
-def flight(looking):
+def flight():
     """14 m/s, the beam 30 deg from the velocity."""
-    return looking(PULSES, incidence_deg=60.0, velocity_mps=(0.0, 14.0, 0.0))
+    return make_pulses(PULSES, incidence_deg=60.0, velocity_mps=(0.0, 14.0, 0.0))
 
 
 def test_a_period_holds_both_halves():
@@ -93,7 +95,7 @@ def test_a_moving_target_misleads_the_sawtooth_alone(flight, own_mps):
     assert (pairs.range_rate_mps - flight.true.boresight_range_rate_mps).mean() == pytest.approx(own_mps, abs=0.02)
 
 
-def test_a_pulse_without_both_echoes_is_dropped(chirp_of):
+def test_a_pulse_without_both_echoes_is_dropped():
     def echoes(*pulses: int) -> Echoes:
         n = len(pulses)
         return Echoes(
@@ -101,10 +103,10 @@ def test_a_pulse_without_both_echoes_is_dropped(chirp_of):
             range_sigma_m=np.full(n, 0.1), power=np.ones(n), snr_db=np.full(n, 20.0),
         )  # fmt: skip
 
-    pairs = pair_sweeps(echoes(1, 2, 5), echoes(2, 3, 5), chirp_of())
+    pairs = pair_sweeps(echoes(1, 2, 5), echoes(2, 3, 5), make_chirp())
     np.testing.assert_array_equal(pairs.echoes.pulse, [2, 5])
     np.testing.assert_allclose(pairs.echoes.snr_db, 20.0)
-    assert len(pair_sweeps(echoes(), echoes(1), chirp_of()).echoes) == 0
+    assert len(pair_sweeps(echoes(), echoes(1), make_chirp()).echoes) == 0
 
 
 def test_all_echoes_cannot_be_paired():

@@ -129,6 +129,7 @@ def test_a_sample_is_spread_from_the_first_pulse_to_the_last():
 def test_a_scan_of_ones_own_is_flown():
     class Nodding:
         stabilised = True
+        incidence_rad = 0.0
 
         def point(self, time_s):
             tilt = 0.3 * np.sin(time_s)
@@ -137,6 +138,9 @@ def test_a_scan_of_ones_own_is_flown():
             left = np.tile([0.0, -1.0, 0.0], (len(tilt), 1))
             R = np.stack([boresight, left, np.cross(boresight, left)], axis=2)
             return Pointing(R, tilt, tilt > 0.1)
+
+        def spacing_m(self, height_m, speed_mps, chirp_rate_hz):
+            return speed_mps * 2 * np.pi
 
     assert isinstance(Nodding(), Scan)
     survey = schedule_pulses(flight(), Nodding(), 100.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from side_looking import make_flight
 from sionna_radar.imaging.aperture import Aperture
 from sionna_radar.imaging.grid import ground_pixels
 from sionna_radar.imaging.resolution import azimuth_resolution_m, ground_range_resolution_m
@@ -24,9 +25,9 @@ def patch(south_m: float, north_m: float, material: str) -> Surface:
 
 
 @pytest.fixture(scope="module")
-def field(flight_of):
+def field():
     """Independent pixels of a focused field whose northern half scatters 3 dB more: power, and place along."""
-    flight = flight_of(rate_hz=1000.0, bandwidth_hz=1e9, samples=384)
+    flight = make_flight(rate_hz=1000.0, bandwidth_hz=1e9, samples=384)
     scene = Scene(
         surfaces=(patch(-HALF_M, 0.0, "dark"), patch(0.0, HALF_M, "bright")),
         materials={

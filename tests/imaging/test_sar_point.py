@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from side_looking import make_flight
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.imaging.aperture import Aperture, whole_beam
@@ -62,8 +63,8 @@ def widths(image: SarImage) -> tuple[float, float]:
     ("width_deg", "weighting", "window"),
     [(9.0, "beam", "boxcar"), (4.0, "beam", "boxcar"), (4.0, "flat", "boxcar"), (5.0, "flat", "hann")],
 )
-def test_resolution_is_the_theorys(flight_of, caster, width_deg, weighting, window):
-    flight = flight_of()
+def test_resolution_is_the_theorys(caster, width_deg, weighting, window):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     aperture = Aperture(
         width_rad=np.deg2rad(width_deg), azimuth=flight.antenna.azimuth, weighting=weighting, window=window
@@ -80,9 +81,9 @@ def uniform_cut(length_m: float, wavelength_m: float) -> Cut:
     return Cut(np.sinc(length_m / wavelength_m * np.linspace(-1.0, 1.0, 20_001)))
 
 
-def test_a_uniform_aperture_resolves_half_its_length(flight_of, caster):
+def test_a_uniform_aperture_resolves_half_its_length(caster):
     """Focused flat over lambda / d, the first null lies d / 2 away and the half-power width is 0.886 d / 2."""
-    flight, length = flight_of(rate_hz=2000.0), 0.05
+    flight, length = make_flight(rate_hz=2000.0), 0.05
     azimuth = uniform_cut(length, flight.chirp.wavelength_m)
     flight = dataclasses.replace(flight, antenna=Antenna(azimuth, flight.antenna.elevation))
     width = 2 * float(np.arcsin(flight.chirp.wavelength_m / length / 2))
@@ -98,8 +99,8 @@ def test_a_uniform_aperture_resolves_half_its_length(flight_of, caster):
     assert cut[null] < 3e-3 * cut[column]
 
 
-def test_the_point_lies_in_its_pixel_with_its_power(flight_of, caster):
-    flight = flight_of()
+def test_the_point_lies_in_its_pixel_with_its_power(caster):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     image = focus(
         received(flight, pulses, caster), pulses.measured, flight.chirp, around(pulses), whole_beam(flight.antenna)
@@ -113,9 +114,9 @@ def test_the_point_lies_in_its_pixel_with_its_power(flight_of, caster):
 
 
 @pytest.mark.parametrize("change", [{"sweep": "down"}, {"sampling": "real", "samples": 512}])
-def test_down_sweeps_and_real_samples_focus_alike(flight_of, caster, change):
-    flight, pulses = flight_of(), flight_of().pulses(4.0, every=2)
-    other = flight_of(**change)
+def test_down_sweeps_and_real_samples_focus_alike(caster, change):
+    flight, pulses = make_flight(), make_flight().pulses(4.0, every=2)
+    other = make_flight(**change)
     images = [
         focus(received(f, pulses, caster), pulses.measured, f.chirp, around(pulses), whole_beam(f.antenna))
         for f in (flight, other)
@@ -123,9 +124,9 @@ def test_down_sweeps_and_real_samples_focus_alike(flight_of, caster, change):
     np.testing.assert_allclose(images[1].amplitude, images[0].amplitude, atol=0.02 * np.abs(images[0].amplitude).max())
 
 
-def test_a_shift_of_the_measured_track_shifts_the_image(flight_of, caster):
+def test_a_shift_of_the_measured_track_shifts_the_image(caster):
     """Focusing knows the measured pose alone."""
-    flight = flight_of()
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     shift = np.array([0.4, -0.3, 0.0])
     wrong = dataclasses.replace(pulses.measured, position_m=pulses.measured.position_m + shift)
@@ -137,8 +138,8 @@ def test_a_shift_of_the_measured_track_shifts_the_image(flight_of, caster):
     np.testing.assert_allclose(there.amplitude, here.amplitude, atol=1e-6 * np.abs(here.amplitude).max())
 
 
-def test_a_wobble_that_is_measured_does_no_harm_and_one_that_is_not_defocuses(flight_of, caster):
-    flight = flight_of()
+def test_a_wobble_that_is_measured_does_no_harm_and_one_that_is_not_defocuses(caster):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     wobble = 1e-3 * np.sin(2 * np.pi * pulses.true.position_m[:, 1] / 1.3)[:, None] * np.array([1.0, 0.0, -1.0])
     true = dataclasses.replace(pulses.true, position_m=pulses.true.position_m + wobble)
@@ -150,8 +151,8 @@ def test_a_wobble_that_is_measured_does_no_harm_and_one_that_is_not_defocuses(fl
     assert unknown.power.max() < 0.5 * known.power.max()
 
 
-def test_two_points_apart_by_the_rayleigh_distance_are_two(flight_of, caster):
-    flight = flight_of()
+def test_two_points_apart_by_the_rayleigh_distance_are_two(caster):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     aperture = whole_beam(flight.antenna)
     apart = 1.5 * azimuth_resolution_m(aperture, flight.chirp.wavelength_m)
@@ -162,8 +163,8 @@ def test_two_points_apart_by_the_rayleigh_distance_are_two(flight_of, caster):
     assert np.sum((cut[1:-1] > cut[:-2]) & (cut[1:-1] > cut[2:]) & (cut[1:-1] > 0.5 * cut.max())) == 2
 
 
-def test_blocks_do_not_change_the_image(flight_of, caster):
-    flight = flight_of()
+def test_blocks_do_not_change_the_image(caster):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=2)
     beats, grid, aperture = received(flight, pulses, caster), around(pulses), whole_beam(flight.antenna)
     projection = BackProjection(flight.chirp, grid, aperture)
@@ -177,8 +178,8 @@ def test_blocks_do_not_change_the_image(flight_of, caster):
     np.testing.assert_array_equal(projection.image().pulses, whole.pulses)
 
 
-def test_a_pixel_that_no_pulse_sees_is_empty(flight_of, caster):
-    flight = flight_of()
+def test_a_pixel_that_no_pulse_sees_is_empty(caster):
+    flight = make_flight()
     pulses = flight.pulses(0.5)
     far = ground_pixels(pulses.measured, "right", 0.0, np.array([30.0, 31.0]), np.array([28.0]))
     image = focus(received(flight, pulses, caster), pulses.measured, flight.chirp, far, whole_beam(flight.antenna))
@@ -186,8 +187,8 @@ def test_a_pixel_that_no_pulse_sees_is_empty(flight_of, caster):
     assert not image.pulses.any()
 
 
-def test_too_few_chirps_a_second_are_refused_with_the_remedy(flight_of, caster):
-    flight = flight_of(rate_hz=200.0)
+def test_too_few_chirps_a_second_are_refused_with_the_remedy(caster):
+    flight = make_flight(rate_hz=200.0)
     pulses = flight.pulses(4.0)
     aperture = whole_beam(flight.antenna)
     with pytest.raises(
@@ -195,6 +196,6 @@ def test_too_few_chirps_a_second_are_refused_with_the_remedy(flight_of, caster):
     ) as e:
         focus(received(flight, pulses, caster), pulses.measured, flight.chirp, around(pulses), aperture)
     needed = float(str(e.value).split("raise it to ")[1].split(",")[0])
-    enough = flight_of(rate_hz=needed)
+    enough = make_flight(rate_hz=needed)
     pulses = enough.pulses(4.0)
     focus(received(enough, pulses, caster), pulses.measured, enough.chirp, around(pulses), aperture)

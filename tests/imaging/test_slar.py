@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from side_looking import make_flight
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.imaging.resolution import (
     ground_range_resolution_m,
@@ -30,8 +31,8 @@ def compressed(flight, caster, pulses, *ground_m: float, zero_padding: int = 16)
 
 
 @pytest.mark.parametrize("incidence_deg", [38.0, 45.0, 52.0])
-def test_ground_range_resolution_is_the_theorys(flight_of, caster, incidence_deg):
-    flight = flight_of()
+def test_ground_range_resolution_is_the_theorys(caster, incidence_deg):
+    flight = make_flight()
     pulses = flight.pulses(0.1)
     place = 28.0 * np.tan(np.deg2rad(incidence_deg))
     beats, analyser = compressed(flight, caster, pulses, place)
@@ -42,8 +43,8 @@ def test_ground_range_resolution_is_the_theorys(flight_of, caster, incidence_deg
     assert ground.ground_m[np.nanargmax(ground.power[0])] == pytest.approx(place, abs=0.02)
 
 
-def test_along_the_track_it_resolves_the_two_way_beam(flight_of, caster):
-    flight = flight_of()
+def test_along_the_track_it_resolves_the_two_way_beam(caster):
+    flight = make_flight()
     pulses = flight.pulses(4.0, every=4)
     beats, analyser = compressed(flight, caster, pulses, 28.0, zero_padding=4)
     image = slant_range_image(beats, pulses.measured, analyser, 0.05)
@@ -53,8 +54,8 @@ def test_along_the_track_it_resolves_the_two_way_beam(flight_of, caster):
     assert image.along_m[np.argmax(image.power.max(axis=1))] == pytest.approx(4.0, abs=0.05)
 
 
-def test_two_points_a_resolution_and_a_half_apart_are_two(flight_of, caster):
-    flight = flight_of()
+def test_two_points_a_resolution_and_a_half_apart_are_two(caster):
+    flight = make_flight()
     pulses = flight.pulses(0.1)
     apart = 1.5 * ground_range_resolution_m(flight.chirp, "hann", np.pi / 4)
     beats, analyser = compressed(flight, caster, pulses, 28.0, 28.0 + apart)
@@ -64,8 +65,8 @@ def test_two_points_a_resolution_and_a_half_apart_are_two(flight_of, caster):
     assert maxima.sum() == 2
 
 
-def test_power_is_the_points_at_the_middle_of_the_beam(flight_of, caster):
-    flight = flight_of()
+def test_power_is_the_points_at_the_middle_of_the_beam(caster):
+    flight = make_flight()
     pulses = flight.pulses(0.02)
     beats, analyser = compressed(flight, caster, pulses, 28.0)
     image = slant_range_image(beats, pulses.measured, analyser, 1.0)
@@ -74,9 +75,9 @@ def test_power_is_the_points_at_the_middle_of_the_beam(flight_of, caster):
     assert image.power.max() == pytest.approx(expected, rel=0.02)
 
 
-def test_doppler_of_the_measured_velocity_is_taken_out(flight_of, caster):
+def test_doppler_of_the_measured_velocity_is_taken_out(caster):
     """A climb of 2 m/s moves the echo by f0 v T / B; the measured velocity puts it back."""
-    flight = flight_of()
+    flight = make_flight()
     pulses = flight.pulses(0.02)
     climbing = dataclasses.replace(pulses.true, velocity_mps=pulses.true.velocity_mps + np.array([0.0, 0.0, 2.0]))
     pulses = dataclasses.replace(pulses, true=climbing, measured=climbing)
@@ -87,8 +88,8 @@ def test_doppler_of_the_measured_velocity_is_taken_out(flight_of, caster):
     assert image.range_m[np.nanargmax(image.power[0])] == pytest.approx(28.0 * np.sqrt(2), abs=0.03)
 
 
-def test_blocks_do_not_change_the_image_and_gaps_are_empty(flight_of, caster):
-    flight = flight_of()
+def test_blocks_do_not_change_the_image_and_gaps_are_empty(caster):
+    flight = make_flight()
     pulses = flight.pulses(1.0, every=8)
     beats, analyser = compressed(flight, caster, pulses, 28.0, zero_padding=1)
     whole = slant_range_image(beats, pulses.measured, analyser, 0.3)
@@ -110,6 +111,6 @@ def test_blocks_do_not_change_the_image_and_gaps_are_empty(flight_of, caster):
     assert np.isnan(to_ground(sparse, 0.0, np.array([20.0])).power).any()
 
 
-def test_no_pulses_make_no_image(flight_of):
+def test_no_pulses_make_no_image():
     with pytest.raises(ValueError, match="no pulses"):
-        SideLooking(SpectrumAnalyser(flight_of().chirp, "hann", 1), 1.0).image()
+        SideLooking(SpectrumAnalyser(make_flight().chirp, "hann", 1), 1.0).image()

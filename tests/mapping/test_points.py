@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flights import make_pulses
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.mapping.points import Points, locate
 
@@ -21,8 +22,8 @@ def echoes_of(pulse, range_m) -> Echoes:
     )
 
 
-def test_points_lie_on_the_beam_axis(looking):
-    pulses = looking(
+def test_points_lie_on_the_beam_axis():
+    pulses = make_pulses(
         4, incidence_deg=30.0, scan_deg=np.array([0.0, 10.0, 20.0, 30.0]), first=7, position_m=(5.0, 6.0, 50.0)
     )
     points = locate(echoes_of([8, 8, 10], [40.0, 60.0, 50.0]), pulses.index, pulses.measured)
@@ -35,14 +36,14 @@ def test_points_lie_on_the_beam_axis(looking):
     np.testing.assert_array_equal(points.number, [0, 1, 0])
 
 
-def test_no_echoes_no_points(looking):
-    pulses = looking(4)
+def test_no_echoes_no_points():
+    pulses = make_pulses(4)
     nothing = Echoes(**{name: column[:0] for name, column in vars(echoes_of([0], [1.0])).items()})
     assert len(locate(nothing, pulses.index, pulses.measured)) == 0
 
 
-def test_the_digest_tells_every_change(looking):
-    pulses = looking(2)
+def test_the_digest_tells_every_change():
+    pulses = make_pulses(2)
     points = locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured)
     assert points.sha256() == locate(echoes_of([0, 1], [40.0, 41.0]), pulses.index, pulses.measured).sha256()
     for name in ("position_m", "range_m", "power", "snr_db"):
@@ -51,7 +52,7 @@ def test_the_digest_tells_every_change(looking):
         assert replace(points, **{name: nudged}).sha256() != points.sha256()
 
 
-def test_concatenation_keeps_the_order(looking):
-    pulses = looking(4)
+def test_concatenation_keeps_the_order():
+    pulses = make_pulses(4)
     parts = [locate(echoes_of([k], [40.0 + k]), pulses.index, pulses.measured) for k in (0, 2, 3)]
     np.testing.assert_array_equal(Points.concatenate(parts).pulse, [0, 2, 3])

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, fit_covariance
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
 from sionna_radar.mapping.refinement import mean_ranges, refine
+from sionna_radar.mapping.seen import seen_cells
 from sionna_radar.mapping.smoothing import Heights, smooth
-from sionna_radar.mapping.surface_map import seen_cells
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -27,8 +28,8 @@ def over(grid: Grid, height) -> Heightfield:
 
 
 @pytest.fixture(scope="module")
-def hilly(sightings_of) -> Sightings:
-    return sightings_of(over(WIDE, hills))
+def hilly() -> Sightings:
+    return make_sightings(over(WIDE, hills))
 
 
 def test_rays_meet_a_plane_where_they_must():

@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
@@ -33,8 +34,8 @@ def flat(grid: Grid) -> Heightfield:
 
 
 @pytest.fixture(scope="module")
-def level(sightings_of):
-    return sightings_of(flat(WIDE))
+def level():
+    return make_sightings(flat(WIDE))
 
 
 def located(sightings) -> Points:
@@ -138,13 +139,13 @@ def test_what_is_in_view_behind_a_wall_is_a_triangle():
     assert np.all(lowest[:, 50] < 0)
 
 
-def test_a_box_keeps_its_walls_and_its_levels(sightings_of):
+def test_a_box_keeps_its_walls_and_its_levels():
     """Walls and roof are 18 dB brighter than the ground, and heard well beside the axis."""
 
     def bright(hit_m):
         return np.where(hit_m[:, 2] > 0.5, 60.0, 1.0)
 
-    sightings = sightings_of(box_over(WIDE), 2.0, bright=bright)
+    sightings = make_sightings(box_over(WIDE), 2.0, bright=bright)
     surface, heard = step_surface(sightings, located(sightings), MAP, 5.0)
     x, y = np.meshgrid(MAP.x_m, MAP.y_m)
     west, east, south, north, height = BOX

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from beams import make_antenna
 from sionna_radar.detection.ranging.beam_profile import beam_profile, fit_echo
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.radar.taylor_array import taylor_cut
@@ -16,8 +17,8 @@ def test_a_cut_has_its_width(width_deg, side_lobe_db):
 
 
 @pytest.mark.parametrize("widths_deg", [(2.0, 2.0), (40.0, 40.0), (60.0, 60.0), (60.0, 2.0)])
-def test_every_node_is_a_direction_and_power_goes_only_there(antenna_of, widths_deg):
-    nodes = beam_nodes(antenna_of(*widths_deg))
+def test_every_node_is_a_direction_and_power_goes_only_there(widths_deg):
+    nodes = beam_nodes(make_antenna(*widths_deg))
     np.testing.assert_allclose(np.linalg.norm(nodes.direction, axis=1), 1.0, atol=1e-12)
     assert nodes.share.sum() == pytest.approx(1.0)
     beyond = np.add.outer(nodes.azimuth**2, nodes.elevation**2).ravel() >= 1
@@ -25,8 +26,8 @@ def test_every_node_is_a_direction_and_power_goes_only_there(antenna_of, widths_
 
 
 @pytest.mark.parametrize("width_deg", [2.0, 30.0, 60.0])
-def test_a_fit_of_any_echo_is_a_number(antenna_of, width_deg):
-    beam = beam_profile(antenna_of(width_deg, width_deg), np.array([0.2, 0.6, 0.2]))
+def test_a_fit_of_any_echo_is_a_number(width_deg):
+    beam = beam_profile(make_antenna(width_deg, width_deg), np.array([0.2, 0.6, 0.2]))
     power = np.random.default_rng(1).exponential(size=(4, 200)) + np.eye(4, 200, 100) * 100
     index = np.arange(4)
     found = fit_echo(beam, power, np.ones_like(power), index, index + 97, index + 104, index + 100.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from beams import make_antenna, plane_power
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 
@@ -15,9 +16,9 @@ def echo_db(antenna, model, height_m, incidence_deg):
 
 @pytest.mark.parametrize("incidence_deg", [0, 30, 45, 60, 70])
 @pytest.mark.parametrize("widths", [(2.0, 2.0), (6.0, 3.0)])
-def test_plane_echo_is_the_quadrature_over_the_pattern(antenna_of, plane_power_of, widths, incidence_deg):
-    antenna = antenna_of(*widths)
-    expected = 10 * np.log10(plane_power_of(antenna, 50.0, incidence_deg, gamma=0.02))
+def test_plane_echo_is_the_quadrature_over_the_pattern(widths, incidence_deg):
+    antenna = make_antenna(*widths)
+    expected = 10 * np.log10(plane_power(antenna, 50.0, incidence_deg, gamma=0.02))
     measured = echo_db(antenna, ConstantGammaBackscatter(0.02), 50.0, incidence_deg)
     assert measured == pytest.approx(expected, abs=0.02)
 

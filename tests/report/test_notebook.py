@@ -3,6 +3,7 @@
 import base64
 import re
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ from sionna_radar import crosscheck, fly_images, fly_sweep, load_scenario, navig
 from sionna_radar.foundation import progress
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.studies.budget import navigation_errors
+from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
 SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
@@ -68,3 +70,12 @@ def test_a_notebook_shows_progress_and_a_script_does_not(monkeypatch):
     monkeypatch.setattr(progress, "in_notebook", lambda: True)
     run(load_scenario("hills", SHORT))
     assert set(stages) == {"preparing", "tracing", "mapping"}
+
+
+def test_a_survey_without_an_echo_is_shown_too(empty: Survey) -> None:
+    assert "data:image/png" in empty._repr_html_()
+
+
+def test_a_warning_is_text_and_not_markup(survey: Survey) -> None:
+    page = replace(survey, warnings=("rain <b>falls</b> & falls",))._repr_html_()
+    assert page.rstrip().endswith("<p>warning: rain &lt;b&gt;falls&lt;/b&gt; &amp; falls</p>")

@@ -13,6 +13,7 @@ import pytest
 from sionna_radar.report.quantities import readable
 from sionna_radar.report.survey.table import print_survey
 from sionna_radar.report.terminal import console, lines, number
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.result import Survey
 
 MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"
@@ -20,7 +21,12 @@ MARKUP = "Trial [/x] [bold]b[/bold] :smile: ± µ"
 
 def test_markup_is_printed_literally(survey: Survey, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = survey.scenario.model_copy(update={"description": MARKUP})
-    print_survey(replace(survey, scenario=scenario, replaced={"sensor": "mine.[/x]"}))
+
+    def mine() -> None: ...
+
+    mine.__qualname__ = "mine.[/x]"
+    custom = CustomParts(sensor=mine)
+    print_survey(replace(survey, prepared=replace(survey.prepared, scenario=scenario, custom=custom)))
     printed = capsys.readouterr().out
     assert MARKUP in printed
     assert "mine.[/x]" in printed

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import rasterio
 from rasterio import Affine
-from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
@@ -15,6 +14,7 @@ from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.build import build_scene
 from sionna_radar.scene.ground_cover import NO_CLASS, classes_at
 from sionna_radar.survey.preparation import prepare
+from worlds import load_ground
 
 EVERYWHERE = (-500.0, -500.0, 500.0, 500.0)
 FOREST = {"materials.forest": {"terrain_class": "forest", "model": "constant_gamma"}}
@@ -81,7 +81,7 @@ def test_a_class_raster_over_synthetic_ground(tmp_path):
 def test_a_class_raster_in_degrees_over_real_ground(tmp_path):
     """Classes in longitude and latitude: everything west of a meridian is forest."""
     scenario = load_scenario("jacksboro")
-    _, georeference = load_elevation(scenario.terrain, EVERYWHERE)
+    _, georeference = load_ground(scenario.terrain, EVERYWHERE)
     from pyproj import Transformer
 
     to_degrees = Transformer.from_crs(georeference.crs_wkt, "EPSG:4326", always_xy=True)

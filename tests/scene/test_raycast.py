@@ -6,6 +6,7 @@ import pytest
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster, truth_dem
+from worlds import make_surface
 
 
 def box_top(x_from, x_to, height, name="roof") -> Surface:
@@ -17,9 +18,9 @@ def box_top(x_from, x_to, height, name="roof") -> Surface:
 
 
 @pytest.fixture(scope="module")
-def caster(surface_of):
+def caster():
     """A slope with a roof 20 m up between x = 0 and 8."""
-    return RayCaster([surface_of(lambda x, y: 0.1 * x, size_m=100.0), box_top(0.0, 8.0, 20.0)])
+    return RayCaster([make_surface(lambda x, y: 0.1 * x, size_m=100.0), box_top(0.0, 8.0, 20.0)])
 
 
 def test_distances_and_surfaces(caster):
@@ -64,15 +65,15 @@ def test_the_truth_is_the_mesh_seen_from_above(caster):
     np.testing.assert_allclose(truth.height_m, expected, atol=1e-4)
 
 
-def test_the_truth_is_empty_beyond_the_mesh(surface_of):
-    caster = RayCaster([surface_of(lambda x, y: 0 * x, size_m=10.0)])
+def test_the_truth_is_empty_beyond_the_mesh():
+    caster = RayCaster([make_surface(lambda x, y: 0 * x, size_m=10.0)])
     truth = truth_dem(caster, Grid(west_m=-6.0, south_m=0.0, spacing_m=4.0, columns=4, rows=1), 10.0)
     np.testing.assert_array_equal(truth.filled, [[False, True, True, False]])
 
 
-def test_a_mesh_lies_on_its_corners_between_cells(surface_of):
+def test_a_mesh_lies_on_its_corners_between_cells():
     """Heights over a triangle are linear: the mesh of a bumpy raster is tested against its own corners."""
-    bumps = surface_of(lambda x, y: np.sin(x) * np.cos(2 * y), size_m=20.0, spacing_m=1.0)
+    bumps = make_surface(lambda x, y: np.sin(x) * np.cos(2 * y), size_m=20.0, spacing_m=1.0)
     place = np.random.default_rng(1).uniform(-9.9, 9.9, (500, 2))
     low = np.floor(place)
     s, t = (place - low).T

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyproj import CRS, Transformer
 from scipy.special import j0
-from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.mesh import mesh_of
+from worlds import load_ground
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)
 
@@ -20,7 +20,7 @@ def raster_of(height):
 
 
 def test_flat_ground_has_its_size_about_the_origin():
-    raster, place = load_elevation(FlatTerrain(kind="flat", size_m=(300.0, 70.0), spacing_m=5.0), WINDOW)
+    raster, place = load_ground(FlatTerrain(kind="flat", size_m=(300.0, 70.0), spacing_m=5.0), WINDOW)
     assert place is None
     assert (raster.height_m == 0).all()
     vertices, _ = mesh_of(raster)
@@ -30,14 +30,14 @@ def test_flat_ground_has_its_size_about_the_origin():
 
 @pytest.mark.parametrize(("size", "spacing", "columns"), [(1.1, 0.1, 12), (1.0, 0.3, 5), (3.0, 2.0, 3)])
 def test_flat_ground_is_never_smaller_than_asked(size, spacing, columns):
-    raster, _ = load_elevation(FlatTerrain(kind="flat", size_m=(size, 20.0), spacing_m=spacing), WINDOW)
+    raster, _ = load_ground(FlatTerrain(kind="flat", size_m=(size, 20.0), spacing_m=spacing), WINDOW)
     assert raster.grid.columns == columns
     assert -raster.grid.x_m[0] == pytest.approx(raster.grid.x_m[-1])
     assert raster.grid.x_m[-1] >= size / 2 - 1e-9
 
 
 def hills(**fields):
-    return load_elevation(HillsTerrain(kind="hills", **{"spacing_m": 2.0, **fields}), WINDOW)[0]
+    return load_ground(HillsTerrain(kind="hills", **{"spacing_m": 2.0, **fields}), WINDOW)[0]
 
 
 def test_hills_reach_from_zero_to_their_height_and_repeat_by_seed():
@@ -62,7 +62,7 @@ def test_fractal_ground_is_self_affine(hurst):
     variance = np.zeros(2)
     for seed in range(6):
         ground = FractalTerrain(kind="fractal", hurst=hurst, size_m=(511.0, 511.0), spacing_m=1.0, seed=seed)
-        height = load_elevation(ground, WINDOW)[0].height_m
+        height = load_ground(ground, WINDOW)[0].height_m
         assert (height.min(), height.max()) == pytest.approx((0.0, 10.0))
         scale = np.std(height)
         for place, lag in enumerate((5, 20)):
@@ -85,7 +85,7 @@ def test_hills_are_alike_at_the_border_and_in_the_middle():
 
 def test_synthetic_ground_that_cannot_be_built_is_refused():
     with pytest.raises(ScenarioError, match=r"terrain\.spacing_m: 0\.001 .*raise it"):
-        load_elevation(FlatTerrain(kind="flat", spacing_m=0.001), WINDOW)
+        load_ground(FlatTerrain(kind="flat", spacing_m=0.001), WINDOW)
     with pytest.raises(ScenarioError, match=r"terrain\.filter_sigma_m: 500 .*lower it"):
         hills(filter_sigma_m=500.0)
 
@@ -94,7 +94,7 @@ def test_jacksboro_lies_where_its_summit_lies():
     # Cross Mountain, Tennessee: 36 deg 11' 54" N, 84 deg 13' 50" W, 3534 ft (USGS).
     summit = (-(84 + 13 / 60 + 50 / 3600), 36 + 11 / 60 + 54 / 3600)
     terrain = SampleTerrain(kind="jacksboro", centre_lonlat_deg=summit)
-    raster, place = load_elevation(terrain, (-2000.0, -2000.0, 2000.0, 2000.0))
+    raster, place = load_ground(terrain, (-2000.0, -2000.0, 2000.0, 2000.0))
     assert place is not None
     assert [part.to_epsg() for part in CRS(place.crs_wkt).sub_crs_list] == [32616, 5773]
     highest = raster.grid.centres_m[np.argmax(raster.height_m)]
@@ -103,7 +103,7 @@ def test_jacksboro_lies_where_its_summit_lies():
 
 
 def test_jacksboro_town_is_about_the_middle_of_the_tile():
-    raster, place = load_elevation(SampleTerrain(kind="jacksboro"), (-20e3, -20e3, 20e3, 20e3))
+    raster, place = load_ground(SampleTerrain(kind="jacksboro"), (-20e3, -20e3, 20e3, 20e3))
     assert place is not None
     assert 70 < raster.grid.spacing_m < 80
     to_local = Transformer.from_crs(4326, CRS(place.crs_wkt), always_xy=True)

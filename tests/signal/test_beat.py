@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.signal import beat as beat_module
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.tracing.paths import Paths
@@ -60,25 +62,25 @@ def random_paths(seed: int, count: int, pulses: int, rates: tuple[float, float])
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
 @pytest.mark.parametrize("rate_mps", [0.0, 14.0, -14.0])
-def test_one_velocity_is_exact(chirp_of, looking, sweep, sampling, rate_mps):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
-    paths, pulses = random_paths(1, 60, 4, (rate_mps, rate_mps)), looking(4, first=10)
+def test_one_velocity_is_exact(sweep, sampling, rate_mps):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(1, 60, 4, (rate_mps, rate_mps)), make_pulses(4, first=10)
     assert relative_error(synthesise(paths, pulses, chirp), plain_sum(paths, pulses.index, chirp)) < 1e-6
 
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
-def test_a_wide_spread_of_velocities_converges_to_the_plain_sum(chirp_of, looking, monkeypatch, sweep, sampling):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
-    paths, pulses = random_paths(2, 60, 4, (-15.0, 15.0)), looking(4, first=10)
+def test_a_wide_spread_of_velocities_converges_to_the_plain_sum(monkeypatch, sweep, sampling):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(2, 60, 4, (-15.0, 15.0)), make_pulses(4, first=10)
     monkeypatch.setattr(beat_module, "DRIFT_ACCURACY", 1e-9)
     assert relative_error(synthesise(paths, pulses, chirp), plain_sum(paths, pulses.index, chirp)) < 1e-6
 
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
 @pytest.mark.parametrize("spread_mps", [0.3, 3.0, 15.0, 60.0])
-def test_the_drift_series_is_as_accurate_as_it_promises(chirp_of, looking, sweep, sampling, spread_mps):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
-    paths, pulses = random_paths(3, 300, 4, (-spread_mps, spread_mps)), looking(4, first=10)
+def test_the_drift_series_is_as_accurate_as_it_promises(sweep, sampling, spread_mps):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
+    paths, pulses = random_paths(3, 300, 4, (-spread_mps, spread_mps)), make_pulses(4, first=10)
     expected = plain_sum(paths, pulses.index, chirp)
     error = synthesise(paths, pulses, chirp) - expected
     assert np.sqrt(np.mean(np.abs(error) ** 2) / np.mean(np.abs(expected) ** 2)) < beat_module.DRIFT_ACCURACY
@@ -86,8 +88,8 @@ def test_the_drift_series_is_as_accurate_as_it_promises(chirp_of, looking, sweep
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(0, 20), st.integers(0, 20), st.floats(-20, 20))
-def test_scatterers_superpose(chirp_of, looking, seed, one, other, rate_mps):
-    chirp, pulses = chirp_of(samples=256), looking(3, first=10)
+def test_scatterers_superpose(seed, one, other, rate_mps):
+    chirp, pulses = make_chirp(samples=256), make_pulses(3, first=10)
     parts = [random_paths(seed + k, count, 3, (rate_mps, rate_mps)) for k, count in enumerate((one, other))]
     together = synthesise(Paths.concatenate(parts), pulses, chirp)
     apart = sum(synthesise(part, pulses, chirp) for part in parts)
@@ -96,8 +98,8 @@ def test_scatterers_superpose(chirp_of, looking, seed, one, other, rate_mps):
 
 @settings(max_examples=25, deadline=None)
 @given(st.complex_numbers(min_magnitude=1e-9, max_magnitude=1.0), st.floats(0, 2 * np.pi))
-def test_a_factor_on_all_gains_is_a_factor_on_the_beat(chirp_of, looking, factor, turn):
-    chirp, pulses = chirp_of(samples=128, sampling="iq"), looking(1)
+def test_a_factor_on_all_gains_is_a_factor_on_the_beat(factor, turn):
+    chirp, pulses = make_chirp(samples=128, sampling="iq"), make_pulses(1)
     paths = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, np.exp(1j * turn) * np.array([1.0, 2.0, 3.0j]))
     scaled = make_paths([0] * 3, [5.0, 12.0, 12.5], 0.0, factor * paths.gain)
     expected = np.conj(factor) * synthesise(paths, pulses, chirp)
@@ -105,17 +107,17 @@ def test_a_factor_on_all_gains_is_a_factor_on_the_beat(chirp_of, looking, factor
 
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
-def test_a_path_of_gain_a_brings_the_power_a_squared(chirp_of, looking, sweep, sampling):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
-    beat = synthesise(make_paths([0], [60.0], 0.0, [3e-5 * np.exp(0.7j)]), looking(1), chirp)
+def test_a_path_of_gain_a_brings_the_power_a_squared(sweep, sampling):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
+    beat = synthesise(make_paths([0], [60.0], 0.0, [3e-5 * np.exp(0.7j)]), make_pulses(1), chirp)
     assert np.isrealobj(beat) == (sampling == "real")
     assert np.mean(np.abs(beat) ** 2) == pytest.approx(9e-10, rel=5e-3)
 
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)
-def test_range_reads_as_a_positive_frequency(chirp_of, looking, sweep, sampling):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
-    beat = synthesise(make_paths([0], [60.0], 0.0, [1.0]), looking(1), chirp)[0]
+def test_range_reads_as_a_positive_frequency(sweep, sampling):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
+    beat = synthesise(make_paths([0], [60.0], 0.0, [1.0]), make_pulses(1), chirp)[0]
     spectrum = np.abs(np.fft.fft(beat))
     half = spectrum[:512] if sampling == "real" else spectrum
     assert np.argmax(half) == round(60.0 * 2 * 500e6 / C)
@@ -124,25 +126,25 @@ def test_range_reads_as_a_positive_frequency(chirp_of, looking, sweep, sampling)
 @pytest.mark.parametrize(
     ("sampling", "kept"), [("real", [True, True, False, False]), ("iq", [True, True, True, False])]
 )
-def test_beats_beyond_the_sampling_are_filtered_out(chirp_of, looking, sampling, kept):
-    chirp, pulses = chirp_of(sampling=sampling), looking(1)
+def test_beats_beyond_the_sampling_are_filtered_out(sampling, kept):
+    chirp, pulses = make_chirp(sampling=sampling), make_pulses(1)
     for range_m, passed in zip((20.0, 153.0, 155.0, 310.0), kept, strict=True):
         beat = synthesise(make_paths([0], [range_m], 0.0, [1.0]), pulses, chirp)
         assert np.any(beat != 0) == passed, range_m
 
 
-def test_pulses_without_paths_are_silent(chirp_of, looking):
-    pulses = looking(4, first=10)
-    beat = synthesise(make_paths([11, 13], [50.0, 60.0], 0.0, [1.0, 1.0]), pulses, chirp_of())
+def test_pulses_without_paths_are_silent():
+    pulses = make_pulses(4, first=10)
+    beat = synthesise(make_paths([11, 13], [50.0, 60.0], 0.0, [1.0, 1.0]), pulses, make_chirp())
     np.testing.assert_array_equal(np.any(beat != 0, axis=1), [False, True, False, True])
-    assert not np.any(synthesise(make_paths([], [], [], []), pulses, chirp_of()))
+    assert not np.any(synthesise(make_paths([], [], [], []), pulses, make_chirp()))
 
 
-def test_the_block_changes_no_bit(chirp_of, looking):
-    chirp, paths = chirp_of(), random_paths(5, 20_000, 40, (-3.0, 3.0))
-    whole = synthesise(paths, looking(40, first=10), chirp)
+def test_the_block_changes_no_bit():
+    chirp, paths = make_chirp(), random_paths(5, 20_000, 40, (-3.0, 3.0))
+    whole = synthesise(paths, make_pulses(40, first=10), chirp)
     for k in (10, 23, 49):
         mine = paths.pulse == k
         alone = make_paths(paths.pulse[mine], np.zeros(mine.sum()), paths.range_rate_mps[mine], paths.gain[mine])
         alone = type(alone)(**{**vars(alone), "delay_s": paths.delay_s[mine]})
-        np.testing.assert_array_equal(synthesise(alone, looking(1, first=k), chirp)[0], whole[k - 10])
+        np.testing.assert_array_equal(synthesise(alone, make_pulses(1, first=k), chirp)[0], whole[k - 10])

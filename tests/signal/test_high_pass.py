@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
@@ -10,7 +12,6 @@ from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer, received
 from sionna_radar.tracing.paths import Paths
 
 CORNER_HZ = 30e3
@@ -44,13 +45,13 @@ def test_the_response_is_butterworths(order):
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])
 @pytest.mark.parametrize("sweep", ["up", "down"])
-def test_an_echo_is_weakened_and_turned_and_calibrated_back(sampling, sweep, chirp_of, looking):
-    chirp, high_pass = chirp_of(sampling=sampling, sweep=sweep), HighPass(corner_hz=CORNER_HZ, order=2)
+def test_an_echo_is_weakened_and_turned_and_calibrated_back(sampling, sweep):
+    chirp, high_pass = make_chirp(sampling=sampling, sweep=sweep), HighPass(corner_hz=CORNER_HZ, order=2)
     cell = 60
     paths = echoes_at([cell * chirp.range_resolution_m], [2e-3 * np.exp(0.4j)])
     plain = SpectrumAnalyser(chirp, "hann", 1)
-    before = plain.amplitude(synthesise(paths, looking(1), chirp))[0, cell]
-    beat = synthesise(high_pass.filtered(paths, chirp), looking(1), chirp)
+    before = plain.amplitude(synthesise(paths, make_pulses(1), chirp))[0, cell]
+    beat = synthesise(high_pass.filtered(paths, chirp), make_pulses(1), chirp)
     raw = plain.amplitude(beat)[0, cell]
     expected = high_pass.response(np.array([cell * chirp.rate_hz]))[0]
     assert raw / before == pytest.approx(expected, abs=2e-4)
@@ -59,8 +60,8 @@ def test_an_echo_is_weakened_and_turned_and_calibrated_back(sampling, sweep, chi
     assert calibrated.power(beat)[0, cell] == pytest.approx(4e-6, rel=4e-3)
 
 
-def test_noise_before_the_filter_is_shaped_and_calibrated_to_one_level(chirp_of):
-    chirp, high_pass = chirp_of(), HighPass(corner_hz=CORNER_HZ, order=2)
+def test_noise_before_the_filter_is_shaped_and_calibrated_to_one_level():
+    chirp, high_pass = make_chirp(), HighPass(corner_hz=CORNER_HZ, order=2)
     noise = add_noise(np.zeros((2000, 1024)), 1.0, 1, np.arange(2000))
     shaped = high_pass.shaped(noise, chirp.sampling_rate_hz)
     plain, calibrated = SpectrumAnalyser(chirp, "hann", 1), SpectrumAnalyser(chirp, "hann", 1, high_pass)
@@ -72,7 +73,7 @@ def test_noise_before_the_filter_is_shaped_and_calibrated_to_one_level(chirp_of)
     np.testing.assert_allclose(level, 1.0, atol=5 / np.sqrt(2000))
     assert level.mean() == pytest.approx(1.0, abs=0.01)
     whole = add_noise(np.zeros((1000, 1024), dtype=complex), 1.0, 1, np.arange(1000))
-    analyser = SpectrumAnalyser(chirp_of(sampling="iq"), "hann", 1, high_pass)
+    analyser = SpectrumAnalyser(make_chirp(sampling="iq"), "hann", 1, high_pass)
     level = analyser.power(high_pass.shaped(whole, chirp.sampling_rate_hz))[:, 1:-3].mean(axis=0)
     np.testing.assert_allclose(level / np.mean(level), 1.0, atol=6 / np.sqrt(1000))
 
@@ -92,13 +93,13 @@ def test_it_spares_the_converter_and_changes_no_calibrated_spectrum():
     for order in (0, 2):
         filtered = {"radar.receiver": {"high_pass_corner_hz": 60e3, "high_pass_order": order}} if order else {}
         ready = prepare(survey(**filtered))
-        pulses = ready.schedule.pulses(np.arange(20))
-        paths = build_tracer(ready).trace(pulses)
+        pulses = ready.flight.pulses(np.arange(20))
+        paths = ready.sensor_inputs().tracer().trace(pulses)
         leak = echoes_at([0.6] * len(pulses), [3e-5] * len(pulses))
         object.__setattr__(leak, "pulse", pulses.index)
         for name, seen in (("rain", paths), ("leakage", Paths.concatenate([leak, paths]))):
-            beat = received(seen, pulses, ready)
-            spread[name, order] = np.max(np.abs(beat)) / np.sqrt(ready.noise_power_w)
+            beat = ready.receiver.beat(seen, pulses)
+            spread[name, order] = np.max(np.abs(beat)) / np.sqrt(ready.receiver.noise_power_w)
             spectra[name, order] = ready.detector.analyser.power(beat)
     gained_db = {name: 20 * np.log10(spread[name, 0] / spread[name, 2]) for name in ("rain", "leakage")}
     assert gained_db["rain"] > 10

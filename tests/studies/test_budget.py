@@ -8,16 +8,15 @@ import pytest
 
 from sionna_radar.flight.grades import GRADES, load_grades
 from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.report.budget.products import MARKER, write_budget
 from sionna_radar.report.budget.table import print_budget
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.budget import (
-    MARKER,
     NavigationError,
     find_limit,
     navigation_budget,
     navigation_errors,
     rms_with,
-    write,
 )
 from sionna_radar.survey.remapping import record_survey
 
@@ -90,7 +89,7 @@ def test_the_budget_is_written_and_printed(tmp_path, capsys):
     assert [grade.name for grade in budget.grades] == list(GRADES)
     growth = {grade.name: grade.growth for grade in budget.grades}
     assert growth["survey"] < growth["rtk"] < growth["consumer"]
-    files = write(budget, tmp_path / "out")
+    files = write_budget(budget, tmp_path / "out")
     assert {path.name for path in files} == {MARKER, "manifest.json", "budget.png"}
     told = json.loads((tmp_path / "out" / MARKER).read_text())
     assert told["limits"][0]["key"] == "platform.navigation.position_constant_m"

@@ -9,8 +9,9 @@ import pytest
 
 import sionna_radar.studies.crosscheck
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.report.crosscheck.products import crosscheck_summary, write_crosscheck
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck import crosscheck, write
+from sionna_radar.studies.crosscheck import crosscheck
 from sionna_radar.studies.crosscheck_result import CrossCheck, Tolerances
 
 
@@ -56,17 +57,17 @@ def test_sampling_of_the_beam_is_not_called_a_difference(check):
 def test_the_dems_differ_by_speckle(check):
     assert check.dem_speckle_rms_m > 0.02
     assert check.dem_rms_difference_m < 1.25 * check.dem_speckle_rms_m
-    assert abs(check.summary()["dem_mean_difference_m"]) < 0.5 * check.dem_speckle_rms_m
+    assert abs(crosscheck_summary(check)["dem_mean_difference_m"]) < 0.5 * check.dem_speckle_rms_m
 
 
 def test_the_mean_ranges_agree_to_a_tenth_of_a_cell(check):
-    spread = check.summary()["range_difference_m"]
+    spread = crosscheck_summary(check)["range_difference_m"]
     assert abs(spread["mean"]) < 0.01
     assert spread["p95_abs"] < 0.03
 
 
 def test_the_summary_holds_the_numbers_of_the_issue(check):
-    summary = check.summary()
+    summary = crosscheck_summary(check)
     wanted = {
         "mean_power_difference_db",
         "p95_abs_power_difference_db",
@@ -114,17 +115,17 @@ def test_without_any_dem_nothing_agrees_and_the_summary_says_none(check):
     dem = replace(check.gamma.dem, height_m=np.full_like(check.gamma.dem.height_m, np.nan))
     empty = replace(check, gamma=replace(check.gamma, dem=dem))
     assert not empty.agrees
-    assert empty.summary()["dem_rms_difference_m"] is None
-    json.dumps(empty.summary(), allow_nan=False)
+    assert crosscheck_summary(empty)["dem_rms_difference_m"] is None
+    json.dumps(crosscheck_summary(empty), allow_nan=False)
 
 
 def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check, tmp_path):
     place = tmp_path / "deep" / "check"
-    files = {path.relative_to(place).as_posix() for path in write(check, place)}
+    files = {path.relative_to(place).as_posix() for path in write_crosscheck(check, place)}
     assert files == {"manifest.json", "crosscheck.json", "figures/power.png", "figures/ranges.png", "figures/dems.png"}
     assert json.loads((place / "crosscheck.json").read_text())["agrees"] is True
     (place / "figures" / "mine.png").touch()
-    assert len(write(check, place)) == 5
+    assert len(write_crosscheck(check, place)) == 5
     assert (place / "figures" / "mine.png").exists()
     assert [path.name for path in place.parent.iterdir()] == ["check"]
 
@@ -133,7 +134,7 @@ def test_a_folder_of_something_else_is_left_alone(check, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("years of work")
     with pytest.raises(OutputError, match="holds no earlier result"):
-        write(check, tmp_path / "mine")
+        write_crosscheck(check, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 

@@ -11,11 +11,11 @@ from scipy.io import netcdf_file
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.imaging.grid import PixelGrid
-from sionna_radar.imaging.point_response import Point, Widths, alone, measured_in_patch
-from sionna_radar.report.imagery.products import write_slar
+from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch
+from sionna_radar.report.imagery.products import MARKER, write_imagery, write_slar
 from sionna_radar.report.imagery.table import print_image
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.images import MARKER, fly_images, write
+from sionna_radar.studies.images import fly_images
 
 EAST, GROUND = 1.0, 29.0
 SMALL = {
@@ -46,7 +46,7 @@ def imagery():
 @pytest.fixture(scope="module")
 def folder(imagery, tmp_path_factory):
     directory = tmp_path_factory.mktemp("image") / "out"
-    write(imagery, directory)
+    write_imagery(imagery, directory)
     return directory
 
 
@@ -147,7 +147,7 @@ def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
     imagery = fly_images(scenario_of(tracing={"speckle": "per_pulse", "paths_per_pulse": 64}))
     assert imagery.focused is None
     assert imagery.reflectors[0].sar is None
-    names = {path.name for path in write(imagery, tmp_path / "out")}
+    names = {path.name for path in write_imagery(imagery, tmp_path / "out")}
     assert names == {MARKER, "manifest.json", "scenario.toml", "slar.nc", "slar.png"}
     assert json.loads((tmp_path / "out" / MARKER).read_text())["sar"] is None
     print_image(imagery)
@@ -182,12 +182,12 @@ def point_at(along_m: float, slant_range_m: float) -> Point:
     )
 
 
-def test_points_side_by_side_are_not_alone():
+def test_points_side_by_side_are_not_isolated():
     theory = Widths(along_m=1.0, across_m=0.5)
     here, beside, behind = point_at(0.0, 40.0), point_at(3.0, 40.5), point_at(0.0, 44.0)
-    assert alone(here, [here, behind], theory)
-    assert not alone(here, [here, beside, behind], theory)
-    assert alone(here, [here, beside], dataclasses.replace(theory, along_m=0.4))
+    assert isolated(here, [here, behind], theory)
+    assert not isolated(here, [here, beside, behind], theory)
+    assert isolated(here, [here, beside], dataclasses.replace(theory, along_m=0.4))
 
 
 def patch_power(width_m: float, floor: float, beside: float = 0.0):

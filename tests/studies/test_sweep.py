@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -66,28 +67,28 @@ def test_every_combination_is_flown_with_seeds_in_a_row(flown):
         (6, "peak"),
         (6, "centroid"),
     ]
-    assert all([r.seed for r in case.runs] == [5, 6] for case in sweep.cases)
-    assert len({r.points_sha256 for case in sweep.cases for r in case.runs}) == 8
+    assert all([r.seed for r in case.trials] == [5, 6] for case in sweep.cases)
+    assert len({r.points_sha256 for case in sweep.cases for r in case.trials}) == 8
 
 
 def test_a_run_is_the_survey_that_run_gives(flown, small):
     _, sweep, _ = flown
     alone = run(load_scenario(small, {BEAM: 6, "processing.ranging": "centroid", "seed": 6}))
-    assert sweep.cases[3].runs[1].points_sha256 == alone.points.sha256()
-    assert sweep.cases[3].runs[1].dem_error == alone.dem_error
+    assert sweep.cases[3].trials[1].points_sha256 == alone.points.sha256()
+    assert sweep.cases[3].trials[1].dem_error == alone.dem_error
 
 
 def test_progress_counts_the_surveys_and_shows_their_stages(flown):
     plan, _, calls = flown
     surveys = [(done, total) for stage, done, total in calls if stage == "surveys"]
-    assert surveys == [(done, plan.runs) for done in range(plan.runs + 1)]
+    assert surveys == [(done, plan.trials) for done in range(plan.trials + 1)]
     assert {stage for stage, _, _ in calls} == {"surveys", "preparing", "tracing", "mapping"}
 
 
 def test_statistics_are_over_the_runs(flown):
     _, sweep, _ = flown
     case = sweep.cases[0]
-    first, second = (r.lit_error.rms_m for r in case.runs)
+    first, second = (r.lit_error.rms_m for r in case.trials)
     assert case.mean("rms_m") == pytest.approx((first + second) / 2)
     assert case.spread("rms_m") == pytest.approx(abs(first - second) / np.sqrt(2))
 
@@ -184,7 +185,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
 
     monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
     sweep = fly_sweep(plan)
-    assert [len(case.runs) for case in sweep.cases] == [1, 0, 1]
+    assert [len(case.trials) for case in sweep.cases] == [1, 0, 1]
     assert type(failure).__name__ in sweep.cases[1].reason
     assert sweep.failed
     assert not sweep.interrupted
@@ -214,10 +215,12 @@ def test_an_interrupt_keeps_the_runs_done(cli, small, tmp_path, monkeypatch):
 def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
     _, sweep, _ = flown
     case = sweep.cases[0]
-    assert case.mean("all_cells_rms_m") == pytest.approx(np.mean([r.dem_error.rms_m for r in case.runs]))
+    assert case.mean("all_cells_rms_m") == pytest.approx(np.mean([r.dem_error.rms_m for r in case.trials]))
     assert np.isnan(case.mean("off_wall_rms_m"))  # flat ground has no walls
     assert len(repr(sweep)) < 1000
-    assert "beamwidth_deg = 2" in sweep._repr_html_()
+    page = re.sub(r"<[^>]*>", "", sweep._repr_html_())
+    assert "beamwidth_deg" in page
+    assert all(f"{case.mean('rms_m'):.3f}" in page for case in sweep.cases)
 
 
 def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):

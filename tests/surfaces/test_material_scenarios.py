@@ -9,9 +9,10 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
+from sionna_radar.surfaces.integral_equation import IntegralEquation
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.permittivity import soil_permittivity
-from sionna_radar.surfaces.rough_surface import IntegralEquation, SmallPerturbation
+from sionna_radar.surfaces.rough_surface import SmallPerturbation
 from sionna_radar.survey.preparation import prepare
 
 SOIL = {
@@ -78,7 +79,7 @@ def test_the_receiver_chooses_the_channel(sent, channels):
         assert material.channel == channel
         values.append(material.sigma0(angle)[0])
         # The noise is set against the co-polar echo, so both channels have the same.
-        values.append(prepare(scenario).noise_power_w)
+        values.append(prepare(scenario).receiver.noise_power_w)
     weaker = material.horizontal.sigma0(angle)[0]
     assert 10 * math.log10(values[2] / weaker) == pytest.approx(-13.0)
     assert values[1] == values[3]
@@ -194,7 +195,7 @@ def test_sionnas_own_materials_are_kept_only_where_they_work(monkeypatch):
 
 
 def test_sionnas_own_material_that_scatters_is_kept(monkeypatch):
-    from sionna_radar.scene import city
+    from sionna_radar.scene.terrains import city
 
     original = city.SionnaSlab
     monkeypatch.setattr(city, "SionnaSlab", lambda **k: original(**{**k, "scattering_coefficient": 0.2}))

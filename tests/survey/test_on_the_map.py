@@ -11,16 +11,16 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
-from sionna_radar.scene.terrain import load_elevation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.georeference import Georeference, MapCells
 from sionna_radar.report.survey import products
-from sionna_radar.report.survey.products import write_products
+from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import georeference
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey.chain import run
+from worlds import load_ground
 
 # Neither a whole number nor at a cell's middle: nothing lines up by chance.
 WEST, NORTH = 450_000.37, 5_000_100.61
@@ -64,7 +64,7 @@ def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(("cell_m", "spacing_m"), [(1.0, 1.0), (2.0, 1.0), (1.0, 3.0)])
 def test_input_and_output_subtract_cell_by_cell(tmp_path: Path, cell_m: float, spacing_m: float) -> None:
     source = write_file(tmp_path / "in.tif", cell_m)
-    write_products(run(scenario_over(source, dem={"spacing_m": spacing_m})), tmp_path / "out")
+    write_survey(run(scenario_over(source, dem={"spacing_m": spacing_m})), tmp_path / "out")
     with rasterio.open(source) as file, rasterio.open(tmp_path / "out" / "truth.tif") as truth:
         coarser = max(cell_m, spacing_m)
         for edge, from_file in ((truth.bounds.left, WEST), (truth.bounds.top, NORTH)):
@@ -176,9 +176,9 @@ def test_a_world_that_lies_nowhere_takes_no_map_coordinates(scene: str) -> None:
 def test_heights_become_metres_above_their_datum(
     tmp_path: Path, crs: str, stated: dict[str, object], vertical: str | None, metres: float
 ) -> None:
-    plain, _ = load_elevation(scenario_over(write_file(tmp_path / "a.tif")).terrain, EVERYWHERE)
+    plain, _ = load_ground(scenario_over(write_file(tmp_path / "a.tif")).terrain, EVERYWHERE)
     scenario = scenario_over(write_file(tmp_path / "b.tif", crs=crs), terrain=stated)
-    raster, place = load_elevation(scenario.terrain, EVERYWHERE)
+    raster, place = load_ground(scenario.terrain, EVERYWHERE)
     assert place is not None
     told = georeference(place)
     assert told is not None
@@ -194,13 +194,13 @@ def test_heights_become_metres_above_their_datum(
 def test_a_vertical_crs_is_one(tmp_path: Path, stated: str, why: str) -> None:
     scenario = scenario_over(write_file(tmp_path / "a.tif"), terrain={"vertical_crs": stated})
     with pytest.raises(ScenarioError, match=rf"terrain.vertical_crs.*{why}"):
-        load_elevation(scenario.terrain, EVERYWHERE)
+        load_ground(scenario.terrain, EVERYWHERE)
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_a_compound_crs_reaches_the_products(tmp_path: Path) -> None:
     survey = run(scenario_over(write_file(tmp_path / "in.tif", crs="EPSG:32632+5773")))
-    write_products(survey, tmp_path / "out")
+    write_survey(survey, tmp_path / "out")
     with rasterio.open(tmp_path / "out" / "dem.tif") as file:
         raster_crs = CRS.from_wkt(file.crs.to_wkt())
     for crs in (raster_crs, laspy.read(tmp_path / "out" / "points.laz").header.parse_crs()):

@@ -11,12 +11,11 @@ from sionna_radar import parse_scenario, run
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.survey.products import write_products
+from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.navigation import NavigationTable
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import place, record
 from sionna_radar.survey.remapping import record_survey
-from sionna_radar.survey.sensors import build_sensor
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.survey.sensors.radar import SawtoothRadar, TriangularRadar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
@@ -58,34 +57,34 @@ def lidar():
 def test_a_sensor_sees_the_truth_and_corrects_by_the_measured_pose(keys, kind):
     """Tracing reads the true pose alone; after it, nothing may."""
     ready = prepare(scenario_of(**keys, navigation=NOISY))
-    sensor = build_sensor(ready)
+    sensor = ready.build_sensor()
     assert isinstance(sensor, kind)
     assert isinstance(sensor, Sensor)
-    pulses = ready.schedule.pulses(np.arange(20))
+    pulses = ready.flight.pulses(np.arange(20))
     spoilt = Pose(**{f.name: np.full_like(getattr(pulses.true, f.name), np.nan) for f in fields(Pose)})
     seen = sensor.observe(pulses).echoes
     blind = sensor.observe(replace(pulses, measured=spoilt)).echoes
     np.testing.assert_array_equal(seen.range_m, blind.range_m)
     # The exact and the erring navigation record the same.
     other = prepare(scenario_of(**keys))
-    elsewhere = build_sensor(other).observe(other.schedule.pulses(np.arange(20))).echoes
+    elsewhere = other.build_sensor().observe(other.flight.pulses(np.arange(20))).echoes
     np.testing.assert_array_equal(elsewhere.range_m, seen.range_m)
 
 
 def test_placing_reads_the_measured_pose_alone(monkeypatch):
     ready = prepare(scenario_of(navigation=NOISY))
-    sensor = build_sensor(ready)
+    sensor = ready.build_sensor()
     echoes = record(ready, sensor).echoes
-    points = place(echoes, sensor, ready.schedule)
-    made = type(ready.schedule).pulses
+    points = place(echoes, sensor, ready.flight)
+    made = type(ready.flight).pulses
 
     def without_truth(schedule, index):
         pulses = made(schedule, index)
         bad = Pose(**{f.name: np.full_like(getattr(pulses.true, f.name), np.nan) for f in fields(Pose)})
         return replace(pulses, true=bad)
 
-    monkeypatch.setattr(type(ready.schedule), "pulses", without_truth)
-    assert place(echoes, sensor, ready.schedule).sha256() == points.sha256()
+    monkeypatch.setattr(type(ready.flight), "pulses", without_truth)
+    assert place(echoes, sensor, ready.flight).sha256() == points.sha256()
 
 
 def test_no_processing_module_names_the_true_pose():
@@ -124,8 +123,8 @@ def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
 
 
 def test_a_lidar_has_no_echoes_for_a_map_to_model():
-    with pytest.raises(ScenarioError, match=r"dem\.method: 'smooth' models whole echoes.*set 'linear'"):
-        scenario_of(sensor="lidar", dem={"method": "smooth"})
+    with pytest.raises(ScenarioError, match=r"dem\.method: 'refined' models whole echoes.*set 'smooth' or 'linear'"):
+        scenario_of(sensor="lidar", dem={"method": "refined"})
 
 
 def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
@@ -137,7 +136,7 @@ def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
 
 
 def test_the_lidar_is_exact_and_shows_what_the_beam_costs(exact, lidar):
-    ground = prepare(scenario_of()).built.ground_m(lidar.points.position_m[:, :2])
+    ground = prepare(scenario_of()).scene.ground_m(lidar.points.position_m[:, :2])
     np.testing.assert_allclose(lidar.points.position_m[:, 2], ground, atol=0.03)  # facets against bilinear heights
     assert len(lidar.points) == lidar.pulses == exact.pulses
     assert lidar.chirp is None
@@ -152,7 +151,7 @@ def test_noise_of_the_lidar_is_what_was_asked_for(lidar):
 
 
 def test_a_lidar_survey_is_written_without_a_chirp(lidar, tmp_path):
-    names = {path.name for path in write_products(lidar, tmp_path / "out")}
+    names = {path.name for path in write_survey(lidar, tmp_path / "out")}
     assert {"summary.json", "points.laz", "dem.png", "power_map.png"} <= names
     assert "chirp.png" not in names
 
@@ -172,8 +171,8 @@ def test_the_triangle_needs_no_velocity(exact):
 class EveryOther:
     """A sensor of one's own: exact, but blind on every other pulse."""
 
-    def __init__(self, ready):
-        self.caster = ready.built.caster
+    def __init__(self, given):
+        self.caster = given.engine.caster
 
     def observe(self, pulses):
         paths = trace_boresights(pulses, self.caster)
@@ -190,6 +189,9 @@ class EveryOther:
 
     def correct(self, echoes, pulse, measured):
         return echoes
+
+    def record_chirp(self, pulses):
+        return None
 
 
 def test_a_sensor_of_ones_own(lidar):

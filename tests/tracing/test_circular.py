@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import load_scenario
@@ -14,7 +16,6 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
 from sionna_radar.tracing.effects.volume_polarization import volume_polarization
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
@@ -26,6 +27,7 @@ from sionna_radar.tracing.sionna.pattern import SeparablePattern
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.kinds import Precipitation
+from worlds import make_surface
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 EVEN, WEAK = ConstantGammaBackscatter(0.05), ConstantGammaBackscatter(0.0125)
@@ -37,8 +39,8 @@ GROUNDS = {
 SENSES = {"co": "same", "cross": "opposite"}
 
 
-def of_ground(surface_of, material) -> Scene:
-    ground = surface_of(lambda x, y: 0 * x, size_m=2000.0, spacing_m=20.0)
+def of_ground(material) -> Scene:
+    ground = make_surface(lambda x, y: 0 * x, size_m=2000.0, spacing_m=20.0)
     return Scene(
         surfaces=(ground,), materials={"ground": material}, targets=(), ground_material="ground", georeference=None
     )
@@ -50,36 +52,38 @@ def level_db(paths, pulses, expected) -> float:
 
 @pytest.mark.parametrize("name", GROUNDS)
 @pytest.mark.parametrize("receives", SENSES)
-def test_a_plane_returns_what_its_covariance_says(name, receives, surface_of, antenna_of, chirp_of, looking):
+def test_a_plane_returns_what_its_covariance_says(name, receives):
     """A beam scanned to 40 deg meets the plane of incidence at an angle, which a circular wave does not notice."""
-    scene = of_ground(surface_of, GROUNDS[name])
-    antenna = replace(antenna_of(2.0, 2.0, "RHCP"), receives=receives)
-    pulses = looking(150, incidence_deg=45.0, scan_deg=40.0)
+    scene = of_ground(GROUNDS[name])
+    antenna = replace(make_antenna(2.0, 2.0, "RHCP"), receives=receives)
+    pulses = make_pulses(150, incidence_deg=45.0, scan_deg=40.0)
     tilt = np.arccos(np.cos(np.deg2rad(45)) * np.cos(np.deg2rad(40)))
     material = replace(GROUNDS[name], channel=SENSES[receives])
     expected = plane_echo(antenna, material, WAVELENGTH_M, 50.0, tilt)
-    beam = BeamEngine(scene, antenna, chirp_of(), 1, 512, 0.05)
+    beam = BeamEngine(scene, antenna, make_chirp(), 1, 512, 0.05)
     assert level_db(beam.trace(pulses), pulses, expected) == pytest.approx(0.0, abs=0.05)
     # What the signs of a facet add in one hand they take in the other.
-    pulses = looking(2, incidence_deg=45.0)
+    pulses = make_pulses(2, incidence_deg=45.0)
     expected = plane_echo(antenna, material, WAVELENGTH_M, 50.0, np.deg2rad(45))
     facets = [
-        GammaEngine(scene, replace(antenna, polarization=hand), chirp_of(), 1, RayCaster(scene.surfaces)).trace(pulses)
+        GammaEngine(scene, replace(antenna, polarization=hand), make_chirp(), 1, RayCaster(scene.surfaces)).trace(
+            pulses
+        )
         for hand in ("RHCP", "LHCP")
     ]
     power = sum(np.sum(np.abs(paths.gain) ** 2) for paths in facets) / 4
     assert 10 * np.log10(power / expected) == pytest.approx(0.0, abs=0.05)
 
 
-def test_the_other_engines_return_the_same(surface_of, antenna_of, chirp_of, looking):
-    scene, antenna = of_ground(surface_of, GROUNDS["uneven"]), antenna_of(20.0, 20.0, "LHCP")
-    pulses = looking(2, incidence_deg=50.0)
-    beam = BeamEngine(scene, antenna, chirp_of(), 1, 8192, 0.05).trace(pulses)
+def test_the_other_engines_return_the_same():
+    scene, antenna = of_ground(GROUNDS["uneven"]), make_antenna(20.0, 20.0, "LHCP")
+    pulses = make_pulses(2, incidence_deg=50.0)
+    beam = BeamEngine(scene, antenna, make_chirp(), 1, 8192, 0.05).trace(pulses)
     power = np.sum(np.abs(beam.gain.astype(complex)) ** 2) / len(pulses)
-    stock = PathSolverEngine(scene, antenna, chirp_of(), 1, 200_000).trace(pulses)
+    stock = PathSolverEngine(scene, antenna, make_chirp(), 1, 200_000).trace(pulses)
     assert level_db(stock, pulses, power) == pytest.approx(0.0, abs=0.2)
     region = np.array([[-60.0, -20.0, -1.0], [60.0, 200.0, 1.0]])
-    fixed = PersistentEngine(scene, antenna, chirp_of(), 1, 4.0, region).trace(pulses.rows(slice(0, 1)))
+    fixed = PersistentEngine(scene, antenna, make_chirp(), 1, 4.0, region).trace(pulses.rows(slice(0, 1)))
     assert level_db(fixed, pulses.rows(slice(0, 1)), power) == pytest.approx(0.0, abs=0.2)
 
 
@@ -101,9 +105,9 @@ def test_closed_forms_of_the_covariance():
 
 
 @pytest.mark.parametrize("axial_ratio_db", [0.0, 1.0, 3.0])
-def test_an_axial_ratio_bounds_what_is_rejected(axial_ratio_db, antenna_of):
+def test_an_axial_ratio_bounds_what_is_rejected(axial_ratio_db):
     """The integrated cancellation ratio of a mirror or sphere: 20 log10 (r^2 + 1) / (r^2 - 1)."""
-    antenna = replace(antenna_of(2.0, 2.0, "RHCP"), axial_ratio_db=axial_ratio_db)
+    antenna = replace(make_antenna(2.0, 2.0, "RHCP"), axial_ratio_db=axial_ratio_db)
     r2 = 10 ** (axial_ratio_db / 10)
     same, opposite = antenna.mirrored, replace(antenna, receives="cross").mirrored
     assert abs(same) == pytest.approx((r2 - 1) / (r2 + 1), abs=1e-12)
@@ -112,9 +116,9 @@ def test_an_axial_ratio_bounds_what_is_rejected(axial_ratio_db, antenna_of):
     assert np.vdot(sent, received) == pytest.approx(0.0, abs=1e-15)
 
 
-def test_sionna_sends_the_hand_that_the_antenna_names(antenna_of):
+def test_sionna_sends_the_hand_that_the_antenna_names():
     """To the right: seen along the way of the wave, the field turns from up to the right as time goes on."""
-    antenna = antenna_of(20.0, 20.0, "RHCP")
+    antenna = make_antenna(20.0, 20.0, "RHCP")
     assert np.angle(antenna.jones[0][1] / antenna.jones[0][0]) == pytest.approx(np.pi / 2)
     up, right = antenna.jones[0][0], -antenna.jones[0][1]
     quarter_later = np.real(np.array([up, right]) * 1j)
@@ -132,12 +136,12 @@ def test_sionna_sends_the_hand_that_the_antenna_names(antenna_of):
     np.testing.assert_allclose(overlap, 1.0, atol=1e-5)
 
 
-def test_mirrors_and_targets_return_the_opposite_sense(surface_of, antenna_of, chirp_of, looking):
+def test_mirrors_and_targets_return_the_opposite_sense():
     metal = Mirror(permittivity=1 - 1e9j, rms_height_m=0.0, frequency_hz=77e9)
     plate = replace(as_radar_material(EVEN), mirror=metal)
     target = Target(position_m=(0.0, 0.3, 2.0), rcs_m2=1.0)
-    scene = replace(of_ground(surface_of, plate), targets=(target,))
-    chirp, pulses = chirp_of(), looking(1)
+    scene = replace(of_ground(plate), targets=(target,))
+    chirp, pulses = make_chirp(), make_pulses(1)
     levels = {}
     for name, changes in {
         "linear": {"polarization": "V"},
@@ -145,7 +149,7 @@ def test_mirrors_and_targets_return_the_opposite_sense(surface_of, antenna_of, c
         "opposite": {"polarization": "RHCP", "receives": "cross"},
         "same, 3 dB": {"polarization": "LHCP", "axial_ratio_db": 3.0},
     }.items():
-        antenna = replace(antenna_of(2.0, 2.0), **changes)
+        antenna = replace(make_antenna(2.0, 2.0), **changes)
         paths = Tracer(Nothing(), scene, antenna, chirp, RayCaster(scene.surfaces)).trace(pulses)
         levels[name] = np.abs(paths.gain)
     assert len(levels["linear"]) == 2
@@ -187,13 +191,13 @@ def test_an_axial_ratio_needs_a_circular_wave():
 
 
 @pytest.mark.parametrize("scan_deg", [0.0, 45.0])
-def test_rain_in_each_port(scan_deg, antenna_of, looking):
+def test_rain_in_each_port(scan_deg):
     weather = Weather(carrier_hz=77e9, rain_rate_mm_per_h=4.0)
-    pose = looking(1, incidence_deg=45.0, scan_deg=scan_deg).true
-    assert volume_polarization(weather, antenna_of(2.0, 2.0)) is None
+    pose = make_pulses(1, incidence_deg=45.0, scan_deg=scan_deg).true
+    assert volume_polarization(weather, make_antenna(2.0, 2.0)) is None
 
     def share_db(**changes) -> float:
-        antenna = replace(antenna_of(2.0, 2.0), **changes)
+        antenna = replace(make_antenna(2.0, 2.0), **changes)
         return float(10 * np.log10(volume_polarization(weather, antenna).share(pose)[0]))
 
     assert share_db(polarization="RHCP", receives="cross") == pytest.approx(0.0, abs=1e-6)
@@ -207,8 +211,8 @@ def test_rain_in_each_port(scan_deg, antenna_of, looking):
     assert crossed < -48 if scan_deg == 0 else same - 6 < crossed < same
 
 
-def test_snow_turns_more_and_fog_turns_nothing(antenna_of, looking):
-    pose, antenna = looking(1, incidence_deg=45.0).true, replace(antenna_of(2.0, 2.0), polarization="RHCP")
+def test_snow_turns_more_and_fog_turns_nothing():
+    pose, antenna = make_pulses(1, incidence_deg=45.0).true, replace(make_antenna(2.0, 2.0), polarization="RHCP")
     fog = {"liquid_water_g_per_m3": 0.1}
     shares = {}
     for name, weather in {"fog": fog, "snow": {"snowfall_mm_per_h": {Precipitation.DRY_SNOW: 1.0}, **fog}}.items():
@@ -223,7 +227,7 @@ def test_rain_of_a_survey_is_rejected():
     levels = []
     for antenna in ({}, {"polarization": "RHCP", "axial_ratio_db": 1.0}):
         ready = prepare(load_scenario("hills", {**weather, "radar.antenna": {"beamwidth_deg": 2.0, **antenna}}))
-        paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(20)))
+        paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(20)))
         levels.append(np.sum(np.abs(paths.gain[paths.surface == VOLUME]) ** 2))
     # The ellipse's major axis is V's and flat drops return more of H: a part of what leaks is taken back.
     assert -19.8 < 10 * np.log10(levels[1] / levels[0]) < -18.8

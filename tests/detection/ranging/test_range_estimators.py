@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from sionna_radar.detection.ranging.estimators import ESTIMATORS
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.detection.detector import Spectra, build_detector
 from sionna_radar.detection.ranging.beam_profile import beam_profile
-from sionna_radar.detection.ranging.estimator import EchoSpans
+from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_estimator
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scenario.processing import ProcessingTable
@@ -14,6 +15,8 @@ from sionna_radar.scenario.processing import ProcessingTable
 CELL_M = 0.3
 BORESIGHT_M = 70.7
 ECHOES = 150
+NAMES = ("peak", "centroid", "leading_edge", "model_fit")
+ESTIMATORS = {name: build_range_estimator(ProcessingTable(ranging=name)) for name in NAMES}
 
 
 def plane_echoes(beamwidth_deg: float, incidence_deg: float) -> EchoSpans:
@@ -58,15 +61,15 @@ def test_the_fit_lessens_the_beams_bias():
     assert abs(bias["model_fit"]) < abs(bias["centroid"])
 
 
-def test_an_echo_wider_than_the_cfar_window_is_kept_whole(chirp_of, looking):
+def test_an_echo_wider_than_the_cfar_window_is_kept_whole():
     # Two hundred raised cells: the training cells lie inside the echo, and the CFAR alone finds its rims.
-    detector = build_detector(ProcessingTable(zero_padding=1, doppler_correction=False), chirp_of())
+    detector = build_detector(ProcessingTable(zero_padding=1, doppler_correction=False), make_chirp())
     power = np.ones((1, 512))
     power[0, 150:350] = 1e4
     noise, both = detector.cfar.noise_level(power)
     factor = np.where(both, detector.cfar.both_sides_factor, detector.cfar.one_side_factor)
     assert np.sum(power > noise * factor) < 150
-    pulses = looking(1)
+    pulses = make_pulses(1)
     spectra = Spectra(power=power, noise=noise, threshold=noise * factor)
     echoes = detector.echoes(spectra, pulses.index, pulses.measured)
     assert echoes.range_m / detector.analyser.bin_m == pytest.approx([249.5], abs=0.1)

@@ -13,7 +13,6 @@ from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import record
-from sionna_radar.survey.sensors import received
 from sionna_radar.survey.sensors.radar import SawtoothRadar
 from sionna_radar.tracing.effects.atmosphere import build_weather
 from sionna_radar.weather.path import rain_clutter_power
@@ -40,18 +39,18 @@ def false_heights(survey):
 @cache
 def through(rate):
     ready = prepare(rainy(rate))
-    sensor = SawtoothRadar(ready)
+    sensor = SawtoothRadar(ready.sensor_inputs())
     return ready, sensor, sensor.through[0]
 
 
 @pytest.mark.parametrize("rate", [1.0, 25.0])
 def test_the_mean_of_rain_is_found_without_being_told(rate):
     ready, _, found = through(rate)
-    chirp, antenna, window = ready.chirp, ready.antenna, ready.detector.analyser.window
+    chirp, antenna, window = ready.receiver.chirp, ready.antenna, ready.detector.analyser.window
     weather = build_weather(ready.scenario.weather, chirp.carrier_hz)
     cells = np.arange(20, 200)
     # On the axis of the spectrum, where the platform's motion and the fall of the drops move it.
-    pose = ready.schedule.sample(200).true
+    pose = ready.flight.sample(200).true
     rate_mps = pose.boresight_range_rate_mps - weather.rain_speeds().at(np.array([0.5])) * pose.boresight[:, 2]
     shift_m = float(chirp.doppler_range_m(rate_mps).mean())
     known = rain_clutter_power(
@@ -63,7 +62,7 @@ def test_the_mean_of_rain_is_found_without_being_told(rate):
         specific_attenuation_db_per_km=0.0,
     )
     # What a window makes of noise. The loss on the way is left out: 0.7 dB over 24 m of 25 mm/h, 2 dB over 60 m.
-    known *= ready.transmit_power_w * len(window) * np.sum(window**2)
+    known *= ready.receiver.transmit_power_w * len(window) * np.sum(window**2)
     error_db = 10 * np.log10(found.volume.mean[cells] / known)
     near = cells < 80
     assert np.abs(error_db[near]).max() < 0.9
@@ -72,9 +71,9 @@ def test_the_mean_of_rain_is_found_without_being_told(rate):
 
 def test_clear_air_is_none_and_loses_no_bit():
     ready = prepare(rainy(0.0))
-    pulses = ready.schedule.sample(40)
-    sensor = SawtoothRadar(ready)
-    power = ready.detector.analyser.power(received(sensor.tracer.trace(pulses), pulses, ready))
+    pulses = ready.flight.sample(40)
+    sensor = SawtoothRadar(ready.sensor_inputs())
+    power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
     assert not shows_volume(ready.detector, power)
     off = run(rainy(0.0, processing__volume_clutter="off"))
     assert flown(0.0).points.sha256() == off.points.sha256()
@@ -94,7 +93,7 @@ def test_rain_without_ground_makes_no_echo():
     ready, _, found = through(25.0)
     end, volume = found.end, found.volume
     rng = np.random.default_rng(2)
-    beat = rng.normal(size=(400, 2, ready.chirp.samples)) / np.sqrt(2)
+    beat = rng.normal(size=(400, 2, ready.receiver.chirp.samples)) / np.sqrt(2)
     white = np.abs(np.fft.fft((beat[:, 0] + 1j * beat[:, 1]) * ready.detector.analyser.window)[:, : end.cells]) ** 2
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), drift_m=np.full(400, 1.1), strength=np.ones(400))
@@ -140,7 +139,7 @@ def test_whole_scan_lines_make_the_result_whatever_the_block_size():
     for echoes in seen[1:]:
         for name in ("pulse", "range_m", "range_sigma_m", "power", "snr_db"):
             np.testing.assert_array_equal(getattr(echoes, name), getattr(seen[0], name))
-    assert len(seen[0]) > 0.9 * len(ready.schedule)
+    assert len(seen[0]) > 0.9 * len(ready.flight)
 
 
 def test_the_neighbours_decide_between_two_ranges():

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.scenario import load_scenario
@@ -24,6 +26,7 @@ from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
 from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_power_laws
 from sionna_radar.weather.rain_map import RainCell, RainTogether
+from worlds import make_surface
 
 CARRIER_HZ = 77e9
 
@@ -32,10 +35,10 @@ def power_db(paths):
     return 20 * np.log10(np.abs(paths.gain.astype(complex)))
 
 
-def test_a_point_target_loses_the_closed_form(pencil, chirp_of, surface_of, looking):
+def test_a_point_target_loses_the_closed_form(pencil):
     """Straight down the polarization does not matter: P.838 at 90 deg of elevation, twice the way."""
-    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
-    chirp, pulses = chirp_of(), looking(3)
+    caster = RayCaster([make_surface(lambda x, y: 0 * x)])
+    chirp, pulses = make_chirp(), make_pulses(3)
     clear = trace_targets([Target(position_m=(0.0, 0.0, 0.0), rcs_m2=1.0)], pulses, pencil, chirp, caster)
     air = Air()
     weather = Weather(carrier_hz=CARRIER_HZ, liquid_water_g_per_m3=0.5, air=air)
@@ -54,8 +57,8 @@ def test_a_point_target_loses_the_closed_form(pencil, chirp_of, surface_of, look
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0, 85), st.floats(-80, 80), st.floats(-180, 180), st.sampled_from("VH"))
-def test_the_tilt_of_the_field_counts(antenna_of, chirp_of, looking, incidence_deg, scan_deg, heading_deg, field_axis):
-    antenna = antenna_of(4.0, 4.0, field_axis)
+def test_the_tilt_of_the_field_counts(incidence_deg, scan_deg, heading_deg, field_axis):
+    antenna = make_antenna(4.0, 4.0, field_axis)
     weather = Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=40.0)
     euler = np.array([[0.1, -0.2, np.deg2rad(heading_deg)]])
     turn = world_from_body(euler) @ whisk_broom_from_antenna(np.deg2rad(incidence_deg), np.deg2rad([scan_deg]))
@@ -66,13 +69,13 @@ def test_the_tilt_of_the_field_counts(antenna_of, chirp_of, looking, incidence_d
     expected = rain_attenuation_db_per_km(
         CARRIER_HZ, rain_rate_mm_per_h=40.0, elevation_rad=float(np.arcsin(d[2])), tilt_rad=float(tilt)
     )
-    found = Atmosphere(weather, antenna, chirp_of(), 1).attenuation_db_per_km(pose)
+    found = Atmosphere(weather, antenna, make_chirp(), 1).attenuation_db_per_km(pose)
     assert found[0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("engine", ["sionna", "gamma"])
-def test_both_engines_paths_pass_the_same_weather(engine, plane, pencil, chirp_of, looking):
-    chirp, pulses, caster = chirp_of(), looking(2, incidence_deg=45.0), RayCaster(plane.surfaces)
+def test_both_engines_paths_pass_the_same_weather(engine, plane, pencil):
+    chirp, pulses, caster = make_chirp(), make_pulses(2, incidence_deg=45.0), RayCaster(plane.surfaces)
     if engine == "gamma":
         traced = GammaEngine(plane, pencil, chirp, 1, caster)
     else:
@@ -85,10 +88,10 @@ def test_both_engines_paths_pass_the_same_weather(engine, plane, pencil, chirp_o
     np.testing.assert_allclose(power_db(clear) - power_db(hazy), expected, atol=2e-6)
 
 
-def test_rain_by_place_takes_the_integral_along_the_way(pencil, chirp_of, surface_of, looking):
+def test_rain_by_place_takes_the_integral_along_the_way(pencil):
     """Straight through the middle of a shower, k R^alpha integrates to k peak^alpha radius / alpha on each side."""
-    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
-    chirp, pulses = chirp_of(), looking(2, incidence_deg=60.0)
+    caster = RayCaster([make_surface(lambda x, y: 0 * x)])
+    chirp, pulses = make_chirp(), make_pulses(2, incidence_deg=60.0)
     pose = pulses.true
     target = tuple(float(v) for v in pose.position_m[0] + 100.0 * pose.boresight[0])
     clear = trace_targets([Target(position_m=target, rcs_m2=1.0)], pulses, pencil, chirp, caster)
@@ -106,9 +109,9 @@ def test_rain_by_place_takes_the_integral_along_the_way(pencil, chirp_of, surfac
     assert lost_db[0] == pytest.approx(2 * one_way, rel=1e-3)
 
 
-def test_even_rain_told_by_place_is_even_rain(pencil, chirp_of, surface_of, looking):
-    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
-    chirp, pulses = chirp_of(), looking(3, incidence_deg=50.0)
+def test_even_rain_told_by_place_is_even_rain(pencil):
+    caster = RayCaster([make_surface(lambda x, y: 0 * x)])
+    chirp, pulses = make_chirp(), make_pulses(3, incidence_deg=50.0)
     clear = trace_targets([Target(position_m=(-40.0, 3.0, 0.0), rcs_m2=1.0)], pulses, pencil, chirp, caster)
     air, snow = Air(), {Precipitation.DRY_SNOW: 1.0}
     even = Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=20.0, air=air, snowfall_mm_per_h=snow, wet_radome_m=0.1)
@@ -126,14 +129,15 @@ def test_even_rain_told_by_place_is_even_rain(pencil, chirp_of, surface_of, look
     assert even.wet_radome_loss_db(20.0) > 5.0
 
 
-def test_clear_air_hands_the_very_paths_on(plane, pencil, chirp_of, looking):
-    chirp, pulses = chirp_of(), looking(2, incidence_deg=45.0)
+def test_clear_air_hands_the_very_paths_on(plane, pencil):
+    chirp, pulses = make_chirp(), make_pulses(2, incidence_deg=45.0)
     paths = BeamEngine(plane, pencil, chirp, 1, 64, 0.05).trace(pulses)
     assert Atmosphere(Weather(carrier_hz=CARRIER_HZ), pencil, chirp, 1).through(paths, pulses) is paths
 
 
 def test_the_receivers_noise_does_not_know_the_weather():
     clear, rainy = (
-        prepare(load_scenario("roof_edge", {"weather.rain_rate_mm_per_h": rate})).noise_power_w for rate in (0.0, 50.0)
+        prepare(load_scenario("roof_edge", {"weather.rain_rate_mm_per_h": rate})).receiver.noise_power_w
+        for rate in (0.0, 50.0)
     )
     assert clear == rainy

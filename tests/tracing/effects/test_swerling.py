@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, expon, kstest
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.flight.scans.rotating import RotatingScan
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.targets import cross_section, trace_targets
+from worlds import make_surface
 
 COUNT = 20_000
 MEAN_M2 = 2.5
@@ -21,8 +24,8 @@ def drawn(case, pulses, number=0, seed=1):
     return cross_section(Target(position_m=(0.0, 0.0, 0.0), rcs_m2=MEAN_M2, swerling=case), number, pulses, seed)
 
 
-def scanned(looking, count, per_scan):
-    pulses = looking(count)
+def scanned(count, per_scan):
+    pulses = make_pulses(count)
     return replace(pulses, scan_number=np.arange(count) // per_scan)
 
 
@@ -30,8 +33,8 @@ def scanned(looking, count, per_scan):
     ("case", "law", "relative_std"),
     [(1, expon, 1.0), (2, expon, 1.0), (3, chi2(4, scale=1 / 4), 0.5**0.5), (4, chi2(4, scale=1 / 4), 0.5**0.5)],
 )
-def test_mean_and_distribution(looking, case, law, relative_std):
-    sigma = drawn(case, scanned(looking, COUNT, 1)) / MEAN_M2
+def test_mean_and_distribution(case, law, relative_std):
+    sigma = drawn(case, scanned(COUNT, 1)) / MEAN_M2
     assert sigma.mean() == pytest.approx(1.0, abs=4 * relative_std / np.sqrt(COUNT))
     assert sigma.std() == pytest.approx(relative_std, rel=0.04)
     assert kstest(sigma, law.cdf).pvalue > 0.01
@@ -39,25 +42,25 @@ def test_mean_and_distribution(looking, case, law, relative_std):
 
 
 @pytest.mark.parametrize("case", [1, 3])
-def test_slow_targets_hold_for_a_scan(looking, case):
-    sigma = drawn(case, scanned(looking, 600, 50)).reshape(12, 50)
+def test_slow_targets_hold_for_a_scan(case):
+    sigma = drawn(case, scanned(600, 50)).reshape(12, 50)
     assert np.all(sigma == sigma[:, :1])
     assert len(np.unique(sigma)) == 12
-    whole = drawn(case, looking(600))  # a scan of one's own that counts none
+    whole = drawn(case, make_pulses(600))  # a scan of one's own that counts none
     assert len(np.unique(whole)) == 1
 
 
 @pytest.mark.parametrize("case", [1, 2, 3, 4])
-def test_draws_belong_to_seed_target_and_pulse(looking, case):
-    pulses = scanned(looking, 100, 10)
-    part = replace(looking(30, first=40), scan_number=pulses.scan_number[40:70])
+def test_draws_belong_to_seed_target_and_pulse(case):
+    pulses = scanned(100, 10)
+    part = replace(make_pulses(30, first=40), scan_number=pulses.scan_number[40:70])
     np.testing.assert_array_equal(drawn(case, part), drawn(case, pulses)[40:70])
     for other in (drawn(case, pulses, number=1), drawn(case, pulses, seed=2)):
         assert not np.any(other == drawn(case, pulses))
 
 
-def test_a_constant_target_is_constant(looking):
-    assert np.all(drawn(0, looking(10)) == MEAN_M2)
+def test_a_constant_target_is_constant():
+    assert np.all(drawn(0, make_pulses(10)) == MEAN_M2)
 
 
 @pytest.mark.parametrize(("mode", "half_swath_deg"), [("whisk_broom", 50.0), ("conical", 180.0), ("fixed", 180.0)])
@@ -88,12 +91,12 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     start = {"platform.start_m": [-40.0, 0.0], "platform.length_m": 80.0}
     targets = [{"position_m": p.tolist(), "rcs_dbsm": 3.0} for p in place]
     ready = prepare(load_scenario(scene, {"targets": targets, "radar.antenna.beamwidth_deg": 40.0} | start))
-    pulses = ready.schedule.sample(30)
-    scene_targets = ready.built.scene.targets
-    top = float(ready.built.scene.bounds_m[1, 2]) + 10
-    surface = ready.built.caster.from_above(place, top)
+    pulses = ready.flight.sample(30)
+    scene_targets = ready.scene.scene.targets
+    top = float(ready.scene.scene.bounds_m[1, 2]) + 10
+    surface = ready.scene.caster.from_above(place, top)
     np.testing.assert_allclose([t.position_m[2] for t in scene_targets], surface, atol=0.02)
-    paths = trace_targets(scene_targets, pulses, ready.antenna, ready.chirp, ready.built.caster)
+    paths = trace_targets(scene_targets, pulses, ready.antenna, ready.receiver.chirp, ready.scene.caster)
     assert len(paths) > 0.9 * 40 * 30  # but for those in true shadow or behind the antenna
     row = np.searchsorted(pulses.index, paths.pulse)
     away = paths.hit_m - pulses.true.position_m[row]
@@ -105,7 +108,7 @@ def test_constant_targets_on_terrain_are_seen_and_exact(scene):
     np.testing.assert_allclose(paths.delay_s * 299_792_458.0 / 2, distance, atol=1e-6)
 
 
-def test_targets_that_are_all_behind_the_antenna_leave_no_path(pencil, chirp_of, surface_of, looking):
-    caster = RayCaster([surface_of(lambda x, y: 0 * x)])
+def test_targets_that_are_all_behind_the_antenna_leave_no_path(pencil):
+    caster = RayCaster([make_surface(lambda x, y: 0 * x)])
     behind = [Target(position_m=(0.0, 0.0, 90.0), rcs_m2=1.0)]
-    assert len(trace_targets(behind, looking(3), pencil, chirp_of(), caster)) == 0
+    assert len(trace_targets(behind, make_pulses(3), pencil, make_chirp(), caster)) == 0

@@ -5,20 +5,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.tracer import Tracer
+from worlds import make_scene, make_surface
 
 C = 299_792_458.0
 WAVELENGTH_M = C / 77e9
 
 
 @pytest.fixture(scope="module")
-def far_below(surface_of):
+def far_below():
     """Ground too low to hide anything."""
-    return RayCaster([surface_of(lambda x, y: 0 * x - 5000.0, spacing_m=100.0)])
+    return RayCaster([make_surface(lambda x, y: 0 * x - 5000.0, spacing_m=100.0)])
 
 
 def wall(x_from, x_to, y, height) -> Surface:
@@ -32,22 +35,20 @@ def echo_db(target, antenna, chirp, caster, pulses):
     return 20 * np.log10(np.abs(paths.gain[0]))
 
 
-def test_on_boresight_the_echo_is_the_radar_equation(pencil, chirp_of, far_below, looking):
+def test_on_boresight_the_echo_is_the_radar_equation(pencil, far_below):
     range_m, rcs = 100.0, 2.5
     target = Target(
         position_m=(0.0, range_m * np.sin(np.deg2rad(40)), 50 - range_m * np.cos(np.deg2rad(40))), rcs_m2=rcs
     )
     expected = pencil.peak_gain**2 * WAVELENGTH_M**2 * rcs / ((4 * np.pi) ** 3 * range_m**4)
-    measured = echo_db(target, pencil, chirp_of(), far_below, looking(1, incidence_deg=40.0))
+    measured = echo_db(target, pencil, make_chirp(), far_below, make_pulses(1, incidence_deg=40.0))
     assert measured == pytest.approx(10 * np.log10(expected), abs=0.05)
 
 
 @pytest.mark.parametrize(("azimuth_deg", "elevation_deg"), [(1.0, 0.0), (0.0, 2.0), (-1.0, -2.0)])
-def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(
-    antenna_of, chirp_of, far_below, looking, azimuth_deg, elevation_deg
-):
-    antenna, chirp = antenna_of(2.0, 4.0), chirp_of()
-    pulses = looking(1, incidence_deg=50.0, scan_deg=25.0)
+def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(far_below, azimuth_deg, elevation_deg):
+    antenna, chirp = make_antenna(2.0, 4.0), make_chirp()
+    pulses = make_pulses(1, incidence_deg=50.0, scan_deg=25.0)
     pose = pulses.true
     boresight, left, up = pose.R_world_antenna[0].T
     levels = []
@@ -62,9 +63,9 @@ def test_half_a_beamwidth_off_boresight_the_echo_is_6_db_down(
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(5, 1000), st.floats(0, 80), st.floats(-60, 60))
-def test_doubling_the_range_costs_12_db(antenna_of, chirp_of, far_below, looking, range_m, incidence_deg, scan_deg):
-    antenna, chirp = antenna_of(10.0, 10.0), chirp_of()
-    pulses = looking(1, incidence_deg=incidence_deg, scan_deg=scan_deg)
+def test_doubling_the_range_costs_12_db(far_below, range_m, incidence_deg, scan_deg):
+    antenna, chirp = make_antenna(10.0, 10.0), make_chirp()
+    pulses = make_pulses(1, incidence_deg=incidence_deg, scan_deg=scan_deg)
     places = [np.array([0, 0, 50]) + r * pulses.true.boresight[0] for r in (range_m, 2 * range_m)]
     near, far = (
         echo_db(Target(position_m=tuple(place), rcs_m2=1.0), antenna, chirp, far_below, pulses) for place in places
@@ -72,10 +73,10 @@ def test_doubling_the_range_costs_12_db(antenna_of, chirp_of, far_below, looking
     assert near - far == pytest.approx(40 * np.log10(2), abs=1e-6)
 
 
-def test_delay_range_rate_and_place(antenna_of, chirp_of, far_below, looking):
+def test_delay_range_rate_and_place(far_below):
     target = Target(position_m=(30.0, 0.0, 10.0), rcs_m2=1.0)
-    pulses = looking(3, velocity_mps=(5.0, 0.0, 0.0), first=4)
-    paths = trace_targets([target], pulses, antenna_of(40.0, 40.0), chirp_of(), far_below)
+    pulses = make_pulses(3, velocity_mps=(5.0, 0.0, 0.0), first=4)
+    paths = trace_targets([target], pulses, make_antenna(40.0, 40.0), make_chirp(), far_below)
     np.testing.assert_array_equal(paths.pulse, [4, 5, 6])
     np.testing.assert_allclose(paths.delay_s, 2 * 50.0 / C, rtol=1e-12)
     np.testing.assert_allclose(paths.range_rate_mps, -5.0 * 30 / 50)  # approaching
@@ -84,9 +85,7 @@ def test_delay_range_rate_and_place(antenna_of, chirp_of, far_below, looking):
     assert np.all(np.isnan(paths.incidence_rad))
 
 
-def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(
-    surface_of, scene_of, antenna_of, chirp_of, looking
-):
+def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not():
     targets = (
         Target(position_m=(0.0, 30.0, 0.0), rcs_m2=1.0),  # on the ground before the wall
         Target(position_m=(0.0, 60.0, 0.0), rcs_m2=2.0),  # on the ground in its shadow
@@ -94,8 +93,8 @@ def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(
         Target(position_m=(40.0, 60.0, 0.0), rcs_m2=8.0),  # beside it
         Target(position_m=(0.0, 30.0, -1.0), rcs_m2=16.0),  # buried
     )
-    scene = scene_of(surface_of(lambda x, y: 0 * x), wall(-20, 20, 40, 30), targets=targets)
-    antenna, chirp, pulses = antenna_of(50.0, 50.0), chirp_of(), looking(2, incidence_deg=45.0)
+    scene = make_scene(make_surface(lambda x, y: 0 * x), wall(-20, 20, 40, 30), targets=targets)
+    antenna, chirp, pulses = make_antenna(50.0, 50.0), make_chirp(), make_pulses(2, incidence_deg=45.0)
     caster = RayCaster(scene.surfaces)
     seen = trace_targets(targets, pulses, antenna, chirp, caster)
     expected = [targets[k].position_m for k in (0, 2, 3)] * 2
@@ -108,9 +107,9 @@ def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not(
     assert len(everything) == 6 + len(surfaces.trace(pulses))
 
 
-def test_targets_on_rough_ground_are_seen(surface_of, antenna_of, chirp_of, looking):
+def test_targets_on_rough_ground_are_seen():
     """A target on a slope of triangles touches the mesh, which must not hide it."""
-    caster = RayCaster([surface_of(lambda x, y: 0.2 * x + 0.1 * y)])
+    caster = RayCaster([make_surface(lambda x, y: 0.2 * x + 0.1 * y)])
     place = np.random.default_rng(2).uniform(-20, 20, (200, 2))
     targets = [Target(position_m=(x, y, 0.2 * x + 0.1 * y), rcs_m2=1.0) for x, y in place]
-    assert len(trace_targets(targets, looking(1), antenna_of(50.0, 50.0), chirp_of(), caster)) == 200
+    assert len(trace_targets(targets, make_pulses(1), make_antenna(50.0, 50.0), make_chirp(), caster)) == 200

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.equation import two_way_beam_sr
@@ -13,7 +15,6 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import build_tracer
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
 from sionna_radar.tracing.engines.beam import BeamEngine
@@ -26,6 +27,7 @@ from sionna_radar.weather.rain import echo_speeds
 from sionna_radar.weather.rain_map import RainCell
 from sionna_radar.weather.snow import snow_reflectivity_per_m
 from sionna_radar.weather.volume import EvenVolume, UnevenVolume
+from worlds import make_scene, make_surface
 
 C = 299_792_458.0
 CARRIER_HZ = 77e9
@@ -57,8 +59,8 @@ def closed_form(edges_m, weather, antenna: Antenna, loss_db_per_km: float):
     )
 
 
-def test_the_beam_integral_is_that_of_the_pattern(antenna_of):
-    antenna = antenna_of(6.0, 9.0)
+def test_the_beam_integral_is_that_of_the_pattern():
+    antenna = make_antenna(6.0, 9.0)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 3001)
     azimuth, elevation = np.meshgrid(angle, angle, indexing="ij")
     direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -69,10 +71,10 @@ def test_the_beam_integral_is_that_of_the_pattern(antenna_of):
 
 
 @pytest.mark.parametrize("sampling", ["real", "iq"])
-def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, chirp_of, looking, weather, sampling):
+def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, weather, sampling):
     """Level beam, radar at rest, no ground: no Doppler. 400 chirps, cells joined ten by ten."""
-    chirp = chirp_of(sampling=sampling, samples=1024 if sampling == "real" else 512)
-    pulses = looking(400, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0))
+    chirp = make_chirp(sampling=sampling, samples=1024 if sampling == "real" else 512)
+    pulses = make_pulses(400, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0))
     atmosphere = Atmosphere(weather, pencil, chirp, 5)
     beat = synthesise(atmosphere.through(atmosphere.with_volume(NOTHING, pulses), pulses), pulses, chirp)
     analyser = SpectrumAnalyser(chirp, "hann", 1)
@@ -88,9 +90,9 @@ def test_the_spectrum_holds_the_closed_form_in_every_cell(pencil, chirp_of, look
     assert np.mean(found / expected) == pytest.approx(1.0, abs=4 * 0.02 / np.sqrt(40))
 
 
-def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, chirp_of, looking, weather):
-    rain = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 3)
-    paths = rain.trace(looking(3000), NOTHING)
+def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, weather):
+    rain = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 3)
+    paths = rain.trace(make_pulses(3000), NOTHING)
     gain = paths.gain.reshape(3000, -1)
     cell = 300
     assert kstest(np.abs(gain[:, cell]) ** 2 / rain.cell_power[cell], "expon").pvalue > 0.01
@@ -100,9 +102,9 @@ def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, chirp_of, lookin
     assert max(abs(neighbour), abs(after)) < 4 / np.sqrt(3000)
 
 
-def test_close_to_the_antenna_the_echo_is_that_of_a_collimated_beam(pencil, chirp_of, looking, weather):
+def test_close_to_the_antenna_the_echo_is_that_of_a_collimated_beam(pencil, weather):
     """P/P_t per metre is eta / G0 and no more: the beam has the width of the aperture."""
-    rain = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 1)
+    rain = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 1)
     near = weather.rain_reflectivity_per_m / pencil.peak_gain * rain.cell_m
     assert rain.cell_power[0] == pytest.approx(near, rel=0.1)  # the change falls on the edge of a cell
     assert np.all(np.diff(rain.cell_power) <= 1e-12 * near)
@@ -110,9 +112,9 @@ def test_close_to_the_antenna_the_echo_is_that_of_a_collimated_beam(pencil, chir
     np.testing.assert_allclose(rain.cell_power[20:], closed_form(edges, weather, pencil, 0.0), rtol=1e-12)
 
 
-def test_rain_ends_at_the_ground(plane, antenna_of, chirp_of, looking, weather):
+def test_rain_ends_at_the_ground(plane, weather):
     """Of a wide beam on a plane, the share still in the air at a range is that of the rays that reach farther."""
-    antenna, chirp, pulses = antenna_of(10.0, 10.0), chirp_of(), looking(64, incidence_deg=60.0, first=9)
+    antenna, chirp, pulses = make_antenna(10.0, 10.0), make_chirp(), make_pulses(64, incidence_deg=60.0, first=9)
     ground = BeamEngine(plane, antenna, chirp, 1, 512, 0.05).trace(pulses)
     rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
@@ -131,42 +133,42 @@ def test_rain_ends_at_the_ground(plane, antenna_of, chirp_of, looking, weather):
         full = 64 * rain.cell_power[cells].sum()
         found = np.sum(np.abs(tones.gain[inside]) ** 2)
         assert found == pytest.approx(share * full, rel=0.12, abs=0.01 * full)
-    narrow = antenna_of(2.0, 2.0)
-    pulses = looking(8, incidence_deg=0.0)
+    narrow = make_antenna(2.0, 2.0)
+    pulses = make_pulses(8, incidence_deg=0.0)
     ground = BeamEngine(plane, narrow, chirp, 1, 512, 0.05).trace(pulses)
     below = VolumeEcho(EvenVolume(weather), narrow, chirp, 1).trace(pulses, ground).delay_s * C / 2
     assert 49.5 < below.max() < 51.5
 
 
-def test_drops_recede_from_a_radar_above_and_approach_one_that_flies_into_them(pencil, chirp_of, looking, weather):
+def test_drops_recede_from_a_radar_above_and_approach_one_that_flies_into_them(pencil, weather):
     speeds = echo_speeds(CARRIER_HZ, drops=marshall_palmer(RATE), temperature_k=288.15)
     mean_fall = speeds.at((np.arange(10_000) + 0.5) / 10_000).mean()
-    pulses = looking(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
-    rate = VolumeEcho(EvenVolume(weather), pencil, chirp_of(), 1).trace(pulses, NOTHING).range_rate_mps
+    pulses = make_pulses(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
+    rate = VolumeEcho(EvenVolume(weather), pencil, make_chirp(), 1).trace(pulses, NOTHING).range_rate_mps
     expected = mean_fall * np.cos(np.deg2rad(60)) - 12.0 * np.sin(np.deg2rad(60))
     assert rate.mean() == pytest.approx(expected, abs=0.02)
     assert rate.std() > 0.2
 
 
-def test_snow_sinks_and_the_wind_carries_it(pencil, chirp_of, looking):
+def test_snow_sinks_and_the_wind_carries_it(pencil):
     weather = Weather(carrier_hz=CARRIER_HZ, snowfall_mm_per_h={Precipitation.DRY_SNOW: 2.0})
-    volume, pulses = EvenVolume(weather), looking(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
+    volume, pulses = EvenVolume(weather), make_pulses(50, incidence_deg=60.0, velocity_mps=(0.0, 12.0, 0.0))
     assert volume.reflectivity_per_m == pytest.approx(
         snow_reflectivity_per_m(
             CARRIER_HZ, snowfall_mm_per_h=2.0, kind=Precipitation.DRY_SNOW, temperature_k=weather.temperature_k
         )
     )
-    calm = VolumeEcho(volume, pencil, chirp_of(), 1).trace(pulses, NOTHING)
+    calm = VolumeEcho(volume, pencil, make_chirp(), 1).trace(pulses, NOTHING)
     assert calm.range_rate_mps.mean() == pytest.approx(1.04 * 0.5 - 12.0 * np.sin(np.deg2rad(60)), abs=0.05)
-    windy = VolumeEcho(volume, pencil, chirp_of(), 1, (3.0, -5.0, 1.0)).trace(pulses, NOTHING)
+    windy = VolumeEcho(volume, pencil, make_chirp(), 1, (3.0, -5.0, 1.0)).trace(pulses, NOTHING)
     carried = pulses.true.boresight[windy.pulse - pulses.index[0]] @ np.array([3.0, -5.0, 1.0])
     np.testing.assert_allclose(windy.range_rate_mps - calm.range_rate_mps, carried, atol=1e-9)
     np.testing.assert_array_equal(windy.gain, calm.gain)
 
 
-def test_a_shower_echoes_where_the_wind_has_taken_it(pencil, chirp_of, looking):
+def test_a_shower_echoes_where_the_wind_has_taken_it(pencil):
     """Level beam through a shower that stood 60 m ahead, and has drifted 30 m on."""
-    pulses, chirp = looking(200, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0)), chirp_of()
+    pulses, chirp = make_pulses(200, incidence_deg=90.0, velocity_mps=(0.0, 0.0, 0.0)), make_chirp()
     pulses = dataclasses.replace(pulses, time_s=np.full(200, 3.0))
     ahead, start = pulses.true.boresight[0, :2], pulses.true.position_m[0, :2]
     east, north = (float(v) for v in start + 60.0 * ahead)
@@ -212,11 +214,11 @@ def test_rainy_surveys_do_not_know_their_block_size():
     assert calm.points.sha256() not in digests
 
 
-def test_a_roof_ends_the_rain_for_its_share_of_the_beam(surface_of, scene_of, antenna_of, chirp_of, looking, weather):
+def test_a_roof_ends_the_rain_for_its_share_of_the_beam(weather):
     """Ground 50 m below in one half of the beam, a roof 30 m below in the other."""
-    roof = surface_of(lambda x, y: 0 * x + 20.0, size_m=40.0, centre_m=(20.0, 0.0), name="roof")
-    step = scene_of(surface_of(lambda x, y: 0 * x), roof)
-    antenna, chirp, pulses = antenna_of(6.0, 6.0), chirp_of(), looking(200)
+    roof = make_surface(lambda x, y: 0 * x + 20.0, size_m=40.0, centre_m=(20.0, 0.0), name="roof")
+    step = make_scene(make_surface(lambda x, y: 0 * x), roof)
+    antenna, chirp, pulses = make_antenna(6.0, 6.0), make_chirp(), make_pulses(200)
     ground = BeamEngine(step, antenna, chirp, 1, 256, 0.05).trace(pulses)
     rain = VolumeEcho(EvenVolume(weather), antenna, chirp, 1)
     tones = rain.trace(pulses, ground)
@@ -240,7 +242,7 @@ def rain_over_a_platform(material: dict, **antenna):
         },
     )
     ready = prepare(scenario)
-    paths = build_tracer(ready).trace(ready.schedule.pulses(np.arange(16)))
+    paths = ready.sensor_inputs().tracer().trace(ready.flight.pulses(np.arange(16)))
     rain = paths.surface == VOLUME
     return paths.delay_s[rain], paths.gain[rain], paths.gain[~rain]
 

@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beams import make_antenna, make_chirp, plane_power
+from flights import make_pulses
 from sionna_radar.radar.antenna import Antenna, measured_cut
 from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines.beam import BeamEngine
+from worlds import make_scene, make_surface
 
 C = 299_792_458.0
 
@@ -24,58 +27,54 @@ def engine(scene, antenna, chirp, rays=512, seed=1, side_lobe_share=0.05):
 
 
 @pytest.fixture(scope="module", params=["V", "H"])
-def polarized(request, plane, antenna_of, chirp_of):
-    antenna = antenna_of(2.0, 2.0, request.param)
-    return antenna, engine(plane, antenna, chirp_of())
+def polarized(request, plane):
+    antenna = make_antenna(2.0, 2.0, request.param)
+    return antenna, engine(plane, antenna, make_chirp())
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 15, 30, 45, 60, 70])
-def test_mean_power_over_a_plane_is_the_radar_equation(polarized, plane_power_of, looking, incidence_deg):
+def test_mean_power_over_a_plane_is_the_radar_equation(polarized, incidence_deg):
     antenna, beam = polarized
-    pulses = looking(400, incidence_deg=incidence_deg)
+    pulses = make_pulses(400, incidence_deg=incidence_deg)
     mean = power_per_pulse(beam.trace(pulses), pulses).mean()
-    expected = plane_power_of(antenna, 50.0, incidence_deg)
+    expected = plane_power(antenna, 50.0, incidence_deg)
     assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.005)
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 75.0])
 @pytest.mark.parametrize(("incidence_deg", "scan_deg"), [(45.0, 40.0), (20.0, -50.0), (0.0, 60.0)])
-def test_an_uneven_beam_is_turned_as_it_should(
-    plane, antenna_of, chirp_of, plane_power_of, looking, incidence_deg, scan_deg, heading_deg
-):
-    antenna = antenna_of(3.0, 12.0)
-    pulses = looking(400, incidence_deg=incidence_deg, scan_deg=scan_deg, heading_deg=heading_deg)
-    mean = power_per_pulse(engine(plane, antenna, chirp_of()).trace(pulses), pulses).mean()
-    expected = plane_power_of(antenna, 50.0, incidence_deg, scan_deg)
+def test_an_uneven_beam_is_turned_as_it_should(plane, incidence_deg, scan_deg, heading_deg):
+    antenna = make_antenna(3.0, 12.0)
+    pulses = make_pulses(400, incidence_deg=incidence_deg, scan_deg=scan_deg, heading_deg=heading_deg)
+    mean = power_per_pulse(engine(plane, antenna, make_chirp()).trace(pulses), pulses).mean()
+    expected = plane_power(antenna, 50.0, incidence_deg, scan_deg)
     assert 10 * np.log10(mean / expected) == pytest.approx(0.0, abs=0.02)
 
 
 @pytest.mark.parametrize("side_lobe_share", [0.01, 0.5])
-def test_the_share_of_side_lobe_rays_changes_the_noise_and_not_the_mean(
-    plane, pencil, chirp_of, plane_power_of, looking, side_lobe_share
-):
-    pulses = looking(600, incidence_deg=30.0)
-    beam = engine(plane, pencil, chirp_of(), side_lobe_share=side_lobe_share)
+def test_the_share_of_side_lobe_rays_changes_the_noise_and_not_the_mean(plane, pencil, side_lobe_share):
+    pulses = make_pulses(600, incidence_deg=30.0)
+    beam = engine(plane, pencil, make_chirp(), side_lobe_share=side_lobe_share)
     mean = power_per_pulse(beam.trace(pulses), pulses).mean()
-    assert 10 * np.log10(mean / plane_power_of(pencil, 50.0, 30.0)) == pytest.approx(0.0, abs=0.01)
+    assert 10 * np.log10(mean / plane_power(pencil, 50.0, 30.0)) == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_high_side_lobe_brings_its_own_echo(plane, chirp_of, plane_power_of, looking):
+def test_a_high_side_lobe_brings_its_own_echo(plane):
     """A lobe at -10 dB, 25 deg below a beam that looks out flat, carries a large part of the echo."""
     angle_deg = np.arange(-60.0, 60.01, 0.05)
     beam_db, lobe_db = (level - 3.0103 * ((angle_deg - at) / 1.5) ** 2 for level, at in ((0.0, 0.0), (-5.0, -25.0)))
     elevation = measured_cut(np.deg2rad(angle_deg), 10 * np.log10(10 ** (beam_db / 10) + 10 ** (lobe_db / 10) + 1e-6))
     azimuth = measured_cut(np.deg2rad(angle_deg), np.maximum(-3.0103 * (angle_deg / 1.5) ** 2, -60.0))
     antenna = Antenna(azimuth, elevation)
-    pulses = looking(400, incidence_deg=65.0)
-    mean = power_per_pulse(engine(plane, antenna, chirp_of()).trace(pulses), pulses).mean()
-    assert 10 * np.log10(mean / plane_power_of(antenna, 50.0, 65.0)) == pytest.approx(0.0, abs=0.05)
+    pulses = make_pulses(400, incidence_deg=65.0)
+    mean = power_per_pulse(engine(plane, antenna, make_chirp()).trace(pulses), pulses).mean()
+    assert 10 * np.log10(mean / plane_power(antenna, 50.0, 65.0)) == pytest.approx(0.0, abs=0.05)
 
 
-def test_the_table_holds_the_geometry(plane, pencil, chirp_of, looking):
+def test_the_table_holds_the_geometry(plane, pencil):
     velocity = np.array([3.0, 10.0, -2.0])
-    pulses = looking(5, incidence_deg=40.0, scan_deg=20.0, velocity_mps=tuple(velocity), first=7)
-    paths = engine(plane, pencil, chirp_of()).trace(pulses)
+    pulses = make_pulses(5, incidence_deg=40.0, scan_deg=20.0, velocity_mps=tuple(velocity), first=7)
+    paths = engine(plane, pencil, make_chirp()).trace(pulses)
     away = paths.hit_m - pulses.true.position_m[paths.pulse - 7]
     range_m = np.linalg.norm(away, axis=1)
     assert np.all(np.diff(paths.pulse) >= 0)
@@ -88,9 +87,9 @@ def test_the_table_holds_the_geometry(plane, pencil, chirp_of, looking):
     np.testing.assert_array_equal(paths.surface, 0)
 
 
-def test_most_paths_lie_in_the_beam(plane, pencil, chirp_of, looking):
-    pulses = looking(20, incidence_deg=30.0)
-    paths = engine(plane, pencil, chirp_of()).trace(pulses)
+def test_most_paths_lie_in_the_beam(plane, pencil):
+    pulses = make_pulses(20, incidence_deg=30.0)
+    paths = engine(plane, pencil, make_chirp()).trace(pulses)
     away = paths.hit_m - [0, 0, 50]
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     off_deg = np.rad2deg(np.arccos(np.clip(away @ pulses.true.boresight[0], -1, 1)))
@@ -99,8 +98,8 @@ def test_most_paths_lie_in_the_beam(plane, pencil, chirp_of, looking):
     assert power.sum() ** 2 / np.sum(power**2) > 0.6 * len(power)  # effective paths
 
 
-def test_phases_are_spread_evenly_and_differ_from_pulse_to_pulse(plane, pencil, chirp_of, looking):
-    paths = engine(plane, pencil, chirp_of()).trace(looking(100, incidence_deg=0.0))
+def test_phases_are_spread_evenly_and_differ_from_pulse_to_pulse(plane, pencil):
+    paths = engine(plane, pencil, make_chirp()).trace(make_pulses(100, incidence_deg=0.0))
     rotor = paths.gain / np.abs(paths.gain)
     for turns in (1, 2):
         assert np.abs(np.mean(rotor**turns)) < 4 / np.sqrt(len(rotor))
@@ -108,53 +107,54 @@ def test_phases_are_spread_evenly_and_differ_from_pulse_to_pulse(plane, pencil, 
     assert power.std() / power.mean() == pytest.approx(1.0, abs=0.3)  # speckle: exponential power
 
 
-def test_a_pulse_is_the_same_in_any_block(plane, pencil, chirp_of, looking):
-    beam = engine(plane, pencil, chirp_of())
+def test_a_pulse_is_the_same_in_any_block(plane, pencil):
+    beam = engine(plane, pencil, make_chirp())
     scan = np.linspace(-40, 40, 12)
-    whole = beam.trace(looking(12, incidence_deg=45.0, scan_deg=scan))
-    again = engine(plane, pencil, chirp_of()).trace(looking(12, incidence_deg=45.0, scan_deg=scan))
+    whole = beam.trace(make_pulses(12, incidence_deg=45.0, scan_deg=scan))
+    again = engine(plane, pencil, make_chirp()).trace(make_pulses(12, incidence_deg=45.0, scan_deg=scan))
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name), getattr(again, field.name))
     for k in (0, 5, 11):
-        alone = beam.trace(looking(1, incidence_deg=45.0, scan_deg=scan[k], first=k))
+        alone = beam.trace(make_pulses(1, incidence_deg=45.0, scan_deg=scan[k], first=k))
         for field in fields(whole):
             mine = getattr(whole, field.name)[whole.pulse == k]
             np.testing.assert_array_equal(mine, getattr(alone, field.name), err_msg=field.name)
 
 
-def test_another_seed_draws_other_paths(plane, pencil, chirp_of, looking):
-    one, other = (engine(plane, pencil, chirp_of(), seed=seed).trace(looking(1)) for seed in (1, 2))
+def test_another_seed_draws_other_paths(plane, pencil):
+    one, other = (engine(plane, pencil, make_chirp(), seed=seed).trace(make_pulses(1)) for seed in (1, 2))
     assert not np.array_equal(one.hit_m, other.hit_m)
 
 
-def test_rays_that_miss_leave_no_path(surface_of, scene_of, pencil, chirp_of, looking):
-    small = scene_of(surface_of(lambda x, y: 0 * x, size_m=20.0))
-    paths = engine(small, pencil, chirp_of()).trace(looking(3, incidence_deg=60.0))
+def test_rays_that_miss_leave_no_path(pencil):
+    small = make_scene(make_surface(lambda x, y: 0 * x, size_m=20.0))
+    paths = engine(small, pencil, make_chirp()).trace(make_pulses(3, incidence_deg=60.0))
     assert np.all(np.abs(paths.hit_m[:, :2]) <= 10.001)
-    up = looking(2, incidence_deg=0.0)
+    up = make_pulses(2, incidence_deg=0.0)
     mirror = np.diag([1.0, -1.0, -1.0])
     up = replace(up, true=replace(up.true, R_world_antenna=mirror @ up.true.R_world_antenna))
-    assert len(engine(small, pencil, chirp_of()).trace(up)) == 0
+    assert len(engine(small, pencil, make_chirp()).trace(up)) == 0
 
 
-def test_surfaces_are_named_by_their_place_in_the_scene(surface_of, scene_of, antenna_of, chirp_of, looking):
-    west = surface_of(lambda x, y: 0 * x, size_m=200.0, centre_m=(-100.0, 0.0), name="west")
-    east = surface_of(lambda x, y: 0 * x, size_m=200.0, centre_m=(100.0, 0.0), name="east")
-    paths = engine(scene_of(west, east), antenna_of(20.0, 20.0), chirp_of()).trace(looking(4))
+def test_surfaces_are_named_by_their_place_in_the_scene():
+    west = make_surface(lambda x, y: 0 * x, size_m=200.0, centre_m=(-100.0, 0.0), name="west")
+    east = make_surface(lambda x, y: 0 * x, size_m=200.0, centre_m=(100.0, 0.0), name="east")
+    paths = engine(make_scene(west, east), make_antenna(20.0, 20.0), make_chirp()).trace(make_pulses(4))
     np.testing.assert_array_equal(paths.surface, (paths.hit_m[:, 0] > 0).astype(int))
     assert set(paths.surface) == {0, 1}
 
 
-def test_a_stronger_ground_echoes_as_much_more(surface_of, scene_of, pencil, chirp_of, looking):
-    ground = surface_of(lambda x, y: 0 * x)
+def test_a_stronger_ground_echoes_as_much_more(pencil):
+    ground = make_surface(lambda x, y: 0 * x)
     weak, strong = (
-        np.abs(engine(scene_of(ground, gamma=g), pencil, chirp_of()).trace(looking(3)).gain) ** 2 for g in (0.001, 0.1)
+        np.abs(engine(make_scene(ground, gamma=g), pencil, make_chirp()).trace(make_pulses(3)).gain) ** 2
+        for g in (0.001, 0.1)
     )
     np.testing.assert_allclose(strong / weak, 100.0, rtol=1e-4)
 
 
-def test_the_engine_keeps_its_protocol(plane, pencil, chirp_of):
-    assert isinstance(engine(plane, pencil, chirp_of()), Engine)
+def test_the_engine_keeps_its_protocol(plane, pencil):
+    assert isinstance(engine(plane, pencil, make_chirp()), Engine)
 
 
 def hill(x, y):
@@ -163,16 +163,14 @@ def hill(x, y):
 
 @settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.floats(-300, 300), st.floats(-300, 300), st.floats(-100, 100))
-def test_moving_scene_and_radar_together_changes_nothing(
-    surface_of, scene_of, antenna_of, chirp_of, looking, east, north, up
-):
-    antenna, chirp = antenna_of(4.0, 4.0), chirp_of()
-    still = surface_of(hill, size_m=200.0)
+def test_moving_scene_and_radar_together_changes_nothing(east, north, up):
+    antenna, chirp = make_antenna(4.0, 4.0), make_chirp()
+    still = make_surface(hill, size_m=200.0)
     moved = replace(still, vertices_m=still.vertices_m + np.array([east, north, up]))
-    here = looking(8, incidence_deg=40.0, scan_deg=10.0)
-    there = looking(8, incidence_deg=40.0, scan_deg=10.0, position_m=(east, north, 50.0 + up))
-    one = engine(scene_of(still), antenna, chirp, side_lobe_share=0.01).trace(here)
-    two = engine(scene_of(moved), antenna, chirp, side_lobe_share=0.01).trace(there)
+    here = make_pulses(8, incidence_deg=40.0, scan_deg=10.0)
+    there = make_pulses(8, incidence_deg=40.0, scan_deg=10.0, position_m=(east, north, 50.0 + up))
+    one = engine(make_scene(still), antenna, chirp, side_lobe_share=0.01).trace(here)
+    two = engine(make_scene(moved), antenna, chirp, side_lobe_share=0.01).trace(there)
     np.testing.assert_allclose(power_per_pulse(two, there), power_per_pulse(one, here), rtol=2e-3)
     if len(one) == len(two):  # a ray that grazes the mesh's edge may change sides
         np.testing.assert_allclose(two.hit_m - [east, north, up], one.hit_m, atol=5e-3)
@@ -181,13 +179,13 @@ def test_moving_scene_and_radar_together_changes_nothing(
 
 @settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.floats(-180, 180))
-def test_turning_scene_and_radar_together_changes_nothing(surface_of, scene_of, antenna_of, chirp_of, looking, heading):
-    antenna, chirp = antenna_of(4.0, 4.0, "H"), chirp_of()
+def test_turning_scene_and_radar_together_changes_nothing(heading):
+    antenna, chirp = make_antenna(4.0, 4.0, "H"), make_chirp()
     c, s = np.cos(np.deg2rad(-heading)), np.sin(np.deg2rad(-heading))  # headings turn clockwise
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    still = surface_of(hill, size_m=200.0)
+    still = make_surface(hill, size_m=200.0)
     moved = replace(still, vertices_m=still.vertices_m @ turn.T)
-    here, there = (looking(8, incidence_deg=40.0, scan_deg=10.0, heading_deg=h) for h in (0.0, heading))
-    one = engine(scene_of(still), antenna, chirp, side_lobe_share=0.01).trace(here)
-    two = engine(scene_of(moved), antenna, chirp, side_lobe_share=0.01).trace(there)
+    here, there = (make_pulses(8, incidence_deg=40.0, scan_deg=10.0, heading_deg=h) for h in (0.0, heading))
+    one = engine(make_scene(still), antenna, chirp, side_lobe_share=0.01).trace(here)
+    two = engine(make_scene(moved), antenna, chirp, side_lobe_share=0.01).trace(there)
     np.testing.assert_allclose(power_per_pulse(two, there), power_per_pulse(one, here), rtol=2e-3)

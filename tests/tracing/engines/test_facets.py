@@ -9,6 +9,8 @@ import pytest
 from scipy.constants import speed_of_light
 from scipy.stats import kstest
 
+from beams import make_chirp, plane_power
+from flights import make_pulses
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
@@ -18,6 +20,7 @@ from sionna_radar.tracing.engines import facets
 from sionna_radar.tracing.engines.facet_index import Footprint
 from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of, split_mix
 from sionna_radar.tracing.engines.facets import GammaEngine
+from worlds import make_scene, make_surface
 
 WAVELENGTH_M = speed_of_light / 77e9
 
@@ -39,15 +42,15 @@ def engine_over(scene, antenna, chirp, **options):
 
 
 @pytest.fixture(scope="module")
-def over_plane(plane, pencil, chirp_of):
-    return engine_over(plane, pencil, chirp_of())
+def over_plane(plane, pencil):
+    return engine_over(plane, pencil, make_chirp())
 
 
 @pytest.fixture(scope="module")
-def rough(surface_of, scene_of):
+def rough():
     """Hills of half-metre triangles."""
-    return scene_of(
-        surface_of(lambda x, y: 2 * np.sin(x / 9) * np.cos(y / 7), size_m=120.0, spacing_m=0.5, centre_m=(0, 50))
+    return make_scene(
+        make_surface(lambda x, y: 2 * np.sin(x / 9) * np.cos(y / 7), size_m=120.0, spacing_m=0.5, centre_m=(0, 50))
     )
 
 
@@ -63,16 +66,16 @@ def test_the_file_imports_nothing_of_sionna_mitsuba_or_drjit():
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 20, 45, 60, 75])
-def test_power_over_a_plane_is_that_of_the_integral(over_plane, pencil, looking, plane_power_of, incidence_deg):
+def test_power_over_a_plane_is_that_of_the_integral(over_plane, pencil, incidence_deg):
     # Different places, so that the beam falls differently onto the facets.
     place = np.column_stack([np.linspace(-3, 3, 8), np.linspace(0, 2, 8), np.full(8, 50.0)])
-    paths = over_plane.trace(looking(8, incidence_deg=incidence_deg, position_m=place))
-    expected = plane_power_of(pencil, 50.0, incidence_deg)
+    paths = over_plane.trace(make_pulses(8, incidence_deg=incidence_deg, position_m=place))
+    expected = plane_power(pencil, 50.0, incidence_deg)
     np.testing.assert_allclose(db(pulse_power(paths, 8) / expected), 0.0, atol=0.05)
     assert abs(db(pulse_power(paths, 8).mean() / expected)) < 0.01
 
 
-def test_any_model_of_backscatter_works(plane, pencil, chirp_of, looking):
+def test_any_model_of_backscatter_works(plane, pencil):
     lambertian = LambertianBackscatter(0.1)
     scene = Scene(
         surfaces=plane.surfaces,
@@ -81,32 +84,32 @@ def test_any_model_of_backscatter_works(plane, pencil, chirp_of, looking):
         ground_material="ground",
         georeference=None,
     )
-    paths = engine_over(scene, pencil, chirp_of()).trace(looking(1, incidence_deg=50.0))
+    paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(1, incidence_deg=50.0))
     expected = plane_echo(pencil, lambertian, WAVELENGTH_M, 50.0, np.deg2rad(50.0))
     assert db(pulse_power(paths)[0] / expected) == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("finer", [{"range_cells": 1.0}, {"beam_share": 0.2}])
-def test_finer_facets_change_no_power(plane, pencil, chirp_of, looking, over_plane, finer):
-    pulses = looking(4, incidence_deg=45.0, scan_deg=np.array([-20.0, 0.0, 7.0, 30.0]))
-    coarse, fine = over_plane.trace(pulses), engine_over(plane, pencil, chirp_of(), **finer).trace(pulses)
+def test_finer_facets_change_no_power(plane, pencil, over_plane, finer):
+    pulses = make_pulses(4, incidence_deg=45.0, scan_deg=np.array([-20.0, 0.0, 7.0, 30.0]))
+    coarse, fine = over_plane.trace(pulses), engine_over(plane, pencil, make_chirp(), **finer).trace(pulses)
     assert len(fine) > 1.5 * len(coarse)
     np.testing.assert_allclose(db(pulse_power(fine, 4) / pulse_power(coarse, 4)), 0.0, atol=0.02)
 
 
-def test_two_huge_triangles_echo_like_a_fine_mesh(pencil, chirp_of, looking, surface_of, scene_of):
-    pulses = looking(1, incidence_deg=55.0)
+def test_two_huge_triangles_echo_like_a_fine_mesh(pencil):
+    pulses = make_pulses(1, incidence_deg=55.0)
     powers = []
     for spacing in (400.0, 0.5):
-        scene = scene_of(surface_of(lambda x, y: 0 * x, size_m=400.0, spacing_m=spacing))
-        powers.append(pulse_power(engine_over(scene, pencil, chirp_of()).trace(pulses))[0])
+        scene = make_scene(make_surface(lambda x, y: 0 * x, size_m=400.0, spacing_m=spacing))
+        powers.append(pulse_power(engine_over(scene, pencil, make_chirp()).trace(pulses))[0])
     assert db(powers[0] / powers[1]) == pytest.approx(0.0, abs=0.02)
 
 
 @pytest.mark.parametrize("incidence_deg", [0, 45, 70])
-def test_the_footprint_loses_no_power_worth_telling(over_plane, plane, pencil, chirp_of, looking, incidence_deg):
-    pulses = looking(1, incidence_deg=incidence_deg)
-    wide = engine_over(plane, pencil, chirp_of(), footprint_db=-70.0).trace(pulses)
+def test_the_footprint_loses_no_power_worth_telling(over_plane, plane, pencil, incidence_deg):
+    pulses = make_pulses(1, incidence_deg=incidence_deg)
+    wide = engine_over(plane, pencil, make_chirp(), footprint_db=-70.0).trace(pulses)
     lost = 1 - pulse_power(over_plane.trace(pulses))[0] / pulse_power(wide)[0]
     # 0.0005 dB of it; 20 dB brighter, the same directions would hold 0.05 dB.
     assert 0 <= lost < 1.2e-4
@@ -124,8 +127,8 @@ def test_a_ball_in_the_footprint_is_never_missed(pencil):
     assert footprint.meets(centre, radius)[held].all()
 
 
-def test_a_facet_behind_a_wall_gives_nothing(pencil, chirp_of, looking, surface_of, scene_of):
-    ground = surface_of(lambda x, y: 0 * x, size_m=300.0, spacing_m=2.0)
+def test_a_facet_behind_a_wall_gives_nothing(pencil):
+    ground = make_surface(lambda x, y: 0 * x, size_m=300.0, spacing_m=2.0)
     # Across the beam 20 m ahead, 40 m high, facing the radar: it hides what lies beyond.
     corners = [[-50, 20, 0], [50, 20, 0], [50, 20, 40], [-50, 20, 40]]
     wall = Surface(
@@ -134,37 +137,37 @@ def test_a_facet_behind_a_wall_gives_nothing(pencil, chirp_of, looking, surface_
         faces=np.array([[0, 1, 2], [0, 2, 3]]),
         material="ground",
     )
-    pulses = looking(1, incidence_deg=45.0, position_m=(0.0, 0.0, 50.0))
-    open_field = engine_over(scene_of(ground), pencil, chirp_of()).trace(pulses)
-    walled = engine_over(scene_of(ground, wall), pencil, chirp_of()).trace(pulses)
+    pulses = make_pulses(1, incidence_deg=45.0, position_m=(0.0, 0.0, 50.0))
+    open_field = engine_over(make_scene(ground), pencil, make_chirp()).trace(pulses)
+    walled = engine_over(make_scene(ground, wall), pencil, make_chirp()).trace(pulses)
     assert (open_field.hit_m[:, 1] > 30).any()
     assert not (walled.hit_m[:, 1] > 20.01).any()
     assert (walled.surface == 1).any()
 
 
-def test_a_facet_that_faces_away_gives_nothing(pencil, chirp_of, looking, scene_of):
+def test_a_facet_that_faces_away_gives_nothing(pencil):
     corners = [[-0.1, -0.1, 0], [0.1, -0.1, 0], [0, 0.1, 0]]
-    up, down = scene_of(triangle(corners)), scene_of(triangle(corners[::-1]))
-    assert len(engine_over(up, pencil, chirp_of()).trace(looking())) == 1
-    nothing = engine_over(down, pencil, chirp_of()).trace(looking(3))
+    up, down = make_scene(triangle(corners)), make_scene(triangle(corners[::-1]))
+    assert len(engine_over(up, pencil, make_chirp()).trace(make_pulses())) == 1
+    nothing = engine_over(down, pencil, make_chirp()).trace(make_pulses(3))
     assert len(nothing) == 0
     assert nothing.hit_m.shape == (0, 3)
 
 
-def test_one_facet_obeys_the_radar_equation(pencil, chirp_of, looking, scene_of):
-    scene = scene_of(triangle([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0, 0.1, 0]]), gamma=0.02)
-    paths = engine_over(scene, pencil, chirp_of()).trace(looking(velocity_mps=(0.0, 0.0, -3.0)))
+def test_one_facet_obeys_the_radar_equation(pencil):
+    scene = make_scene(triangle([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0, 0.1, 0]]), gamma=0.02)
+    paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(velocity_mps=(0.0, 0.0, -3.0)))
     power = pencil.peak_gain**2 * WAVELENGTH_M**2 * 0.02 * 0.02 / ((4 * np.pi) ** 3 * 50.0**4)
     assert np.abs(paths.gain[0]) ** 2 == pytest.approx(power, rel=1e-3)
     assert paths.range_rate_mps[0] == pytest.approx(-3.0, rel=1e-5)
     assert paths.surface[0] == 0
 
 
-def test_the_phase_of_a_fixed_facet_follows_its_range(pencil, chirp_of, looking, scene_of):
-    scene = scene_of(triangle([[0.2, 0.1, 0.0], [0.5, 0.1, 0.02], [0.3, 0.4, 0.05]]))
+def test_the_phase_of_a_fixed_facet_follows_its_range(pencil):
+    scene = make_scene(triangle([[0.2, 0.1, 0.0], [0.5, 0.1, 0.02], [0.3, 0.4, 0.05]]))
     centre = scene.surfaces[0].vertices_m.mean(axis=0)
     place = np.column_stack([np.zeros(50), 0.03 * np.arange(50) - 0.6, np.full(50, 50.0)])
-    paths = engine_over(scene, pencil, chirp_of()).trace(looking(50, position_m=place))
+    paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(50, position_m=place))
     assert len(paths) == 50
     phase = np.angle(paths.gain * np.exp(-2j * np.pi * np.mod(77e9 * paths.delay_s, 1.0)))
     range_m = np.linalg.norm(centre - place, axis=1)
@@ -174,10 +177,10 @@ def test_the_phase_of_a_fixed_facet_follows_its_range(pencil, chirp_of, looking,
     np.testing.assert_allclose(error, 0.0, atol=1e-6)
 
 
-def test_phases_hang_on_the_seed_and_are_spread_evenly(rough, pencil, chirp_of, looking):
+def test_phases_hang_on_the_seed_and_are_spread_evenly(rough, pencil):
     caster = RayCaster(rough.surfaces)
-    pulses = looking(20, incidence_deg=45.0, scan_deg=np.linspace(-30, 30, 20))
-    one, other = (GammaEngine(rough, pencil, chirp_of(), seed, caster).trace(pulses) for seed in (1, 2**62))
+    pulses = make_pulses(20, incidence_deg=45.0, scan_deg=np.linspace(-30, 30, 20))
+    one, other = (GammaEngine(rough, pencil, make_chirp(), seed, caster).trace(pulses) for seed in (1, 2**62))
     np.testing.assert_array_equal(one.hit_m, other.hit_m)
     place, first = np.unique(one.hit_m, axis=0, return_index=True)
     assert len(place) > 5000
@@ -186,13 +189,15 @@ def test_phases_hang_on_the_seed_and_are_spread_evenly(rough, pencil, chirp_of, 
     assert abs(np.exp(1j * (np.angle(one.gain) - np.angle(other.gain)))[first].mean()) < 0.05
 
 
-def test_the_block_size_changes_no_bit(rough, pencil, chirp_of, looking, monkeypatch):
-    engine = engine_over(rough, pencil, chirp_of())
+def test_the_block_size_changes_no_bit(rough, pencil, monkeypatch):
+    engine = engine_over(rough, pencil, make_chirp())
     scan = np.linspace(-35, 35, 12)
-    whole = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
+    whole = engine.trace(make_pulses(12, incidence_deg=45.0, scan_deg=scan, first=5))
     monkeypatch.setattr(facets, "RAYS_AT_ONCE", 2000)
-    waves = engine.trace(looking(12, incidence_deg=45.0, scan_deg=scan, first=5))
-    single = [engine.trace(looking(1, incidence_deg=45.0, scan_deg=scan[i : i + 1], first=5 + i)) for i in range(12)]
+    waves = engine.trace(make_pulses(12, incidence_deg=45.0, scan_deg=scan, first=5))
+    single = [
+        engine.trace(make_pulses(1, incidence_deg=45.0, scan_deg=scan[i : i + 1], first=5 + i)) for i in range(12)
+    ]
     assert np.all(np.diff(whole.pulse) >= 0)
     for name in ("pulse", "delay_s", "gain", "range_rate_mps", "incidence_rad", "hit_m", "surface"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(waves, name))
@@ -224,8 +229,8 @@ def test_the_identities_are_those_of_splitmix64():
     assert [hex(int(x)) for x in first] == ["0xe220a8397b1dcdaf", "0x6e789e6aa1b965f4", "0x6c45d188009454f"]
 
 
-def test_each_surface_scatters_with_its_own_material(pencil, chirp_of, looking, surface_of):
-    near = surface_of(lambda x, y: 0 * x, size_m=200.0)
+def test_each_surface_scatters_with_its_own_material(pencil):
+    near = make_surface(lambda x, y: 0 * x, size_m=200.0)
     halves = [
         replace(near, faces=near.faces[near.vertices_m[near.faces, 0].mean(axis=1) < 0], material="weak"),
         replace(near, faces=near.faces[near.vertices_m[near.faces, 0].mean(axis=1) > 0], material="strong"),
@@ -237,6 +242,6 @@ def test_each_surface_scatters_with_its_own_material(pencil, chirp_of, looking, 
         ground_material="weak",
         georeference=None,
     )
-    paths = engine_over(scene, pencil, chirp_of()).trace(looking(1, incidence_deg=30.0))
+    paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(1, incidence_deg=30.0))
     power = np.bincount(paths.surface, np.abs(paths.gain) ** 2)
     assert db(power[1] / power[0]) == pytest.approx(10.0, abs=0.05)

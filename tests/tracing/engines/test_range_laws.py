@@ -9,18 +9,20 @@ import numpy as np
 import pytest
 from scipy.constants import speed_of_light
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.tracing.engines.beam import BeamEngine
 
 DOUBLING_DB = 10 * np.log10(2)
 
 
 @pytest.fixture(scope="module")
-def total_and_cell(plane, antenna_of, chirp_of, looking):
+def total_and_cell(plane):
     """Mean power of a pulse, in all and within 2 m of range about the boresight, from 40 m and from 80 m up."""
-    engine = BeamEngine(plane, antenna_of(2.0, 20.0), chirp_of(), 1, 8192, 0.01)
+    engine = BeamEngine(plane, make_antenna(2.0, 20.0), make_chirp(), 1, 8192, 0.01)
     powers = {}
     for height in (40.0, 80.0):
-        pulses = looking(60, incidence_deg=45.0, position_m=(0.0, 0.0, height))
+        pulses = make_pulses(60, incidence_deg=45.0, position_m=(0.0, 0.0, height))
         paths = engine.trace(pulses)
         power = np.abs(paths.gain) ** 2
         middle = height / np.cos(np.deg2rad(45.0))

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.raycast import RayCaster
@@ -13,6 +15,7 @@ from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
+from worlds import make_scene, make_surface
 
 C = 299_792_458.0
 PULSES = 12
@@ -24,15 +27,15 @@ def hill(x, y):
 
 
 @pytest.fixture(scope="module", params=["plane", "hill"])
-def scene(request, plane, surface_of, scene_of):
-    return plane if request.param == "plane" else scene_of(surface_of(hill, size_m=800.0))
+def scene(request, plane):
+    return plane if request.param == "plane" else make_scene(make_surface(hill, size_m=800.0))
 
 
-def scattered(looking):
+def scattered():
     """Poses spread a little, so that the solver's lattice of rays falls anew in each: independent repeats."""
     random = np.random.default_rng(8)
     position = np.array([0.0, 0.0, 50.0]) + random.uniform(-2, 2, (PULSES, 3))
-    pulses = looking(PULSES, position_m=position, velocity_mps=(2.0, 9.0, 1.0), first=3)
+    pulses = make_pulses(PULSES, position_m=position, velocity_mps=(2.0, 9.0, 1.0), first=3)
     euler = np.column_stack([np.zeros((PULSES, 2)), random.uniform(-0.3, 0.3, PULSES)])
     R = world_from_body(euler) @ whisk_broom_from_antenna(np.deg2rad(30), random.uniform(-0.2, 0.2, PULSES))
     pose = replace(pulses.true, R_world_antenna=R)
@@ -44,8 +47,8 @@ def power(paths):
 
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
-def test_mean_power_agrees_with_the_stock_solver(scene, antenna_of, chirp_of, looking, polarization):
-    antenna, chirp, pulses = antenna_of(20.0, 20.0, polarization), chirp_of(), scattered(looking)
+def test_mean_power_agrees_with_the_stock_solver(scene, polarization):
+    antenna, chirp, pulses = make_antenna(20.0, 20.0, polarization), make_chirp(), scattered()
     beam = power(BeamEngine(scene, antenna, chirp, 1, 4096, 0.05).trace(pulses))
     stock = power(PathSolverEngine(scene, antenna, chirp, 1, samples=SAMPLES).trace(pulses))
     # Both see the same poses, so the ratio of each pair is one measurement.
@@ -55,9 +58,9 @@ def test_mean_power_agrees_with_the_stock_solver(scene, antenna_of, chirp_of, lo
     assert abs(ratio.mean() - 1) < 4 * error
 
 
-def test_the_stock_table_holds_the_geometry(scene, antenna_of, chirp_of, looking):
-    pulses = scattered(looking)
-    paths = PathSolverEngine(scene, antenna_of(20.0, 20.0), chirp_of(), 1, samples=5000).trace(pulses)
+def test_the_stock_table_holds_the_geometry(scene):
+    pulses = scattered()
+    paths = PathSolverEngine(scene, make_antenna(20.0, 20.0), make_chirp(), 1, samples=5000).trace(pulses)
     away = paths.hit_m - pulses.true.position_m[paths.pulse - 3]
     range_m = np.linalg.norm(away, axis=1)
     assert np.all(np.diff(paths.pulse) >= 0)
@@ -67,8 +70,8 @@ def test_the_stock_table_holds_the_geometry(scene, antenna_of, chirp_of, looking
     np.testing.assert_array_equal(paths.surface, 0)
 
 
-def test_incidence_over_a_plane(plane, antenna_of, chirp_of, looking):
-    paths = PathSolverEngine(plane, antenna_of(20.0, 20.0), chirp_of(), 1, samples=5000).trace(looking())
+def test_incidence_over_a_plane(plane):
+    paths = PathSolverEngine(plane, make_antenna(20.0, 20.0), make_chirp(), 1, samples=5000).trace(make_pulses())
     near = paths.incidence_rad < np.deg2rad(80)
     range_m = C * paths.delay_s / 2
     np.testing.assert_allclose(np.cos(paths.incidence_rad[near]), 50.0 / range_m[near], atol=1e-4)
@@ -83,11 +86,12 @@ def test_incidence_over_a_plane(plane, antenna_of, chirp_of, looking):
         (TracingTable(speckle="persistent", scatterers_per_m2=0.01), PersistentEngine),
     ],
 )
-def test_a_scenario_names_its_engine(plane, pencil, chirp_of, table, kind):
+def test_a_scenario_names_its_engine(plane, pencil, table, kind):
     given = EngineInputs(
+        tracing=table,
         scene=plane,
         antenna=pencil,
-        chirp=chirp_of(),
+        chirp=make_chirp(),
         seed=1,
         caster=RayCaster(plane.surfaces),
         region_m=np.array([[-50.0] * 3, [50.0] * 3]),

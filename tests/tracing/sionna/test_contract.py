@@ -2,6 +2,7 @@
 
 import pytest
 
+from beams import make_chirp
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.tracing.sionna import contract as sionna_contract
 from sionna_radar.tracing.sionna import fields as sionna_fields
@@ -58,7 +59,7 @@ def test_a_release_that_computes_another_gain_is_refused(monkeypatch):
         check_sionna()
 
 
-def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil, chirp_of):
+def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil):
     from sionna_radar.tracing.engines.beam import BeamEngine
     from sionna_radar.tracing.engines.persistent import PersistentEngine
 
@@ -69,6 +70,6 @@ def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil, chirp_o
     for module in ("beam", "persistent"):
         monkeypatch.setattr(f"sionna_radar.tracing.engines.{module}.check_sionna", refuse)
     with pytest.raises(BackendError, match="another release"):
-        BeamEngine(plane, pencil, chirp_of(), 1, 16, 0.05)
+        BeamEngine(plane, pencil, make_chirp(), 1, 16, 0.05)
     with pytest.raises(BackendError, match="another release"):
-        PersistentEngine(plane, pencil, chirp_of(), 1, 0.1)
+        PersistentEngine(plane, pencil, make_chirp(), 1, 0.1)

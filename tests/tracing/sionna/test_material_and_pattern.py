@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.sionna.material import dr, mi
 from sionna_radar.tracing.sionna.pattern import SeparablePattern, sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
+from worlds import make_scene, make_surface
 
 from sionna.rt.utils import rotation_matrix  # isort: skip  (after the variant is chosen)
 
@@ -20,8 +23,8 @@ def directions(count: int, spread: float) -> np.ndarray:
 @pytest.mark.parametrize("polarization", ["V", "H"])
 @pytest.mark.parametrize("widths", [(2.0, 2.0), (6.0, 15.0)])
 @pytest.mark.parametrize("spread", [0.03, 1.0])
-def test_sionna_sees_the_same_gain(antenna_of, polarization, widths, spread):
-    antenna = antenna_of(*widths, polarization)
+def test_sionna_sees_the_same_gain(polarization, widths, spread):
+    antenna = make_antenna(*widths, polarization)
     (pattern,) = SeparablePattern(antenna).patterns
     away = directions(4000, spread)
     theta, phi = np.arccos(away[:, 2]), np.arctan2(away[:, 1], away[:, 0])
@@ -33,16 +36,16 @@ def test_sionna_sees_the_same_gain(antenna_of, polarization, widths, spread):
     np.testing.assert_array_equal(dr.squared_norm(other).numpy(), 0.0)
 
 
-def test_a_sionna_orientation_turns_like_our_matrix(looking):
+def test_a_sionna_orientation_turns_like_our_matrix():
     for incidence_deg, scan_deg, heading_deg in [(0, 0, 0), (45, 30, 110), (70, -80, 250), (0, 0, 90)]:
-        R = looking(1, incidence_deg=incidence_deg, scan_deg=scan_deg, heading_deg=heading_deg).true.R_world_antenna
+        R = make_pulses(1, incidence_deg=incidence_deg, scan_deg=scan_deg, heading_deg=heading_deg).true.R_world_antenna
         theirs = rotation_matrix(mi.Point3f(*sionna_angles(R)[0].tolist())).numpy().reshape(3, 3)
         np.testing.assert_allclose(theirs, R[0], atol=2e-6)
 
 
-def test_shapes_are_traced_back_to_our_surfaces(surface_of, scene_of, pencil):
-    surfaces = [surface_of(lambda x, y, k=k: 0 * x + k, size_m=10.0, name=f"layer {k}") for k in range(3)]
-    built = SionnaScene(scene_of(*surfaces), pencil, 77e9)
+def test_shapes_are_traced_back_to_our_surfaces(pencil):
+    surfaces = [make_surface(lambda x, y, k=k: 0 * x + k, size_m=10.0, name=f"layer {k}") for k in range(3)]
+    built = SionnaScene(make_scene(*surfaces), pencil, 77e9)
     down = mi.Ray3f(mi.Point3f(1.0, 2.0, [0.5, 1.5, 9.0]), mi.Vector3f(0, 0, -1))
     hit = built.rt_scene.mi_scene.ray_intersect(down)
     shape = dr.reinterpret_array(mi.UInt32, hit.shape).numpy()
@@ -50,18 +53,18 @@ def test_shapes_are_traced_back_to_our_surfaces(surface_of, scene_of, pencil):
 
 
 @pytest.mark.parametrize("model", [ConstantGammaBackscatter(0.02), LambertianBackscatter(0.3)])
-def test_the_material_scatters_back_sigma0(model, surface_of, scene_of, antenna_of, chirp_of, looking):
+def test_the_material_scatters_back_sigma0(model):
     """Each path's |a|^2 is lambda^2 G^2 sigma0 dA / ((4 pi)^3 r^4); the ratio to constant gamma leaves sigma0."""
     from dataclasses import replace
 
     from sionna_radar.tracing.engines.beam import BeamEngine
 
-    plain = scene_of(surface_of(lambda x, y: 0 * x), gamma=1.0)
+    plain = make_scene(make_surface(lambda x, y: 0 * x), gamma=1.0)
     other = replace(plain, materials={"ground": model})
     power, incidence = [], None
     for scene in (plain, other):
-        paths = BeamEngine(scene, antenna_of(60.0, 60.0), chirp_of(), 1, 4096, 0.05).trace(
-            looking(1, incidence_deg=40.0)
+        paths = BeamEngine(scene, make_antenna(60.0, 60.0), make_chirp(), 1, 4096, 0.05).trace(
+            make_pulses(1, incidence_deg=40.0)
         )
         power.append(np.abs(paths.gain.astype(complex)) ** 2)
         incidence = np.arccos(50.0 / np.linalg.norm(paths.hit_m - [0, 0, 50], axis=1))

@@ -13,12 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.survey import environment_figure, figures
+from sionna_radar.report.survey.environment_figure import draw_environment
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.result import Survey
+from surveys import make_survey
+from worlds import make_surface
 
-DRAWINGS = (figures.environment, figures.chirp, figures.power_map, figures.dem, figures.error_map)
+DRAWINGS = (draw_environment, figures.draw_chirp, figures.draw_power, figures.draw_dem, figures.draw_error)
 
 
 def outlines(figure: Figure) -> list[tuple[str, object]]:
@@ -44,11 +47,9 @@ def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) 
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_text_keeps_apart_on_small_and_large_ground(
-    survey_of: Callable[..., Survey], draw: Callable[[Survey], Figure]
-) -> None:
+def test_text_keeps_apart_on_small_and_large_ground(draw: Callable[[Survey], Figure]) -> None:
     for size_m in (100.0, 2000.0):
-        figure = draw(survey_of(size_m=size_m, height_m=700.0, sampling="iq"))
+        figure = draw(make_survey(size_m=size_m, height_m=700.0, sampling="iq"))
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
 
@@ -62,12 +63,12 @@ def test_axes_have_units(survey: Survey, draw: Callable[[Survey], Figure]) -> No
 
 def test_settings_of_matplotlib_stay(survey: Survey) -> None:
     before = dict(matplotlib.rcParams)
-    figures.dem(survey).draw_without_rendering()
+    figures.draw_dem(survey).draw_without_rendering()
     assert dict(matplotlib.rcParams) == before
 
 
 def test_dem_and_truth_share_limits(survey: Survey) -> None:
-    left, right = (a for a in figures.dem(survey).axes if a.images)
+    left, right = (a for a in figures.draw_dem(survey).axes if a.images)
     assert left.images[0].get_clim() == right.images[0].get_clim()
 
 
@@ -75,7 +76,7 @@ def test_error_colours_are_symmetric_and_robust(survey: Survey) -> None:
     outlier = survey.error.height_m.copy()
     outlier[0, 0] = 500.0
     spoiled = replace(survey, error=replace(survey.error, height_m=outlier))
-    low, high = figures.error_map(spoiled).axes[0].images[0].get_clim()
+    low, high = figures.draw_error(spoiled).axes[0].images[0].get_clim()
     # The errors are normal with a spread of 0.2 m about 0.05 m; 99 in 100 lie within about 0.55 m.
     assert low == -high
     assert 0.4 < high < 0.7
@@ -83,36 +84,37 @@ def test_error_colours_are_symmetric_and_robust(survey: Survey) -> None:
 
 def test_brightest_echo_survives_thinning(survey: Survey, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "MAX_SCATTER", 10)
-    axes = figures.power_map(survey).axes[0]
+    axes = figures.draw_power(survey).axes[0]
     brightest = survey.points.position_m[np.argmax(survey.points.power), :2]
     offsets = np.asarray(axes.collections[0].get_offsets())
     assert len(offsets) < len(survey.points)
     assert np.isclose(offsets, brightest).all(axis=1).any()
 
 
-def test_boresight_meets_a_slope_where_geometry_says() -> None:
-    grid = Grid(west_m=-100.0, south_m=-100.0, spacing_m=2.0, columns=101, rows=101)
-    slope = Raster(grid=grid, height_m=(0.1 * grid.centres_m[:, 0]).reshape(grid.shape))
+def test_boresight_meets_a_slope_where_geometry_says(survey: Survey) -> None:
+    slope = make_surface(lambda x, y: 0.1 * x, size_m=200.0)
+    scene = replace(survey.prepared.scene, caster=RayCaster((slope,)))
+    over_slope = replace(survey, prepared=replace(survey.prepared, scene=scene))
     boresights = np.array([[1.0, 0.0, -1.0], [-1.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.0], [9.0, 0.0, -1.0]])
     boresights /= np.linalg.norm(boresights, axis=1)[:, None]
     turn = np.zeros((5, 3, 3))
     turn[:, :, 0] = boresights
     pose = Pose(position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn)
-    hits = environment_figure._meet_ground(pose, slope)
-    # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the raster's edge, nothing.
-    np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=0.2)
-    np.testing.assert_allclose(hits[:3, 2], 0.1 * hits[:3, 0], atol=0.2)
+    hits = environment_figure._meet_ground(pose, over_slope)
+    # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the slope's edge, nothing.
+    np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=1e-3)
+    np.testing.assert_allclose(hits[:3, 2], 0.1 * hits[:3, 0], atol=1e-3)
     assert np.isnan(hits[3:]).all()
 
 
-def test_power_is_in_watts_only_when_the_sent_power_is_known(survey_of: Callable[..., Survey]) -> None:
-    physical = survey_of(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
-    assert "(dBW)" in figures.chirp(physical).axes[1].get_ylabel()
-    assert "rel. to transmitted" in figures.chirp(survey_of()).axes[1].get_ylabel()
+def test_power_is_in_watts_only_when_the_sent_power_is_known() -> None:
+    physical = make_survey(snr_db=None, transmit_power_dbm=10.0, noise_figure_db=12.0)
+    assert "(dBW)" in figures.draw_chirp(physical).axes[1].get_ylabel()
+    assert "rel. to transmitted" in figures.draw_chirp(make_survey()).axes[1].get_ylabel()
 
 
 def test_a_notebook_shows_a_figure(survey: Survey) -> None:
-    assert figures.dem(survey)._repr_png_().startswith(b"\x89PNG")
+    assert figures.draw_dem(survey)._repr_png_().startswith(b"\x89PNG")
 
 
 def test_the_histogram_is_that_of_lit_cells(survey: Survey) -> None:
@@ -121,13 +123,13 @@ def test_the_histogram_is_that_of_lit_cells(survey: Survey) -> None:
     unlit[:, ::2] = True
     height = np.where(unlit, 3.0, survey.error.height_m)
     spoiled = replace(survey, error=replace(survey.error, height_m=height), lit=~unlit)
-    histogram = next(a for a in figures.error_map(spoiled).axes if a.get_title().startswith("Error of lit cells"))
+    histogram = next(a for a in figures.draw_error(spoiled).axes if a.get_title().startswith("Error of lit cells"))
     tallest = max(histogram.patches, key=lambda bar: bar.get_height())
     assert abs(tallest.get_x()) < 0.5
     assert sum(bar.get_height() for bar in histogram.patches if bar.get_x() > 2.5) == 0
 
 
-@pytest.mark.parametrize("draw", [figures.power_map, figures.dem, figures.error_map])
+@pytest.mark.parametrize("draw", [figures.draw_power, figures.draw_dem, figures.draw_error])
 def test_a_warning_stands_over_the_figure_and_covers_nothing(survey: Survey, draw: Callable[[Survey], Figure]) -> None:
     figure = draw(replace(survey, warnings=("most echoes come from [precipitation] $ in front of the ground " * 3,)))
     told = [outline for text, outline in outlines(figure)]
@@ -140,7 +142,7 @@ def tick_texts(axes: Axes) -> tuple[list[str], list[str]]:
     return [t.get_text() for t in axes.get_xticklabels()], [t.get_text() for t in axes.get_yticklabels()]
 
 
-@pytest.mark.parametrize("draw", [figures.environment, figures.power_map, figures.dem, figures.error_map])
+@pytest.mark.parametrize("draw", [draw_environment, figures.draw_power, figures.draw_dem, figures.draw_error])
 def test_maps_have_map_coordinates_where_there_are_any(georeferenced: Survey, draw: Callable[..., Figure]) -> None:
     axes = draw(georeferenced).axes[0]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("Easting (m)", "Northing (m)")
@@ -154,7 +156,7 @@ def test_maps_have_map_coordinates_where_there_are_any(georeferenced: Survey, dr
 
 
 def test_heights_are_those_of_the_datum(georeferenced: Survey) -> None:
-    plan, profile = figures.environment(georeferenced).axes
+    plan, profile = draw_environment(georeferenced).axes
     bar = plan.child_axes[0]
     assert bar.get_ylabel() == profile.get_ylabel() == "Height above datum (m)"
     assert min(float(text) for text in tick_texts(bar)[1]) > 390
@@ -162,7 +164,7 @@ def test_heights_are_those_of_the_datum(georeferenced: Survey) -> None:
 
 
 def test_tick_labels_of_seven_digits_keep_apart(georeferenced: Survey) -> None:
-    for draw in (figures.environment, figures.power_map, figures.dem, figures.error_map):
+    for draw in (draw_environment, figures.draw_power, figures.draw_dem, figures.draw_error):
         figure = draw(georeferenced)
         figure.draw_without_rendering()
         for axes in figure.axes:

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beams import make_chirp
+from flights import make_pulses
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.scenario.processing import ProcessingTable
@@ -17,9 +19,9 @@ PULSES = 40
 
 
 @pytest.fixture(scope="module")
-def flight(looking) -> Pulses:
+def flight() -> Pulses:
     """14 m/s north, the beam 30 deg from the velocity (60 deg from nadir), over 40 places of a range cell."""
-    return looking(PULSES, incidence_deg=60.0, velocity_mps=(0.0, 14.0, 0.0))
+    return make_pulses(PULSES, incidence_deg=60.0, velocity_mps=(0.0, 14.0, 0.0))
 
 
 def ranges_of(pulses, chirp, processing, range_m):
@@ -41,8 +43,8 @@ def ranges_of(pulses, chirp, processing, range_m):
 @pytest.mark.parametrize("ranging", ["peak", "centroid"])
 @pytest.mark.parametrize("sampling", ["real", "iq"])
 @pytest.mark.parametrize("sweep", ["up", "down"])
-def test_14_mps_at_30_deg_shifts_5_m_and_is_corrected(chirp_of, flight, sweep, sampling, ranging):
-    chirp = chirp_of(sweep=sweep, sampling=sampling)
+def test_14_mps_at_30_deg_shifts_5_m_and_is_corrected(flight, sweep, sampling, ranging):
+    chirp = make_chirp(sweep=sweep, sampling=sampling)
     range_m = np.linspace(100, 100.6, PULSES)
     raw, corrected = (
         ranges_of(flight, chirp, ProcessingTable(ranging=ranging, doppler_correction=on), range_m) - range_m
@@ -57,10 +59,10 @@ def test_14_mps_at_30_deg_shifts_5_m_and_is_corrected(chirp_of, flight, sweep, s
 
 
 @pytest.mark.parametrize("error_mps", [0.05, -0.05])
-def test_a_velocity_error_of_5_cm_per_second_costs_2_cm(chirp_of, looking, error_mps):
-    pulses = looking(PULSES, velocity_mps=(0.0, 0.0, -5.0))  # descending on a target straight below
+def test_a_velocity_error_of_5_cm_per_second_costs_2_cm(error_mps):
+    pulses = make_pulses(PULSES, velocity_mps=(0.0, 0.0, -5.0))  # descending on a target straight below
     wrong = pulses.measured.velocity_mps + np.array([0.0, 0.0, error_mps])
     pulses = replace(pulses, measured=replace(pulses.measured, velocity_mps=wrong))
     range_m = np.linspace(50, 50.6, PULSES)
-    bias = (ranges_of(pulses, chirp_of(), ProcessingTable(), range_m) - range_m).mean()
+    bias = (ranges_of(pulses, make_chirp(), ProcessingTable(), range_m) - range_m).mean()
     assert bias == pytest.approx(-np.sign(error_mps) * 0.021, abs=0.004)

@@ -12,13 +12,15 @@ import pytest
 import rasterio
 from pyproj import CRS
 
+from beams import make_antenna
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.point_cloud import write_laz
-from sionna_radar.report.survey.products import write_geotiff, write_products
+from sionna_radar.report.survey.products import write_geotiff, write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.result import Survey
 
 KEYS = [
@@ -93,7 +95,7 @@ def test_summary_of_nothing_is_strict_json(empty: Survey) -> None:
 
 def test_all_files_are_written(survey: Survey, tmp_path: Path) -> None:
     out = tmp_path / "new" / "result"
-    paths = write_products(survey, out)
+    paths = write_survey(survey, out)
     assert [p.relative_to(out).as_posix() for p in paths] == FILES
     assert [p.name for p in out.parent.iterdir()] == ["result"]
     assert load_scenario(out / "scenario.toml") == survey.scenario
@@ -103,16 +105,18 @@ def test_all_files_are_written(survey: Survey, tmp_path: Path) -> None:
 
 
 def test_nothing_found_is_a_result_too(empty: Survey, tmp_path: Path) -> None:
-    assert len(write_products(empty, tmp_path / "out")) == len(FILES)
+    assert len(write_survey(empty, tmp_path / "out")) == len(FILES)
 
 
 def test_what_was_replaced_is_told(survey: Survey, tmp_path: Path) -> None:
-    flown = replace(survey, replaced={"radar.antenna": "mine.Horn, half-power beam 6 x 6 deg"})
-    assert summary(flown)["replaced"] == flown.replaced
-    write_products(flown, tmp_path / "out")
+    custom = CustomParts(antenna=make_antenna(6.0, 6.0))
+    flown = replace(survey, prepared=replace(survey.prepared, custom=custom))
+    horn = "sionna_radar.radar.antenna.Antenna, half-power beam 6 x 6 deg"
+    assert summary(flown)["replaced"] == flown.replaced == {"radar.antenna": horn}
+    write_survey(flown, tmp_path / "out")
     text = (tmp_path / "out" / "scenario.toml").read_text()
     assert text.startswith("# This file alone does not repeat the survey")
-    assert "#   radar.antenna: mine.Horn, half-power beam 6 x 6 deg\n" in text
+    assert f"#   radar.antenna: {horn}\n" in text
     assert load_scenario(tmp_path / "out" / "scenario.toml") == survey.scenario
 
 
@@ -150,7 +154,7 @@ def test_geotiff_has_absolute_heights_at_the_right_places(georeferenced: Survey,
 
 @pytest.mark.usefixtures("no_figures")
 def test_error_is_a_difference_without_origin(georeferenced: Survey, tmp_path: Path) -> None:
-    write_products(georeferenced, tmp_path / "out")
+    write_survey(georeferenced, tmp_path / "out")
     layers = {}
     for name in ("dem", "truth", "error"):
         with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
@@ -172,7 +176,7 @@ def test_local_geotiff_warns_of_nothing(survey: Survey, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("no_figures")
 def test_a_geotiff_says_what_made_it(survey: Survey, tmp_path: Path) -> None:
     described = survey.scenario.model_copy(update={"description": "H\u00fcgel [/x]\0 <&> \x01"})
-    write_products(replace(survey, scenario=described), tmp_path / "out")
+    write_survey(replace(survey, prepared=replace(survey.prepared, scenario=described)), tmp_path / "out")
     for name, quantity in {"dem": "DEM height", "truth": "true height", "error": "DEM minus truth"}.items():
         with rasterio.open(tmp_path / "out" / f"{name}.tif") as file:
             tags = file.tags()

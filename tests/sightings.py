@@ -1,7 +1,6 @@
 """What a radar on its way over a surface sees of it, by brute force."""
 
 import numpy as np
-import pytest
 
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
@@ -62,8 +61,3 @@ def make_sightings(surface: Heightfield, beamwidth_deg: float = 4.0, seed: int =
         doppler=0.0,
         reach_m=150.0,
     )
-
-
-@pytest.fixture(scope="session")
-def sightings_of():
-    return make_sightings

@@ -1,10 +1,8 @@
-"""A flight past a point or a field, its beams to the right of the track."""
+"""Flights past a point or a field, the beam to the right of the track."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from sionna_radar.flight.frames import R_WORLD_NED, conical_from_antenna
 from sionna_radar.flight.pulses import Pose, Pulses
@@ -45,8 +43,3 @@ def make_flight(
     values = {"carrier_hz": 77e9, "bandwidth_hz": 500e6, "rate_hz": rate_hz, "samples": 256, "sampling": "iq"}
     azimuth, elevation = (taylor_cut(float(np.deg2rad(w)), -20.0) for w in (azimuth_deg, elevation_deg))
     return Flight(chirp=Chirp(**(values | chirp)), antenna=Antenna(azimuth, elevation))
-
-
-@pytest.fixture(scope="session")
-def flight_of() -> Callable[..., Flight]:
-    return make_flight

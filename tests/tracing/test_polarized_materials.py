@@ -6,25 +6,23 @@ import numpy as np
 import pytest
 import trimesh
 
+from beams import make_antenna, make_chirp
+from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
+from sionna_radar.surfaces.integral_equation import IntegralEquation
 from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
-from sionna_radar.surfaces.models.sionna_slab import SionnaSlab
+from sionna_radar.surfaces.models.sionna_slab import SionnaSlab, slab_material
 from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
-from sionna_radar.surfaces.radar_material import RadarMaterial
-from sionna_radar.surfaces.rough_surface import (
-    GeometricalOptics,
-    IntegralEquation,
-    PhysicalOptics,
-    RoughSurface,
-    SmallPerturbation,
-)
+from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
+from sionna_radar.surfaces.rough_surface import GeometricalOptics, PhysicalOptics, RoughSurface, SmallPerturbation
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.sionna.material import BackscatterMaterial, dr, mi, sionna_material
+from worlds import make_surface
 
 WAVELENGTH_M = 299_792_458.0 / 77e9
 SOIL = soil_permittivity(
@@ -63,8 +61,8 @@ MODELS = {
 }  # fmt: skip
 
 
-def plane_of(surface_of, material: RadarMaterial, **place) -> Scene:
-    ground = surface_of(lambda x, y: 0 * x, **({"size_m": 2000.0, "spacing_m": 20.0} | place))
+def plane_of(material: RadarMaterial, **place) -> Scene:
+    ground = make_surface(lambda x, y: 0 * x, **({"size_m": 2000.0, "spacing_m": 20.0} | place))
     return Scene(
         surfaces=(ground,), materials={"ground": material}, targets=(), ground_material="ground", georeference=None
     )
@@ -102,12 +100,12 @@ def polarized_plane_power(antenna, height_m, incidence_deg, material) -> float:
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
 @pytest.mark.parametrize("name", MODELS)
-def test_each_model_over_a_plane_is_the_radar_equation(name, polarization, surface_of, antenna_of, chirp_of, looking):
-    material, antenna = MODELS[name], antenna_of(2.0, 2.0, polarization)
+def test_each_model_over_a_plane_is_the_radar_equation(name, polarization):
+    material, antenna = MODELS[name], make_antenna(2.0, 2.0, polarization)
     # Where sigma0 falls steeply, the side lobes that look down carry most of the echo: more rays for them.
-    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 1024, 0.4)
+    beam = BeamEngine(plane_of(material), antenna, make_chirp(), 1, 1024, 0.4)
     for incidence_deg in (0, 20, 45, 70, 80):
-        pulses = looking(100, incidence_deg=incidence_deg)
+        pulses = make_pulses(100, incidence_deg=incidence_deg)
         level_db = 10 * np.log10(
             mean_power(beam.trace(pulses), pulses) / polarized_plane_power(antenna, 50.0, incidence_deg, material)
         )
@@ -119,21 +117,19 @@ def test_each_model_over_a_plane_is_the_radar_equation(name, polarization, surfa
 
 @pytest.mark.parametrize("incidence_deg", [0, 30, 60])
 @pytest.mark.parametrize("heading_deg", [0.0, 30.0])
-def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(
-    surface_of, antenna_of, chirp_of, looking, incidence_deg, heading_deg
-):
+def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, heading_deg):
     even = ConstantGammaBackscatter(0.05)
-    scene = plane_of(surface_of, RadarMaterial(vertical=even, horizontal=even, cross_polar=0.1))
-    pulses = looking(300, incidence_deg=incidence_deg, heading_deg=heading_deg)
+    scene = plane_of(RadarMaterial(vertical=even, horizontal=even, cross_polar=0.1))
+    pulses = make_pulses(300, incidence_deg=incidence_deg, heading_deg=heading_deg)
     paths = {}
     for sent in "VH":
         for receives in ("co", "cross"):
-            antenna = replace(antenna_of(2.0, 2.0, sent), receives=receives)
-            paths[sent, receives] = BeamEngine(scene, antenna, chirp_of(), 1, 512, 0.05).trace(pulses)
+            antenna = replace(make_antenna(2.0, 2.0, sent), receives=receives)
+            paths[sent, receives] = BeamEngine(scene, antenna, make_chirp(), 1, 512, 0.05).trace(pulses)
     # Reciprocity, path by path: what H receives of V is what V receives of H.
     vh, hv = paths["H", "cross"].gain, paths["V", "cross"].gain
     np.testing.assert_allclose(vh, hv, rtol=0, atol=2e-4 * np.abs(vh).max())
-    expected = polarized_plane_power(antenna_of(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
+    expected = polarized_plane_power(make_antenna(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
     for (_, receives), table in paths.items():
         level = mean_power(table, pulses) / expected
         assert 10 * np.log10(level / (0.1 if receives == "cross" else 1.0)) == pytest.approx(0.0, abs=0.05)
@@ -142,58 +138,58 @@ def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(
 @pytest.mark.parametrize("scan_deg", [0.0, 40.0])
 @pytest.mark.parametrize("receives", ["co", "cross"])
 @pytest.mark.parametrize("polarization", ["V", "H"])
-def test_facets_turn_the_polarization_as_the_fields_do(
-    surface_of, antenna_of, chirp_of, looking, polarization, receives, scan_deg
-):
+def test_facets_turn_the_polarization_as_the_fields_do(polarization, receives, scan_deg):
     """A scanned beam meets the plane of incidence at an angle: SPM ground has V and H 6 dB apart here."""
     even = MODELS["small_perturbation"]
     material = replace(even, cross_polar=0.02)
-    antenna = replace(antenna_of(2.0, 2.0, polarization), receives=receives)
+    antenna = replace(make_antenna(2.0, 2.0, polarization), receives=receives)
     for model, tolerance_db in ((even, 0.05), (material, 0.1)):
         if receives == "cross" and scan_deg == 0.0 and model is even:
             continue  # nothing but the beam's edges turns the field then
-        scene = plane_of(surface_of, model, spacing_m=4.0, size_m=400.0)
-        pulses = looking(60, incidence_deg=37.0, scan_deg=scan_deg)
-        facets = GammaEngine(scene, antenna, chirp_of(), 1, RayCaster(scene.surfaces)).trace(pulses)
-        beam = BeamEngine(scene, antenna, chirp_of(), 1, 1024, 0.2).trace(pulses)
+        scene = plane_of(model, spacing_m=4.0, size_m=400.0)
+        pulses = make_pulses(60, incidence_deg=37.0, scan_deg=scan_deg)
+        facets = GammaEngine(scene, antenna, make_chirp(), 1, RayCaster(scene.surfaces)).trace(pulses)
+        beam = BeamEngine(scene, antenna, make_chirp(), 1, 1024, 0.2).trace(pulses)
         ratio = mean_power(facets, pulses) / mean_power(beam, pulses)
         assert 10 * np.log10(ratio) == pytest.approx(0.0, abs=tolerance_db)
 
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
-def test_facets_scatter_the_radar_equation_in_v_and_h(surface_of, antenna_of, chirp_of, looking, polarization):
-    material, antenna = MODELS["small_perturbation"], antenna_of(2.0, 2.0, polarization)
-    scene, pulses = plane_of(surface_of, material), looking(1, incidence_deg=45.0)
-    facets = GammaEngine(scene, antenna, chirp_of(), 1, RayCaster(scene.surfaces)).trace(pulses)
+def test_facets_scatter_the_radar_equation_in_v_and_h(polarization):
+    material, antenna = MODELS["small_perturbation"], make_antenna(2.0, 2.0, polarization)
+    scene, pulses = plane_of(material), make_pulses(1, incidence_deg=45.0)
+    facets = GammaEngine(scene, antenna, make_chirp(), 1, RayCaster(scene.surfaces)).trace(pulses)
     expected = polarized_plane_power(antenna, 50.0, 45, material)
     assert 10 * np.log10(mean_power(facets, pulses) / expected) == pytest.approx(0.0, abs=0.03)
 
 
-def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarization(surface_of, antenna_of, chirp_of, looking):
-    scene = plane_of(surface_of, MODELS["lambertian"])
-    crossed = replace(antenna_of(2.0, 2.0), receives="cross")
-    paths = BeamEngine(scene, crossed, chirp_of(), 1, 512, 0.05).trace(looking(20, incidence_deg=40.0))
-    kept = BeamEngine(scene, antenna_of(2.0, 2.0), chirp_of(), 1, 512, 0.05).trace(looking(20, incidence_deg=40.0))
+def test_without_a_cross_polar_ratio_even_surfaces_keep_the_polarization():
+    scene = plane_of(MODELS["lambertian"])
+    crossed = replace(make_antenna(2.0, 2.0), receives="cross")
+    paths = BeamEngine(scene, crossed, make_chirp(), 1, 512, 0.05).trace(make_pulses(20, incidence_deg=40.0))
+    kept = BeamEngine(scene, make_antenna(2.0, 2.0), make_chirp(), 1, 512, 0.05).trace(
+        make_pulses(20, incidence_deg=40.0)
+    )
     assert np.sum(np.abs(paths.gain) ** 2) < 1e-9 * np.sum(np.abs(kept.gain) ** 2)
 
 
-def test_the_stock_solver_sees_the_same_polarized_surface(surface_of, antenna_of, chirp_of, looking):
+def test_the_stock_solver_sees_the_same_polarized_surface():
     material = replace(MODELS["small_perturbation"], cross_polar=0.2)
-    scene, pulses = plane_of(surface_of, material), looking(8, incidence_deg=50.0)
+    scene, pulses = plane_of(material), make_pulses(8, incidence_deg=50.0)
     for polarization in "VH":
-        antenna = antenna_of(20.0, 20.0, polarization)
-        beam = mean_power(BeamEngine(scene, antenna, chirp_of(), 1, 8192, 0.05).trace(pulses), pulses)
-        stock = mean_power(PathSolverEngine(scene, antenna, chirp_of(), 1, 200_000).trace(pulses), pulses)
+        antenna = make_antenna(20.0, 20.0, polarization)
+        beam = mean_power(BeamEngine(scene, antenna, make_chirp(), 1, 8192, 0.05).trace(pulses), pulses)
+        stock = mean_power(PathSolverEngine(scene, antenna, make_chirp(), 1, 200_000).trace(pulses), pulses)
         assert 10 * np.log10(stock / beam) == pytest.approx(0.0, abs=0.12)
 
 
-def test_scene_and_radar_moved_together_change_nothing(surface_of, antenna_of, chirp_of, looking):
+def test_scene_and_radar_moved_together_change_nothing():
     shift = np.array([300.0, -200.0])
     tables = []
     for at in (np.zeros(2), shift):
-        scene = plane_of(surface_of, MODELS["integral_equation"], centre_m=tuple(at))
-        pulses = looking(20, incidence_deg=50.0, position_m=(*at, 50.0))
-        tables.append(BeamEngine(scene, antenna_of(4.0, 4.0, "H"), chirp_of(), 1, 512, 0.05).trace(pulses))
+        scene = plane_of(MODELS["integral_equation"], centre_m=tuple(at))
+        pulses = make_pulses(20, incidence_deg=50.0, position_m=(*at, 50.0))
+        tables.append(BeamEngine(scene, make_antenna(4.0, 4.0, "H"), make_chirp(), 1, 512, 0.05).trace(pulses))
     near = np.linalg.norm(tables[0].hit_m[:, :2], axis=1) < 300
     np.testing.assert_allclose(tables[1].gain[near], tables[0].gain[near], rtol=3e-3, atol=1e-12)
     np.testing.assert_allclose(tables[1].hit_m[near, :2] - shift, tables[0].hit_m[near, :2], atol=2e-2)
@@ -244,7 +240,7 @@ def test_scattered_power_is_what_the_material_says(name, polarization):
             assert measured <= material.scattered_share(incidence)[0] * 1.02 + 1e-12
 
 
-def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
+def test_a_metal_sphere_echoes_its_shadow():
     """A gently rough metal sphere returns pi a^2 (1 + m^2), m its rms slope: optics, when m is small.
 
     sigma = integral of sigma0 dA with sigma0 = exp(-t^2 / 2 m^2) / (2 m^2 cos^4), t the tangent of incidence,
@@ -261,8 +257,8 @@ def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
     ring = 2 * np.pi * radius**2 * np.sin(theta) * rough_metal.vertical.sigma0(theta)
     assert np.trapezoid(ring, theta) == pytest.approx(np.pi * radius**2 * (1 + slope**2), rel=3e-3)
 
-    antenna, pulses = antenna_of(2.0, 2.0), looking(400, position_m=(0.0, 0.0, range_m))
-    mean = mean_power(BeamEngine(scene, antenna, chirp_of(), 1, 4096, 0.01).trace(pulses), pulses)
+    antenna, pulses = make_antenna(2.0, 2.0), make_pulses(400, position_m=(0.0, 0.0, range_m))
+    mean = mean_power(BeamEngine(scene, antenna, make_chirp(), 1, 4096, 0.01).trace(pulses), pulses)
     # The beam weighs the bright spot, about a fifth of the radius wide, by its gain, and from a finite distance
     # the incidence is a little steeper than the place on the ball.
     normal = np.column_stack([-np.cos(theta), np.sin(theta), 0 * theta])
@@ -276,38 +272,38 @@ def test_a_metal_sphere_echoes_its_shadow(antenna_of, chirp_of, looking):
 
 
 @pytest.mark.parametrize("polarization", ["V", "H"])
-def test_sionnas_slab_scatters_what_is_stated(surface_of, antenna_of, chirp_of, looking, polarization):
+def test_sionnas_slab_scatters_what_is_stated(polarization):
     slab = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
     material = slab_material(slab, 77e9, "VV")
-    antenna = antenna_of(2.0, 2.0, polarization)
-    beam = BeamEngine(plane_of(surface_of, material), antenna, chirp_of(), 1, 512, 0.05)
+    antenna = make_antenna(2.0, 2.0, polarization)
+    beam = BeamEngine(plane_of(material), antenna, make_chirp(), 1, 512, 0.05)
     for incidence_deg in (0, 30, 60):
-        pulses = looking(200, incidence_deg=incidence_deg)
+        pulses = make_pulses(200, incidence_deg=incidence_deg)
         expected = polarized_plane_power(antenna, 50.0, incidence_deg, material)
         level_db = 10 * np.log10(mean_power(beam.trace(pulses), pulses) / expected)
         assert level_db == pytest.approx(0.0, abs=0.05)
 
 
-def test_sionnas_slab_keeps_its_power_with_the_scan_angle(surface_of, antenna_of, chirp_of, looking):
+def test_sionnas_slab_keeps_its_power_with_the_scan_angle():
     """Sionna's own material holds field components in the world's spherical basis, and lost up to 24 dB here."""
     slab = SionnaSlab(itu_type="concrete", thickness_m=0.1, scattering_coefficient=0.4, xpd_coefficient=0.0)
-    scene, antenna = plane_of(surface_of, slab_material(slab, 77e9, "VV")), antenna_of(2.0, 2.0)
-    beam = BeamEngine(scene, antenna, chirp_of(), 1, 512, 0.05)
+    scene, antenna = plane_of(slab_material(slab, 77e9, "VV")), make_antenna(2.0, 2.0)
+    beam = BeamEngine(scene, antenna, make_chirp(), 1, 512, 0.05)
     for scan_deg in (-60.0, 0.0, 45.0):
-        pulses = looking(100, incidence_deg=20.0, scan_deg=scan_deg)
+        pulses = make_pulses(100, incidence_deg=20.0, scan_deg=scan_deg)
         tilt_deg = np.rad2deg(np.arccos(np.cos(np.deg2rad(20.0)) * np.cos(np.deg2rad(scan_deg))))
         ground = scene.materials["ground"]
-        levels = [polarized_plane_power(antenna_of(2.0, 2.0, p), 50.0, tilt_deg, ground) for p in "VH"]
+        levels = [polarized_plane_power(make_antenna(2.0, 2.0, p), 50.0, tilt_deg, ground) for p in "VH"]
         measured = mean_power(beam.trace(pulses), pulses)
         assert min(levels) * 0.85 < measured < max(levels) * 1.15
 
 
-def test_cross_polar_signs_are_the_same_in_any_block(surface_of, antenna_of, chirp_of, looking):
+def test_cross_polar_signs_are_the_same_in_any_block():
     even = ConstantGammaBackscatter(0.05)
-    scene = plane_of(surface_of, RadarMaterial(vertical=even, horizontal=even, cross_polar=0.3))
-    beam = BeamEngine(scene, antenna_of(2.0, 2.0), chirp_of(), 1, 128, 0.05)
-    whole = beam.trace(looking(6, incidence_deg=30.0))
-    alone = beam.trace(looking(1, incidence_deg=30.0, first=4))
+    scene = plane_of(RadarMaterial(vertical=even, horizontal=even, cross_polar=0.3))
+    beam = BeamEngine(scene, make_antenna(2.0, 2.0), make_chirp(), 1, 128, 0.05)
+    whole = beam.trace(make_pulses(6, incidence_deg=30.0))
+    alone = beam.trace(make_pulses(1, incidence_deg=30.0, first=4))
     for field in fields(whole):
         np.testing.assert_array_equal(getattr(whole, field.name)[whole.pulse == 4], getattr(alone, field.name))
 

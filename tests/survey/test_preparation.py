@@ -1,0 +1,88 @@
+"""A prepared survey flies as its scenario does, and custom parts that lack something are refused by name."""
+
+from dataclasses import fields
+
+import jaxtyping
+import numpy as np
+import pytest
+
+from sionna_radar.flight.scan import Pointing, build_scan
+from sionna_radar.foundation.errors import PluginError
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.scenario.radar import ScanTable
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import CustomParts, prepare
+from sionna_radar.survey.result import Survey
+
+HILLS = parse_scenario(
+    {
+        "seed": 4,
+        "terrain": {"kind": "hills", "size_m": [300.0, 300.0], "spacing_m": 2.0, "seed": 2},
+        "platform": {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 10.0},
+        "radar": {"snr_db": 30.0},
+        "tracing": {"paths_per_pulse": 64},
+    }
+)
+MEASURED = ("paths", "lit", "dem_error", "lit_error")
+
+
+class Unspaced:
+    """A scan that does not say how far apart its beams lie."""
+
+    stabilised = True
+    incidence_rad = 0.5
+
+    def point(self, time_s: np.ndarray) -> Pointing:
+        return build_scan(ScanTable(mode="fixed")).point(time_s)
+
+
+def assert_same(survey: Survey, other: Survey) -> None:
+    assert survey.points.sha256() == other.points.sha256()
+    for raster in ("dem", "truth", "error"):
+        np.testing.assert_array_equal(getattr(survey, raster).height_m, getattr(other, raster).height_m, err_msg=raster)
+    for name in MEASURED:
+        np.testing.assert_array_equal(getattr(survey, name), getattr(other, name), err_msg=name)
+    for field in fields(survey.chirp):
+        np.testing.assert_array_equal(
+            getattr(survey.chirp, field.name), getattr(other.chirp, field.name), err_msg=field.name
+        )
+
+
+def test_a_prepared_survey_flies_as_its_scenario_does_and_as_often_as_wanted():
+    flown, prepared = run(HILLS), prepare(HILLS)
+    for _ in range(2):
+        survey = run(prepared)
+        assert survey.prepared is prepared
+        assert_same(survey, flown)
+
+
+def test_custom_parts_are_given_before_the_survey_is_prepared():
+    prepared = prepare(HILLS)
+    with pytest.raises(TypeError, match="has its parts already; give them to `prepare`"):
+        run(prepared, scan=prepared.flight.scan)
+
+
+def test_custom_parts_fly_the_same_prepared_or_not():
+    scan = build_scan(ScanTable(mode="conical", incidence_deg=30.0))
+    survey = run(prepare(HILLS, CustomParts(scan=scan)))
+    assert_same(survey, run(HILLS, scan=scan))
+    assert list(survey.replaced) == ["radar.scan"]
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Types go unchecked, as outside the tests: the package's own check must stop what is no part."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_scan_without_its_spacing_is_refused_by_the_name_of_what_it_lacks():
+    with pytest.raises(PluginError, match=r"^scan = Unspaced is not a Scan: it lacks spacing_m$"):
+        run(HILLS, scan=Unspaced())
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(("part", "lacks"), [("navigation", "measure"), ("dem_method", "profiles")])
+def test_other_parts_are_refused_the_same_way(part, lacks):
+    with pytest.raises(PluginError, match=f"{part} = object is not a .*: it lacks {lacks}"):
+        CustomParts(**{part: object()})
