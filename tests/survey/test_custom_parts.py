@@ -66,8 +66,13 @@ SAME = {
 }
 
 
+@pytest.fixture(scope="module")
+def plain():
+    return run(load_scenario("hills", SHORT))
+
+
 @pytest.mark.parametrize("part", SAME)
-def test_a_part_from_python_is_that_of_the_same_name(part):
+def test_a_part_from_python_is_that_of_the_same_name(part, plain):
     given, overrides = SAME[part]
     custom = run(load_scenario("hills", SHORT), **given)
     named = run(load_scenario("hills", SHORT | overrides))
@@ -75,13 +80,7 @@ def test_a_part_from_python_is_that_of_the_same_name(part):
     np.testing.assert_array_equal(custom.dem.height_m, named.dem.height_m)
     assert len(custom.replaced) == 1
     assert named.replaced == {}
-
-
-def test_the_parts_show_in_what_was_flown():
-    plain = run(load_scenario("hills", SHORT))
-    for given, _ in SAME.values():
-        survey = run(load_scenario("hills", SHORT), **given)
-        assert survey.points.sha256() != plain.points.sha256() or "dem_method" in given
+    assert not np.array_equal(custom.dem.height_m, plain.dem.height_m, equal_nan=True)
 
 
 def test_a_custom_scan_has_the_gap_and_the_noise_of_the_same_scan_by_name():
