@@ -91,6 +91,15 @@ def test_a_public_name_says_what_it_is_with_an_example(name):
         assert "Raises\n------" in text
 
 
+def load_coarse(name, overrides=None):
+    """Load a scenario; the hills of the examples on a coarser mesh, so that their flights are quick."""
+    overrides = overrides or {}
+    coarse = {"terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+    return sionna_radar.load_scenario(
+        name, coarse | overrides if name == "hills" and "terrain" not in overrides else overrides
+    )
+
+
 @pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""
@@ -108,6 +117,7 @@ def test_the_example_of_a_public_name_does_what_it_says(name, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     thing = getattr(sionna_radar, name)
     everything = {public: getattr(sionna_radar, public) for public in sionna_radar.__all__}
+    everything["load_scenario"] = load_coarse
     found = doctest.DocTestFinder(recurse=False).find(thing, name, globs=everything)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert found

@@ -9,11 +9,17 @@ from sionna_radar.detection.cfar import Cfar
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, cut_profiles
 from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
-from sionna_radar.detection.ranging.estimator import EchoSpans, RangeEstimator, build_range_estimator, span_cells
+from sionna_radar.detection.ranging.estimator import (
+    EchoSpans,
+    RangeEstimator,
+    Ranges,
+    build_range_estimator,
+    span_cells,
+)
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.decibel import from_db
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
@@ -113,6 +119,7 @@ class Detector:
 
     def _estimated(self, spans: EchoSpans, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
         ranges = self.estimator(spans)
+        check_ranges(ranges, len(spans.row), self.estimator)
         peak_power = spans.power[spans.row, spans.peak]
         noise = spans.noise[spans.row, spans.peak]
         return Echoes(
@@ -188,6 +195,18 @@ class Detector:
         elif self.processing.echoes == "first":
             keep = _first_of_row(spans.row, keep)
         return spans.rows(keep)
+
+
+def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None:
+    """Refuse what a custom range estimator returns if it is not one finite range an echo, with PluginError."""
+    if (
+        isinstance(ranges, Ranges)
+        and np.shape(ranges.range_m) == np.shape(ranges.sigma_m) == (echoes,)
+        and np.all(np.isfinite(ranges.range_m))
+    ):
+        return
+    message = f"range estimator {type(estimator).__name__}: return `Ranges` with a finite range for each of the echoes"
+    raise PluginError(message)
 
 
 def build_detector(

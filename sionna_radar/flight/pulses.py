@@ -14,6 +14,7 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.scenario.parts import NAVIGATIONS
+from sionna_radar.scenario.registry import require
 
 Builder = TypeVar("Builder", bound=Callable[..., object])
 
@@ -143,6 +144,8 @@ def build_navigation(
 ) -> Navigation | None:
     """Return the navigation system of a scenario; None if it reports the true pose."""
     system: Navigation | None = NAVIGATIONS.entry(table.kind)(table, trajectory, chirp_rate_hz, seed)
+    if system is not None:
+        require(system, Navigation, str(NAVIGATIONS.entry(table.kind)))
     return system
 
 

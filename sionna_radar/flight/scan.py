@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.scenario.bases import ScanParameters
 from sionna_radar.scenario.parts import SCANS
+from sionna_radar.scenario.registry import require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
 
@@ -100,4 +101,5 @@ def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Buil
 def build_scan(table: ScanParameters) -> Scan:
     """Return the scan of a scenario."""
     scan: Scan = SCANS.entry(table.mode)(table)
+    require(scan, Scan, str(SCANS.entry(table.mode)))
     return scan

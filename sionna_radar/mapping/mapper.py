@@ -14,7 +14,7 @@ from sionna_radar.detection.detector import RESPONSE_CELLS
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.beam import beam_nodes
@@ -23,6 +23,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.parts import DEM_METHODS
+from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 
 Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])
@@ -101,6 +102,7 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
 def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
     method: DemMethod = DEM_METHODS.entry(table.method)(table.method_parameters)
+    require(method, DemMethod, str(DEM_METHODS.entry(table.method)))
     return method
 
 
@@ -158,7 +160,11 @@ class Mapper:
         sightings = None
         if profiles is not None and self.keeps_profiles:
             sightings = self.sightings(profiles, measured(profiles.pulse))
-        return self.method(self.inputs(points, sightings))
+        dem = self.method(self.inputs(points, sightings))
+        if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
+            message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
+            raise PluginError(message)
+        return dem
 
     def inputs(self, points: Points, sightings: Sightings | None = None) -> MapInputs:
         """Return the input of the method."""

@@ -17,6 +17,7 @@ from scipy.integrate import cumulative_simpson, simpson
 
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
+from sionna_radar.scenario.registry import require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
@@ -229,4 +230,5 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 def build_antenna(table: AntennaParameters) -> Antenna:
     """Return the antenna of a scenario."""
     antenna: Antenna = ANTENNAS.entry(table.kind)(table)
+    require(antenna, Antenna, str(ANTENNAS.entry(table.kind)))
     return antenna

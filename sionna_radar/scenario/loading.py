@@ -1,11 +1,13 @@
 """Reading scenarios: TOML files or shipped names, values beside them, and errors a person can act on."""
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown, why_not
@@ -74,7 +76,8 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     4.0
 
     """
-    path, overrides = find_scenario(path_or_name), overrides or {}
+    # A copy: what is put into the tables must not come back to the caller.
+    path, overrides = find_scenario(path_or_name), copy.deepcopy(dict(overrides or {}))
     try:
         data = parse_toml(read_text(path, "scenario", "give a TOML file"))
     except ValueError as error:
@@ -161,4 +164,8 @@ def to_toml(scenario: Scenario) -> str:
     True
 
     """
-    return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+    try:
+        return tomli_w.dumps(scenario.model_dump(mode="json", exclude_none=True))
+    except (PydanticSerializationError, ValueError) as error:
+        message = f"the scenario holds a value that TOML cannot: {error}"
+        raise TypeError(message) from error

@@ -11,7 +11,7 @@ from typing import Any, get_args
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.scenario.media import Medium
-from sionna_radar.scenario.parts import MATERIALS, TERRAINS
+from sionna_radar.scenario.parts import ANTENNAS, MATERIALS, NAVIGATIONS, SCANS, TERRAINS
 from sionna_radar.scenario.registry import Registry
 
 UNSET_WORD = "none"
@@ -30,6 +30,15 @@ MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
     ("radar.sweep", "triangular"): ("processing.echoes",),
     ("tracing.engine", "path_solver"): ("tracing.speckle",),
     **{("radar.scan.mode", mode): ("radar.scan.side",) for mode in ("whisk_broom", "conical", "fixed")},
+}
+
+
+# Keys that select what their table holds.
+TAGS = {
+    "terrain.kind": TERRAINS,
+    "radar.scan.mode": SCANS,
+    "radar.antenna.kind": ANTENNAS,
+    "platform.navigation.kind": NAVIGATIONS,
 }
 
 
@@ -193,8 +202,8 @@ def _at(data: Any, key: str) -> Any:
 def _keys_beside(key: str, value: Any) -> set[str]:
     """Return the keys that a table may hold once the key that selects its kind has a value; none for any other key."""
     place = key.split(".")
-    if key == "terrain.kind":
-        return _fields_of_part(TERRAINS, value)
+    if key in TAGS:
+        return _fields_of_part(TAGS[key], value)
     if place[0] == "materials" and len(place) == 3 and place[2] == "model":
         return _fields_of_part(MATERIALS, value)
     if place[0] == "materials" and place[2:] == ["medium", "kind"]:

@@ -118,7 +118,8 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
         fields = [_allowed(t.model_fields[part]) for t in tables if part in t.model_fields]
         tagged = [t for t in tables if part in _tags(t)]
         tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
-    elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last]
+    here = ".".join(map(str, error["loc"]))
+    elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last and key != here]
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
     return nearest(str(last), [name for table in tables for name in table.model_fields])
@@ -145,8 +146,9 @@ def _tables(annotation: Any) -> list[type[BaseModel]]:
     return [table for part in get_args(annotation) for table in _tables(part)]
 
 
-def _all_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+def _all_keys(model: type[BaseModel], prefix: str = "", above: tuple[type[BaseModel], ...] = ()) -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield prefix + name
         for table in _allowed(field):
-            yield from _all_keys(table, f"{prefix}{name}.")
+            if table not in (model, *above):  # a table may hold tables of its own kind
+                yield from _all_keys(table, f"{prefix}{name}.", (model, *above))

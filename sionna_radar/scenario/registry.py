@@ -7,19 +7,21 @@ whatever a script registers before it reads a scenario.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from typing import Any, TypeVar
 
-from sionna_radar.foundation.errors import PluginError
+from sionna_radar.foundation.errors import PluginError, RadarError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.table import Table
 
 GROUP = "sionna_radar.plugins"
 PACKAGE = "sionna_radar"
+NAME = re.compile(r"[^\W_][\w:.+-]{0,63}")
 
 Builder = TypeVar("Builder", bound=Callable[..., Any])
 
@@ -28,12 +30,14 @@ Builder = TypeVar("Builder", bound=Callable[..., Any])
 class Entry:
     """A registered part.
 
+    kind: what it is, in words.
     parameters: the table of its parameters; None for a part without any.
     build: returns the part, from its parameters if it has any, and from what the seam hands it besides.
     origin: where it comes from, in words.
     provides_profiles: of a sensor: whether its observations have range profiles.
     """
 
+    kind: str
     name: str
     parameters: type[Table] | None
     build: Callable[..., Any]
@@ -41,8 +45,17 @@ class Entry:
     provides_profiles: bool = False
 
     def __call__(self, parameters: Table | None, *given: Any) -> Any:
-        """Return the part."""
-        return self.build(*given) if self.parameters is None else self.build(parameters, *given)
+        """Return the part; PluginError where a custom one cannot be built."""
+        try:
+            return self.build(*given) if self.parameters is None else self.build(parameters, *given)
+        except Exception as error:
+            if self.origin == PACKAGE or isinstance(error, RadarError):
+                raise
+            message = f"{self} cannot be built: {type(error).__name__}: {error}; correct the part or its parameters"
+            raise PluginError(message) from error
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name!r} ({self.origin})"
 
     def check(self, parameters: Any) -> Table | None:
         """Return parameters as the part's own table, defaults filled in; None for a part without parameters.
@@ -95,17 +108,33 @@ class Registry:
             The name is taken, or the table would let a misspelt key pass.
 
         """
-        if parameters is not None and not issubclass(parameters, self.base):
+        if not isinstance(name, str) or not NAME.fullmatch(name) or name == "none":
+            message = f"{self.kind} {shown(name)}: not a name; give letters, digits and any of _ - + : . (not 'none')"
+            raise PluginError(message)
+        if parameters is None and self.base is not Table:
+            message = f"{self.kind} {name!r}: it needs parameters; derive them from {self.base.__name__}"
+            raise PluginError(message)
+        if parameters is not None and not (isinstance(parameters, type) and issubclass(parameters, self.base)):
             message = (
-                f"{self.kind} {name!r}: its parameters {parameters.__name__} are not a "
+                f"{self.kind} {name!r}: its parameters {getattr(parameters, '__name__', parameters)} are not a "
                 f"{self.base.__module__}.{self.base.__name__}; derive them from it"
             )
             raise PluginError(message)
 
         def add(build: Builder) -> Builder:
-            origin = _origin(build)
+            decorated: object = build
+            if not callable(decorated):
+                message = f"{self.kind} {name!r}: {shown(build)} builds nothing; decorate a class or a function"
+                raise PluginError(message)
             self._add(
-                Entry(name=name, parameters=parameters, build=build, origin=origin, provides_profiles=provides_profiles)
+                Entry(
+                    kind=self.kind,
+                    name=name,
+                    parameters=parameters,
+                    build=build,
+                    origin=_origin(build),
+                    provides_profiles=provides_profiles,
+                )
             )
             return build
 
@@ -169,7 +198,10 @@ def load_plugins() -> list[str]:
         _loaded[point.value] = ""
         try:
             point.load()
-        except Exception as error:  # whatever it is, it must not stop a survey that does not use the plug-in
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # whatever it is, it must not stop a survey that does not use the plug-in
             _loaded[point.value] = (
                 f"the plug-in {point.name!r} of {origin} cannot be loaded ({type(error).__name__}: {error}); "
                 "mend or uninstall it"
@@ -191,4 +223,32 @@ def _origin(build: Callable[..., Any]) -> str:
 
 def _place(build: Callable[..., Any]) -> tuple[str | None, str | None]:
     """Return where a builder was written: a notebook's cell may run again and register it anew."""
-    return getattr(build, "__module__", None), getattr(build, "__qualname__", None)
+    name = getattr(build, "__qualname__", "<nameless>")
+    # Nameless functions have no place by which one could be known again.
+    return getattr(build, "__module__", None), f"{name} {id(build)}" if "<lambda>" in name or name[0] == "<" else name
+
+
+def require(part: object, protocol: type, what: str) -> None:
+    """Refuse what is not a part of a kind.
+
+    Parameters
+    ----------
+    part, protocol:
+        The part, and the protocol or class that it must be of.
+    what:
+        The part in words, as the message begins.
+
+    Raises
+    ------
+    PluginError
+        The part lacks members of the protocol, or is a class where an instance is wanted.
+
+    """
+    if isinstance(part, type):
+        message = f"{what} is the class {part.__name__}, not an instance; give {part.__name__}(...)"
+        raise PluginError(message)
+    if not isinstance(part, protocol):
+        members = [name for name in vars(protocol) if not name.startswith("_") or name == "__call__"]
+        lacks = ", ".join(name for name in members if not hasattr(part, name))
+        message = f"{what} = {type(part).__name__} is not a valid {protocol.__name__}"
+        raise PluginError(f"{message}: it lacks {lacks}" if lacks else message)

@@ -8,12 +8,13 @@ import numpy as np
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.registry import require
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials, channel_of
+from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +57,17 @@ def build_scene(
     radar = scenario.radar
     given = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
     custom = dict(materials or {})
+    for name, model in custom.items():
+        if name not in scenario.all_materials:
+            message = (
+                f"no material of the scenario has this name; give one of {', '.join(sorted(scenario.all_materials))}"
+            )
+            raise ScenarioError([Problem(f"materials.{name}", message)])
+        check_backscatter(model, f"materials.{name}")
     tables = {name: table for name, table in scenario.all_materials.items() if name not in custom}
     known: dict[str, Backscatter] = {**build_materials(tables, radar), **custom}
     land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+    _check_landscape(land, known)
     boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
         surfaces=land.surfaces + boxes,
@@ -68,6 +77,18 @@ def build_scene(
         georeference=land.georeference,
     )
     return BuiltScene(scene=scene, ground_m=land.ground_m, caster=RayCaster(scene.surfaces))
+
+
+def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
+    require(land, Landscape, "terrain")
+    if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
+        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
+        raise ScenarioError([Problem("terrain", message)])
+    used = {land.ground_material, *(surface.material for surface in land.surfaces)}
+    missing = sorted(used - set(known) - set(land.materials))
+    if missing:
+        message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
+        raise ScenarioError([Problem("terrain", message)])
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

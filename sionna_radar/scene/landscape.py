@@ -16,6 +16,7 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.parts import TERRAINS
+from sionna_radar.scenario.registry import require
 from sionna_radar.scene.ground_cover import cover_ground
 from sionna_radar.scene.mesh import mesh_of
 from sionna_radar.scene.model import Surface
@@ -143,4 +144,5 @@ def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable
 def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
     """Return the ground of a scenario."""
     landscape: Landscape = TERRAINS.entry(table.kind)(table, given)
+    require(landscape, Landscape, str(TERRAINS.entry(table.kind)))
     return landscape

@@ -66,6 +66,9 @@ def crosscheck(
 
     """
     progress("preparing", 0, 0)
+    if scenario.sensor != "radar":
+        message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
+        raise ScenarioError([Problem("sensor", message)])
     prepared = prepare(scenario)
     progress("preparing", 1, 1)
     total = 4 * len(prepared)

@@ -8,11 +8,12 @@ from typing import TypeVar
 import numpy as np
 
 from sionna_radar.foundation.decibel import to_db
-from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import PluginError, Problem, RadarError, ScenarioError
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import SionnaItu, SurfaceTable
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.registry import require
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.medium import extrapolation_of
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical_cross_polar
@@ -90,6 +91,7 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
     for name, table in tables.items():
         try:
             made = MATERIALS.entry(table.model)(table, radar.carrier_hz, channel_of(radar))
+            check_backscatter(made, f"materials.{name}: {MATERIALS.entry(table.model)}")
             built[name] = made if isinstance(made, RadarMaterial) else _alike(made, channel_of(radar))
         except RadarError:
             raise
@@ -101,6 +103,20 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
         for doubt in doubts(table, built[name], radar.carrier_hz):
             logger.warning("materials.%s: %s", name, doubt)
     return built
+
+
+def check_backscatter(model: object, what: str) -> None:
+    """Refuse what is not a model of backscatter, or returns no powers.
+
+    Raises PluginError, whose message begins with `what`.
+    """
+    require(model, Backscatter, what)
+    assert isinstance(model, Backscatter)
+    incidence_rad = np.deg2rad([0.0, 30.0, 60.0])
+    sigma0 = np.asarray(model.sigma0(incidence_rad))
+    if sigma0.shape != incidence_rad.shape or not np.all(np.isfinite(sigma0) & (sigma0 >= 0)):
+        message = f"{what}: sigma0 at 0, 30 and 60 deg is {sigma0}; return a finite ratio, not negative, for each angle"
+        raise PluginError(message)
 
 
 def _alike(model: Backscatter, channel: Channel) -> RadarMaterial:

@@ -8,6 +8,7 @@ import numpy as np
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.foundation.progress import Progress, default_progress
@@ -92,6 +93,8 @@ def run(
     if isinstance(scenario, Prepared) and custom != CustomParts():
         message = "a prepared survey has its parts already; give them to `prepare`"
         raise TypeError(message)
+    if block_size < 1:
+        raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
     with default_progress(progress) as shown:
         return _run(scenario, custom, block_size, shown)
 

@@ -14,7 +14,7 @@ from sionna_radar.flight.pulses import Navigation, Pose, PulseSchedule, build_na
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.errors import PluginError
+from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method
@@ -22,6 +22,8 @@ from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.registry import require
 from sionna_radar.scene.build import BuiltScene, build_scene
 from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.scene.map_positions import in_local_frame
@@ -75,12 +77,19 @@ class CustomParts:
     dem_method: DemMethod | None = None
 
     def __post_init__(self) -> None:
-        checks = (("scan", Scan), ("navigation", Navigation), ("dem_method", DemMethod))
-        for name, protocol in checks:
-            part = getattr(self, name)
-            if part is not None and not isinstance(part, protocol):
-                lacks = [m for m in _members(protocol) if not hasattr(part, m)]
-                message = f"{name} = {type(part).__name__} is not a {protocol.__name__}: it lacks {', '.join(lacks)}"
+        kinds = {
+            "antenna": Antenna,
+            "scan": Scan,
+            "navigation": Navigation,
+            "range_estimator": RangeEstimator,
+            "dem_method": DemMethod,
+        }
+        for name, kind in kinds.items():
+            if getattr(self, name) is not None:
+                require(getattr(self, name), kind, name)
+        for name in ("terrain", "engine", "sensor"):
+            if getattr(self, name) is not None and not callable(getattr(self, name)):
+                message = f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function"
                 raise PluginError(message)
 
     def described(self) -> dict[str, str]:
@@ -98,10 +107,6 @@ class CustomParts:
                 "dem.method": self.dem_method,
             },
         )
-
-
-def _members(protocol: type) -> list[str]:
-    return [name for name in vars(protocol) if not name.startswith("_")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +182,11 @@ class Prepared(Brief):
     def build_sensor(self, watch: Stopwatch | None = None) -> Sensor:
         """Return a new sensor of the survey."""
         given = self.sensor_inputs(watch)
-        return self.custom.sensor(given) if self.custom.sensor else build_sensor(self.local, given)
+        if self.custom.sensor is None:
+            return build_sensor(self.local, given)
+        sensor = self.custom.sensor(given)
+        require(sensor, Sensor, "sensor")
+        return sensor
 
     def truth(self) -> GroundTruth:
         """Return the surface that the survey flies over."""
@@ -240,6 +249,9 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, scan)
     grid = dem_grid(local, looks, max_gap_m, scene.scene.georeference)
+    method = custom.dem_method or build_dem_method(local.dem)
+    method_name = type(method).__name__ if custom.dem_method else local.dem.method
+    _check_profiles(local, method, method_name, custom)
     echo = _reference_echo(local, antenna, chirp, scene, scan.incidence_rad)
     return Prepared(
         scenario=scenario,
@@ -257,8 +269,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         detector=detector,
         expected_ground=build_expected_ground(local, antenna, grid, scene.scene.georeference),
         mapper=Mapper(
-            method=custom.dem_method or build_dem_method(local.dem),
-            name=local.dem.method,
+            method=method,
+            name=method_name,
             grid=grid,
             max_gap_m=max_gap_m,
             shadow_incidence_rad=float(np.deg2rad(local.dem.shadow_incidence_deg)),
@@ -270,10 +282,26 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     )
 
 
+def _check_profiles(scenario: Scenario, method: DemMethod, name: str, custom: CustomParts) -> None:
+    """Refuse a DEM method without the range profiles that it requires; a custom sensor shows what it has in flight."""
+    if method.profiles not in ("unused", "optional", "required"):
+        message = f"DEM method {name!r}: profiles = {method.profiles!r}; give 'unused', 'optional' or 'required'"
+        raise PluginError(message)
+    if method.profiles != "required" or custom.sensor is not None:
+        return
+    paired = scenario.sensor == "radar" and scenario.radar.sweep == "triangular"
+    if paired or not SENSORS.entry(scenario.sensor).provides_profiles:
+        message = f"{name!r} needs range profiles, which this sensor does not have; set dem.method = 'smooth'"
+        raise ScenarioError([Problem("dem.method", message)])
+
+
 def _sampling_gap(scenario: Scenario, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
     platform = scenario.platform
     spacing_m = scan.spacing_m(platform.altitude_m, platform.speed_mps, scenario.radar.chirp_rate_hz)
+    if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
+        message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
+        raise PluginError(message)
     return max(2 * scenario.dem.spacing_m, spacing_m)
 
 

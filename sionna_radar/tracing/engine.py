@@ -11,6 +11,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.parts import ENGINES
+from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
@@ -93,4 +94,5 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 def build_engine(table: TracingTable, given: EngineInputs) -> Engine:
     """Return the engine named in a scenario."""
     engine: Engine = ENGINES.entry(table.engine)(table.engine_parameters, given)
+    require(engine, Engine, str(ENGINES.entry(table.engine)))
     return engine

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.scenario import Parameters, ScanParameters, load_scenario, to_toml
 from sionna_radar.scenario.parts import ALL, DEM_METHODS, RANGE_ESTIMATORS, SCANS
-from sionna_radar.scenario.registry import Registry
+from sionna_radar.scenario.registry import Entry, Registry
 
 
 class Gate(Parameters):
@@ -98,3 +98,64 @@ def test_a_custom_table_is_chosen_by_its_tag(monkeypatch):
     registry = Registry("scan", {}, ScanParameters)
     registry.register("spiral", Spiral)(dict)
     assert registry.entry("spiral").check({"mode": "spiral", "turns": 2}) == Spiral(mode="spiral", turns=2)
+
+
+@pytest.mark.parametrize("name", ["", "none", "two words", "a\nb", 3, "x" * 65])
+def test_a_name_that_no_scenario_can_give_is_refused(name):
+    with pytest.raises(PluginError, match="not a name; give letters"):
+        Registry("toy", {}).register.__wrapped__(Registry("toy", {}), name)
+
+
+def test_what_builds_nothing_is_refused():
+    with pytest.raises(PluginError, match="3 builds nothing; decorate a class or a function"):
+        Registry("toy", {}).register("toy").__wrapped__(3)
+    with pytest.raises(PluginError, match="scan 'bare': it needs parameters; derive them from ScanParameters"):
+        SCANS.register("bare")
+
+
+def test_two_nameless_builders_are_two():
+    registry = Registry("toy", {})
+    registry.register("toy")(lambda: 1)
+    with pytest.raises(PluginError, match="registered already"):
+        registry.register("toy")(lambda: 2)
+
+
+def test_a_custom_part_that_cannot_be_built_says_which_it_is():
+    registry = Registry("toy", {})
+
+    @registry.register("broken")
+    def broken():
+        message = "out of order"
+        raise RuntimeError(message)
+
+    with pytest.raises(
+        PluginError, match=r"toy 'broken' \(the module .*\) cannot be built: RuntimeError: out of order"
+    ):
+        registry.entry("broken")(None)
+
+
+def test_the_users_overrides_stay_as_they_were():
+    overrides = {"radar.scan": {}, "radar.scan.incidence_deg": 30.0}
+    load_scenario("hills", overrides)
+    assert overrides == {"radar.scan": {}, "radar.scan.incidence_deg": 30.0}
+
+
+def test_a_shipped_scene_gives_way_to_a_custom_scan(monkeypatch):
+    class Spiral(ScanParameters):
+        turns: int = 3
+
+    monkeypatch.setitem(
+        SCANS._entries, "spiral", Entry(kind="scan", name="spiral", parameters=Spiral, build=dict, origin="here")
+    )
+    assert load_scenario("hills", {"radar.scan.mode": "spiral"}).radar.scan == Spiral(mode="spiral")
+
+
+def test_a_table_of_its_own_kind_ends_no_search(monkeypatch):
+    class Node(Parameters):
+        children: tuple["Node", ...] = ()
+
+    monkeypatch.setitem(
+        DEM_METHODS._entries, "tree", Entry(kind="DEM method", name="tree", parameters=Node, build=dict, origin="here")
+    )
+    with pytest.raises(ScenarioError, match=r"radar.snrdb: unknown key; .* Did you mean snr_db\?"):
+        load_scenario("hills", {"radar.snrdb": 3.0})

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.detection.ranging.beam_profile import BeamProfile
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 
 Builder = TypeVar("Builder", bound=Callable[..., "RangeEstimator"])
@@ -112,4 +113,5 @@ def register_range_estimator(name: str, parameters: type[Table] | None = None) -
 def build_range_estimator(table: ProcessingTable) -> RangeEstimator:
     """Return the range estimator of a scenario."""
     estimator: RangeEstimator = RANGE_ESTIMATORS.entry(table.ranging)(table.ranging_parameters)
+    require(estimator, RangeEstimator, str(RANGE_ESTIMATORS.entry(table.ranging)))
     return estimator

@@ -17,6 +17,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
@@ -107,6 +108,7 @@ class SensorInputs:
         """Return a new tracer of all that a radar sees."""
         given = self.engine
         engine = self.custom_engine(given) if self.custom_engine else build_engine(given.tracing, given)
+        require(engine, Engine, "engine")
         return build_tracer(engine, given, self.weather)
 
     def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
@@ -159,4 +161,5 @@ def register_sensor(
 def build_sensor(scenario: Scenario, given: SensorInputs) -> Sensor:
     """Return the sensor of a scenario."""
     sensor: Sensor = SENSORS.entry(scenario.sensor)(scenario.sensor_parameters, given)
+    require(sensor, Sensor, str(SENSORS.entry(scenario.sensor)))
     return sensor
