@@ -77,7 +77,7 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("unchecked")
 def test_a_scan_without_its_spacing_is_refused_by_the_name_of_what_it_lacks():
-    with pytest.raises(PluginError, match=r"^scan = Unspaced is not a Scan: it lacks spacing_m$"):
+    with pytest.raises(PluginError, match=r"^scan = Unspaced is not a valid Scan: it lacks spacing_m$"):
         run(HILLS, scan=Unspaced())
 
 
