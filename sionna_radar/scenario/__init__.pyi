@@ -31,7 +31,10 @@ from .radar import RadarTable as RadarTable
 from .radar import ReceiverTable as ReceiverTable
 from .radar import ScanTable as ScanTable
 from .scenario import Scenario as Scenario
+from .table import NonNegative as NonNegative
 from .table import Parameters as Parameters
+from .table import Positive as Positive
+from .table import Real as Real
 from .terrain import CityTerrain as CityTerrain
 from .terrain import FlatTerrain as FlatTerrain
 from .terrain import FractalTerrain as FractalTerrain
@@ -61,13 +64,16 @@ __all__ = [
     "MeasuredTable",
     "NavigationParameters",
     "NavigationTable",
+    "NonNegative",
     "Parameters",
     "PhysicalOptics",
     "Platform",
     "PointTarget",
+    "Positive",
     "ProcessingTable",
     "RadarTable",
     "RasterTerrain",
+    "Real",
     "ReceiverTable",
     "SampleTerrain",
     "ScanParameters",

@@ -63,7 +63,9 @@ class Table(BaseModel):
 class Parameters(Table):
     """Parameters of a custom part: a frozen pydantic model that refuses unknown keys, as the scenario's own tables do.
 
-    Units belong into the names of the fields. Raises ScenarioError, with every problem, for values that do not fit.
+    Units belong into the names of the fields. `Real`, `Positive` and `NonNegative` of `sionna_radar.scenario` are
+    numbers as the scenario's own tables take them: finite, and neither true nor text. Raises ScenarioError, with every
+    problem, for values that do not fit.
 
     Examples
     --------

@@ -128,7 +128,8 @@ class Sweep(Brief):
 
     Examples
     --------
-    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides={"platform.length_m": 10.0})
+    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
+    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
     >>> sweep = fly_sweep(plan)
     >>> [case.setting for case in sweep.cases]
     [{'radar.snr_db': 20.0}, {'radar.snr_db': 40.0}]
@@ -231,9 +232,10 @@ def plan_sweep(
 
     Examples
     --------
-    >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [1.0, 2.0, 4.0]}, repeat=5)
+    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
+    >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [2.0, 4.0]}, repeat=5, overrides=short)
     >>> len(plan.cells), plan.trials
-    (3, 15)
+    (2, 10)
 
     """
     if isinstance(axes, Mapping):
@@ -343,7 +345,8 @@ def fly_sweep(
 
     Examples
     --------
-    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides={"platform.length_m": 10.0})
+    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
+    >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
     >>> fly_sweep(plan).failed
     False
 

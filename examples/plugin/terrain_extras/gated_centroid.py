@@ -7,12 +7,13 @@ from pydantic import Field
 
 from sionna_radar import Parameters, register_range_estimator
 from sionna_radar.detection import Ranges
+from sionna_radar.scenario import Real
 
 
 class GatedCentroidParameters(Parameters):
     """gate_db: how far below the strongest cell of an echo others still count."""
 
-    gate_db: Annotated[float, Field(gt=0, le=60)] = 6.0
+    gate_db: Annotated[Real, Field(gt=0, le=60)] = 6.0
 
 
 @register_range_estimator("gated_centroid", GatedCentroidParameters)

@@ -6,14 +6,14 @@ import numpy as np
 from pydantic import Field
 
 from sionna_radar import register_material
-from sionna_radar.scenario import MaterialParameters
+from sionna_radar.scenario import MaterialParameters, Real
 
 
 class LichenParameters(MaterialParameters):
     """nadir_sigma0_db: straight down; exponent: of the cosine."""
 
-    nadir_sigma0_db: Annotated[float, Field(ge=-60, le=10)] = -10.0
-    exponent: Annotated[float, Field(gt=0, le=10)] = 1.0
+    nadir_sigma0_db: Annotated[Real, Field(ge=-60, le=10)] = -10.0
+    exponent: Annotated[Real, Field(gt=0, le=10)] = 1.0
 
 
 @register_material("lichen", LichenParameters)

@@ -7,12 +7,13 @@ from pydantic import Field
 from scipy.spatial import KDTree
 
 from sionna_radar import Parameters, Raster, register_dem_method
+from sionna_radar.scenario import Real
 
 
 class MedianParameters(Parameters):
     """radius_m: how far about the centre of a cell points count."""
 
-    radius_m: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    radius_m: Annotated[Real, Field(gt=0, le=1000)] = 3.0
 
 
 @register_dem_method("median", MedianParameters)
