@@ -19,7 +19,7 @@ from sionna_radar import load_scenario, run
 from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
-LENGTH = {"platform.length_m": 10.0} if SMALL else {}
+LENGTH = {"platform.length_m": 6.0, "terrain.spacing_m": 2.0} if SMALL else {}
 # What is flown, how far the colours of height and error reach, and the maps made of it.
 FLIGHTS = {
     "hills": ((0.0, 8.0), 0.5, {"linear": "Points on the axis, linear map", "refined": "Refined map"}),
