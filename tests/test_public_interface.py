@@ -39,7 +39,7 @@ def public_imports(code: str) -> list[tuple[str, str]]:
     return found
 
 
-def check(code: str, where: object) -> None:
+def assert_public(code: str, where: object) -> None:
     for module, name in public_imports(code):
         assert module in packages(), f"{where} imports {module}, which is not public"
         assert not name or name in importlib.import_module(module).__all__, f"{where}: {module}.{name} is not public"
@@ -47,20 +47,20 @@ def check(code: str, where: object) -> None:
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
 def test_examples_import_public_names_only(path):
-    check(path.read_text(encoding="utf-8"), path.name)
+    assert_public(path.read_text(encoding="utf-8"), path.name)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_pages_import_public_names_only(path):
     for block in re.findall(r"```python\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL):
-        check(block, path.name)
+        assert_public(block, path.name)
 
 
 def test_an_inner_name_is_noticed():
     with pytest.raises(AssertionError, match="not public"):
-        check("from sionna_radar.survey.chain import run", "a script")
+        assert_public("from sionna_radar.survey.chain import run", "a script")
     with pytest.raises(AssertionError, match="not public"):
-        check("from sionna_radar.survey import _run", "a script")
+        assert_public("from sionna_radar.survey import _run", "a script")
 
 
 def test_there_are_about_thirty_names_and_dir_lists_them():

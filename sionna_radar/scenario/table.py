@@ -36,7 +36,6 @@ def _a_path(path: Path) -> Path:
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 NonNegative = Annotated[Real, Field(ge=0)]
 Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_vanishing)]
-Count = Annotated[int, Field(strict=True, ge=1)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Point2 = tuple[Real, Real]
 Point3 = tuple[Real, Real, Real]
