@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 from pyproj import CRS, Geod
-from pyproj.aoi import AreaOfInterest
-from pyproj.database import query_utm_crs_info
 from pyproj.exceptions import ProjError
 
+from sionna_radar.elevation.map_frame import check_lonlat, metric_crs
 from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, middle_of, reproject
 from sionna_radar.elevation.vertical import height_system
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -53,7 +52,7 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
     lon, lat = _centre_lonlat(dataset, crs, stated.centre_lonlat_deg)
-    local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else _metric_crs(lon, lat)
+    local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else metric_crs(lon, lat)
     if stated.centre_lonlat_deg is None and local is crs:
         x, y = middle_of(dataset)
     else:
@@ -78,11 +77,8 @@ def _crs_of(dataset: Any, name: str | None) -> CRS:
 
 def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -> tuple[float, float]:
     if wanted is not None:
-        lon, lat = wanted
-        if not (-180 <= lon <= 360 and -90 <= lat <= 90):
-            message = f"({lon:g}, {lat:g}) is not a longitude and latitude in degrees; give them in this order"
-            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
-        return lon, lat
+        check_lonlat(*wanted)
+        return wanted
     x, y = middle_of(dataset)
     lons, lats = reproject(crs, CRS(4326), np.array([x]), np.array([y]))
     lon, lat = float(lons[0]), float(lats[0])
@@ -107,13 +103,3 @@ def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bo
     azimuth, _, distance = Geod(ellps="WGS84").inv(lons[[0, 0]], lats[[0, 0]], lons[1:], lats[1:])
     scale_error = np.abs(np.asarray(distance) / step - 1).max()
     return bool(scale_error <= MAX_SCALE_ERROR and abs(azimuth[1]) <= MAX_CONVERGENCE_DEG)
-
-
-def _metric_crs(lon: float, lat: float) -> CRS:
-    """Return the UTM zone of a position; near a pole, where there is none, a local transverse Mercator."""
-    lon = (lon + 180) % 360 - 180
-    place = AreaOfInterest(lon, lat, lon, lat)
-    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=place) if -80 <= lat <= 84 else []
-    if zones:
-        return CRS.from_authority(zones[0].auth_name, zones[0].code)
-    return CRS.from_dict({"proj": "tmerc", "lat_0": lat, "lon_0": lon, "datum": "WGS84", "units": "m"})

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster
-from sionna_radar.scenario.table import Real, Table
+from sionna_radar.scenario.table import Point2, Real, Table
 
 # Products count places in whole millimetres, 32 bits of them; no navigation system errs by so much.
 Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
@@ -47,9 +47,14 @@ class NavigationParameters(Table):
 
 
 class TerrainParameters(Table):
-    """A terrain, by its kind."""
+    """A terrain, by its kind.
+
+    centre_lonlat_deg: longitude and latitude (WGS 84) of the local origin. Without it a file's own middle, or, for
+    ground that is on no map, none: everything about it is then in local metres.
+    """
 
     kind: str
+    centre_lonlat_deg: Point2 | None = None
 
 
 class CoveredTerrain(TerrainParameters):

@@ -30,8 +30,6 @@ from sionna_radar.scenario.terrain import (
     FlatTerrain,
     FractalTerrain,
     HillsTerrain,
-    RasterTerrain,
-    SampleTerrain,
     Terrain,
 )
 from sionna_radar.scenario.tracing import TracingTable
@@ -43,6 +41,10 @@ from sionna_radar.weather.snow import LOWEST_FREQUENCY_HZ as LOWEST_SNOW_FREQUEN
 
 # Beams wider than this meet a plane nearest somewhere inside, and not at their edge.
 WIDEST_FITTED_DEG = 30.0
+NO_PLACE_ON_THE_MAP = (
+    "needs terrain with a place on the map, and {!r} has none; set terrain.centre_lonlat_deg, or coordinates = 'local' "
+    "with positions in metres"
+)
 # Longer than any WKT of a CRS.
 LONGEST_CRS = 100_000
 
@@ -100,12 +102,9 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _coordinates_have_a_place(self) -> Scenario:
-        if self.coordinates != "local" and not isinstance(self.terrain, SampleTerrain | RasterTerrain):
-            raise refuse(
-                "coordinates",
-                f"{shown(self.coordinates)} needs terrain with a place on the map, and {self.terrain.kind!r} has none; "
-                "set coordinates = 'local' with positions in metres, or terrain.kind = 'raster' or 'jacksboro'",
-            )
+        nowhere = isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain | CityTerrain)
+        if self.coordinates != "local" and nowhere and self.terrain.centre_lonlat_deg is None:
+            raise refuse("coordinates", f"{shown(self.coordinates)} {NO_PLACE_ON_THE_MAP.format(self.terrain.kind)}")
         return self
 
     @model_validator(mode="after")

@@ -10,7 +10,7 @@ from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.cover import MaterialField
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Seed
+from sionna_radar.scenario.table import InputPath, Positive, Real, Seed
 
 KEEP_SIONNA = "sionna"
 
@@ -52,7 +52,6 @@ class SampleTerrain(CoveredTerrain):
     """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
 
     kind: Literal["jacksboro"] = "jacksboro"
-    centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
 
 
@@ -61,7 +60,6 @@ class RasterTerrain(CoveredTerrain):
 
     crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
     "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
-    centre_lonlat_deg: longitude and latitude of the local origin; without it the middle of the file.
     """
 
     kind: Literal["raster"] = "raster"
@@ -69,7 +67,6 @@ class RasterTerrain(CoveredTerrain):
     crs: str | None = None
     vertical_crs: str | None = None
     height_unit: Literal["m", "ft", "ftUS"] | None = None
-    centre_lonlat_deg: Point2 | None = None
     spacing_m: Positive | None = None
 
 

@@ -1,17 +1,18 @@
 """The ground of a survey, whatever its source, and how to add a source.
 
-Synthetic ground is not georeferenced; ground from a file has its georeference. Everything is in the local frame:
-metres, x east, y north, z up.
+Ground from a file has its georeference; any other has one if its scenario says where it lies. Everything is in the
+local frame: metres, x east, y north, z up.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
+from sionna_radar.elevation.map_frame import MapFrame, frame_at
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
@@ -74,6 +75,7 @@ def landscape_of_heights(
         A polygon covers no face; the raster of classes cannot be read or georeferenced.
 
     """
+    georeference = georeference or _stated_place(terrain)
     surfaces = cover_ground(*mesh_of(raster), terrain, georeference)
     ground_m = _bridged(raster).at
     top_m = max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0
@@ -101,7 +103,9 @@ def _bridged(raster: Raster) -> Raster:
     return Raster(grid=raster.grid, height_m=raster.height_m[tuple(nearest)])
 
 
-def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable[[Builder], Builder]:
+def register_terrain(
+    name: str, parameters: type[TerrainParameters], *, frame: Callable[..., MapFrame | None] | None = None
+) -> Callable[[Builder], Builder]:
     """Register a terrain, for `terrain.kind` in a scenario.
 
     Parameters
@@ -110,6 +114,8 @@ def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable
         Its name in scenarios.
     parameters:
         Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` also has the keys of land cover.
+    frame:
+        Returns, from the parameters, the local frame of a terrain that has a place of its own on the map, or None.
 
     Returns
     -------
@@ -138,11 +144,39 @@ def register_terrain(name: str, parameters: type[TerrainParameters]) -> Callable
     3.0
 
     """
-    return TERRAINS.register(name, parameters)
+    register = TERRAINS.register(name, parameters)
+
+    def add(build: Builder) -> Builder:
+        registered = register(build)
+        if frame is not None:
+            _FRAMES[name] = frame
+        return registered
+
+    return add
+
+
+_FRAMES: dict[str, Callable[..., MapFrame | None]] = {}
+
+
+def map_frame(table: TerrainParameters) -> MapFrame | None:
+    """Return the local frame of a scenario's terrain on the map; None for ground that is on no map.
+
+    Raises ScenarioError or InputFileError if its file cannot be read or georeferenced.
+    """
+    TERRAINS.entry(table.kind)  # its module says whether it has a frame of its own
+    if table.kind in _FRAMES:
+        return _FRAMES[table.kind](table)
+    return frame_at(*table.centre_lonlat_deg) if table.centre_lonlat_deg else None
 
 
 def build_landscape(table: TerrainParameters, given: TerrainInputs) -> Landscape:
     """Return the ground of a scenario."""
     landscape: Landscape = TERRAINS.entry(table.kind)(table, given)
     require(landscape, Landscape, str(TERRAINS.entry(table.kind)))
+    if landscape.georeference is None:
+        return replace(landscape, georeference=_stated_place(table))
     return landscape
+
+
+def _stated_place(table: TerrainParameters) -> Georeference | None:
+    return frame_at(*table.centre_lonlat_deg).georeference() if table.centre_lonlat_deg else None

@@ -4,13 +4,15 @@ import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, reproject
+from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.placed_raster import horizontal_part
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.bases import CoveredTerrain
+from sionna_radar.scenario.scenario import NO_PLACE_ON_THE_MAP
 from sionna_radar.scenario.table import Point2
-from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
-from sionna_radar.scene.terrains.elevation import place_of
+from sionna_radar.scene.landscape import map_frame
 
 
 def in_local_frame(scenario: Scenario) -> Scenario:
@@ -22,18 +24,25 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         There is no such CRS, a position is not valid in it, or the terrain cannot be read.
 
     """
-    if not isinstance(scenario.terrain, SampleTerrain | RasterTerrain) or scenario.coordinates == "local":
+    if scenario.coordinates == "local":
         return scenario
-    moving = _Moving(_crs(scenario.coordinates), place_of(scenario.terrain))
+    frame = map_frame(scenario.terrain)
+    if frame is None:
+        message = f"{shown(scenario.coordinates)} {NO_PLACE_ON_THE_MAP.format(scenario.terrain.kind)}"
+        raise ScenarioError([Problem("coordinates", message)])
+    moving = _Moving(_crs(scenario.coordinates), frame)
     platform = scenario.platform
     waypoints = [moving(f"platform.waypoints_m.{i}", point) for i, point in enumerate(platform.waypoints_m)]
     start = platform.start_m and moving("platform.start_m", platform.start_m)
-    cover = [
-        polygon.model_copy(
-            update={"polygon_m": tuple(moving(f"terrain.cover.{i}.polygon_m", point) for point in polygon.polygon_m)}
+    terrain = scenario.terrain
+    if isinstance(terrain, CoveredTerrain):
+        cover = tuple(
+            polygon.model_copy(
+                update={"polygon_m": tuple(moving(f"terrain.cover.{i}.polygon_m", p) for p in polygon.polygon_m)}
+            )
+            for i, polygon in enumerate(terrain.cover)
         )
-        for i, polygon in enumerate(scenario.terrain.cover)
-    ]
+        terrain = terrain.model_copy(update={"cover": cover})
     objects = {
         name: tuple(
             entry.model_copy(update={"position_m": moving(f"{name}.{i}.position_m", entry.position_m)})
@@ -47,7 +56,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         update={
             "coordinates": "local",
             "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints)}),
-            "terrain": scenario.terrain.model_copy(update={"cover": tuple(cover)}),
+            "terrain": terrain,
             **objects,
         }
     )
@@ -68,18 +77,18 @@ def _crs(name: str) -> CRS:
 class _Moving:
     """Transforms map positions into the local frame, and collects those that cannot be transformed."""
 
-    def __init__(self, crs: CRS, place: PlacedRaster) -> None:
-        self._crs, self._place = crs, place
+    def __init__(self, crs: CRS, frame: MapFrame) -> None:
+        self._crs, self._frame = crs, frame
         self.problems: list[Problem] = []
 
     def __call__(self, key: str, position: Point2) -> Point2:
         try:
-            x, y = reproject(self._crs, self._place.local, *(np.array([c]) for c in position))
+            x, y = self._frame.local_of(self._crs, *(np.array([c]) for c in position))
         except ProjError as error:
-            message = f"{self._crs.name!r} cannot be transformed to the terrain's {self._place.local.name!r} ({error})"
+            message = f"{self._crs.name!r} cannot be transformed to the terrain's {self._frame.crs.name!r} ({error})"
             raise ScenarioError([Problem("coordinates", f"{message}; give another")]) from error
         if not (np.isfinite(x[0]) and np.isfinite(y[0])):
             order = "longitude and latitude" if self._crs.is_geographic else "easting and northing"
             message = f"{position} is not valid in {self._crs.name!r}; give {order}, in this order"
             self.problems.append(Problem(key, message))
-        return float(x[0] - self._place.origin[0]), float(y[0] - self._place.origin[1])
+        return float(x[0]), float(y[0])

@@ -7,8 +7,10 @@ from scipy.special import j0
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain, SampleTerrain
 from sionna_radar.scene.mesh import mesh_of
+from sionna_radar.survey import prepare
 from worlds import load_ground
 
 WINDOW = (-50.0, -50.0, 50.0, 50.0)
@@ -144,3 +146,19 @@ def test_meshes_cover_exactly_the_squares_between_filled_cells(rows, columns, se
     assert set(np.unique(faces)) == set(range(len(vertices)))
     cell = np.rint((vertices[:, :2] - [raster.grid.west_m, raster.grid.south_m]) / raster.grid.spacing_m)
     np.testing.assert_array_equal(height[cell[:, 1].astype(int), cell[:, 0].astype(int)], vertices[:, 2])
+
+
+def test_synthetic_ground_may_have_a_place_on_the_map() -> None:
+    overrides = {"terrain.centre_lonlat_deg": [11.0, 47.0], "platform.length_m": 10.0}
+    placed = prepare(load_scenario("hills", {**overrides, "coordinates": "lonlat", "platform.start_m": [11.0, 47.0]}))
+    georeference = placed.scene.scene.georeference
+    assert georeference is not None
+    assert CRS.from_wkt(georeference.crs_wkt).to_epsg() == 32632
+    to_map = Transformer.from_crs(4326, 32632, always_xy=True)
+    assert georeference.origin_m[:2] == pytest.approx(to_map.transform(11.0, 47.0), abs=1e-6)
+    assert placed.local.platform.start_m == pytest.approx((0.0, 0.0), abs=1e-6)
+
+
+def test_map_coordinates_need_a_place() -> None:
+    with pytest.raises(ScenarioError, match="needs terrain with a place on the map, and 'hills' has none"):
+        load_scenario("hills", {"coordinates": "lonlat", "platform.start_m": [11.0, 47.0]})

@@ -14,6 +14,7 @@ from sionna_radar.survey.result import Survey
 
 MEANING = {
     "replaced": "parts of the scenario that were replaced from Python, and what replaced them",
+    "crs": "that of the map coordinates; local where the ground is on no map",
     "georeference": "map coordinates are local ones plus the origin; null if the scene is not georeferenced",
     "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to refer it to true north",
     "dem_error": "all cells that the DEM fills",
@@ -35,6 +36,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "replaced": survey.replaced,
         "warnings": survey.warnings,
         "seed": survey.scenario.seed,
+        "crs": crs_name(survey.georeference),
         "georeference": georeference(survey.georeference),
         "engine": survey.scenario.tracing.engine,
         "pulses": survey.pulses,
@@ -70,6 +72,14 @@ def georeference(place: Georeference | None) -> dict[str, Any] | None:
         "headings": "clockwise from grid north",
         "convergence_deg": place.convergence_deg,
     }
+
+
+def crs_name(place: Georeference | None) -> str:
+    """Return the CRS of the map coordinates in a few letters, "local" for ground that is on no map."""
+    if place is None:
+        return "local"
+    crs = CRS.from_wkt(place.crs_wkt)
+    return " + ".join(_named(part) for part in crs.sub_crs_list) if crs.is_compound else _named(crs)
 
 
 def _named(crs: CRS) -> str:

@@ -2,8 +2,8 @@
 
 from rich.table import Table
 
+from sionna_radar.report.survey.summary import crs_name
 from sionna_radar.report.terminal import console
-from sionna_radar.scenario.terrain import CityTerrain
 from sionna_radar.survey.result import Survey
 
 # The ranges of a chirp are printed if it has no more echoes than this.
@@ -53,8 +53,7 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
-    if isinstance(survey.scenario.terrain, CityTerrain):
-        rows["coordinates"] = "local: Sionna's cities are not georeferenced"
+    rows["coordinates"] = crs_name(survey.georeference)
     start, end = survey.schedule.trajectory.cruise_s()
     rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"
     return rows

@@ -11,28 +11,29 @@ from rasterio import Affine
 from sionna_radar.elevation.cutout import Cutout
 from sionna_radar.elevation.elevation_file import cut, opened_array, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame, place_file
-from sionna_radar.elevation.placed_raster import PlacedRaster
+from sionna_radar.elevation.map_frame import MapFrame
 from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
 
 
-@register_terrain("jacksboro", SampleTerrain)
-@register_terrain("raster", RasterTerrain)
+def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
+    """Return the local frame of a terrain's elevation file; the file itself is closed again.
+
+    Raises ScenarioError or InputFileError if it cannot be read or georeferenced.
+    """
+    with _opened(terrain) as dataset:
+        place = place_file(dataset, _stated(terrain))
+    return MapFrame(crs=place.local, origin_m=place.origin)
+
+
+@register_terrain("jacksboro", SampleTerrain, frame=file_frame)
+@register_terrain("raster", RasterTerrain, frame=file_frame)
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of an elevation raster, read only as far as the survey can see."""
     cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
     with _opened(terrain) as dataset:
         raster, georeference = cut(dataset, cutout)
     return landscape_of_heights(raster, terrain, georeference)
-
-
-def place_of(terrain: SampleTerrain | RasterTerrain) -> PlacedRaster:
-    """Return the georeference of a terrain's elevation file in its local frame; the file itself is closed again.
-
-    Raises ScenarioError or InputFileError if it cannot be read or georeferenced.
-    """
-    with _opened(terrain) as dataset:
-        return place_file(dataset, _stated(terrain))
 
 
 def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:

@@ -28,6 +28,7 @@ KEYS = [
     "replaced",
     "warnings",
     "seed",
+    "crs",
     "georeference",
     "engine",
     "pulses",
