@@ -56,7 +56,8 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
     v, fine_v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
     fine_beyond = np.add.outer(fine_u**2, fine_v**2) >= 1
-    share = np.where(fine_beyond, 0.0, np.outer(power_u, power_v)).ravel()
+    power = np.outer(power_u, power_v) if antenna.separable else _power_on(antenna, fine_u, fine_v)
+    share = np.where(fine_beyond, 0.0, power).ravel()
     return BeamNodes(
         direction=_directions(U, V),
         share=share / share.sum(),
@@ -64,6 +65,13 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
         elevation=fine_v,
         between=csr_matrix(np.kron(between_u, between_v)),
     )
+
+
+def _power_on(antenna: Antenna, u: Float[np.ndarray, " u"], v: Float[np.ndarray, " v"]) -> Float[np.ndarray, "u v"]:
+    """Return the two-way power of an antenna of any pattern at direction cosines."""
+    U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
+    power: Float[np.ndarray, " n"] = antenna.gain(_directions(U, V)) ** 2
+    return power.reshape(len(u), len(v))
 
 
 def _directions(u: Float[np.ndarray, " node"], v: Float[np.ndarray, " node"]) -> Float[np.ndarray, "node 3"]:

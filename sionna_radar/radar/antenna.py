@@ -1,25 +1,53 @@
-"""Antennas that are separable in direction cosines, as planar arrays are.
+"""Antennas: separable in direction cosines, as planar arrays are, or of any pattern.
 
 In the antenna's frame (x boresight, y left, z up) a direction has the cosines u = y and v = z. The voltage
-pattern is a product of two cuts and the projected aperture, f(u, v) = A(u) E(v) sqrt(cos), cos = x the angle
-from boresight, there is no backward radiation, and the gain is 4 pi |f|^2 over its integral: that of a lossless
-antenna.
+pattern of a separable one is a product of two cuts and the projected aperture, f(u, v) = A(u) E(v) sqrt(cos), cos = x
+the angle from boresight, there is no backward radiation, and the gain is 4 pi |f|^2 over its integral: that of a
+lossless antenna.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.integrate import cumulative_simpson, simpson
 
+from sionna_radar.radar.two_way_grid import TwoWayGrid, two_way_grid
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.registry import require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
+
+# Of the cuts of a pattern, on either side.
+MOST_CUT_SAMPLES = 50_000
+
+
+@runtime_checkable
+class Pattern(Protocol):
+    """A radiation pattern: amplitudes over its peak's, and what follows from them."""
+
+    def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+        """Return the amplitude over the peak's toward unit vectors in the antenna's frame."""
+        ...
+
+    @property
+    def directivity(self) -> float:
+        """4 pi over the integral of the relative power over the sphere."""
+        ...
+
+    @property
+    def step_rad(self) -> float:
+        """Angle within which the pattern hardly changes."""
+        ...
+
+    @property
+    def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
+        """Turns components in the antenna's frame into those in the frame of its face, from which it radiates."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -48,13 +76,7 @@ class Cut:
     @cached_property
     def half_power_width_rad(self) -> float:
         """Angle between the half-power directions on either side of the peak."""
-        u, power = self.cosine, self.power
-        peak = int(np.argmax(power))
-        left = int(np.flatnonzero(power[:peak] < 0.5)[-1])
-        right = peak + int(np.flatnonzero(power[peak:] < 0.5)[0])
-        low = np.interp(0.5, power[[left, left + 1]], u[[left, left + 1]])
-        high = np.interp(-0.5, -power[[right - 1, right]], u[[right - 1, right]])
-        return float(np.arcsin(high) - np.arcsin(low))
+        return half_power_width_rad(self.cosine, self.power)
 
     @cached_property
     def side_lobe_level(self) -> float:
@@ -77,15 +99,28 @@ class Cut:
         return float(simpson(self.voltage**4, x=self.cosine))
 
 
+def half_power_width_rad(cosine: Float[np.ndarray, " n"], power: Float[np.ndarray, " n"]) -> float:
+    """Return the angle between the half-power directions on either side of the peak, whose power is 1."""
+    peak = int(np.argmax(power))
+    left = int(np.flatnonzero(power[:peak] < 0.5)[-1])
+    right = peak + int(np.flatnonzero(power[peak:] < 0.5)[0])
+    low = np.interp(0.5, power[[left, left + 1]], cosine[[left, left + 1]])
+    high = np.interp(-0.5, -power[[right - 1, right]], cosine[[right - 1, right]])
+    return float(np.arcsin(high) - np.arcsin(low))
+
+
 @dataclass(frozen=True)
 class Antenna:
-    """A pencil-beam antenna, with the same beam for transmission and reception.
+    """An antenna: separable, or with a pattern of its own for transmission and perhaps another for reception.
 
-    azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up.
+    azimuth: cut in the plane of boresight and left; elevation: in that of boresight and up. Their product is the
+        pattern of an antenna without `transmit`; see `antenna_of` for the others.
     polarization: of the transmitted field on boresight: up (V), left (H), or right- or left-hand circular (RHCP, LHCP).
     receives: the same polarization ("co") or the orthogonal one ("cross"). For a circular wave, "co" is the same
         sense, each viewed along its own propagation, and a mirror returns the opposite one.
     axial_ratio_db: of a circular antenna's polarization ellipse, major axis along V; 0 for a circle.
+    transmit, receive: patterns that are not the product of two cuts; without `receive` both are the same.
+    efficiency: gain over directivity, each way.
     """
 
     azimuth: Cut
@@ -93,21 +128,63 @@ class Antenna:
     polarization: str = "V"
     receives: str = "co"
     axial_ratio_db: float = 0.0
+    transmit: Pattern | None = None
+    receive: Pattern | None = None
+    efficiency: float = 1.0
 
     @cached_property
     def peak_gain(self) -> float:
-        """Power gain at the peak, a ratio: 4 pi over the beam's solid angle."""
+        """Power gain at the peak, a ratio: 4 pi over the beam's solid angle.
+
+        Where transmission and reception differ it is that on boresight, and of the mean of both.
+        """
+        if self.transmit is not None and self.receive is None:
+            return self.efficiency * self.transmit.directivity
+        if self.transmit is not None:
+            return float(self.gain(np.array([[1.0, 0.0, 0.0]]))[0])
         # Integral of A^2 E^2 cos over the half sphere; dOmega = du dv / cos cancels the aperture factor.
         u, v = self.azimuth.cosine, self.elevation.cosine
         along_v = cumulative_simpson(self.elevation.voltage**2, x=v, initial=0.0)
         reach = np.sqrt(np.maximum(1 - u**2, 0.0))
         inner = np.interp(reach, v, along_v) - np.interp(-reach, v, along_v)
-        return float(4 * np.pi / simpson(self.azimuth.voltage**2 * inner, x=u))
+        return self.efficiency * float(4 * np.pi / simpson(self.azimuth.voltage**2 * inner, x=u))
 
     def gain(self, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Return the power gain toward unit vectors in the antenna's frame."""
+        """Return the power gain toward unit vectors in the antenna's frame: its square is the two-way gain.
+
+        Where transmission and reception differ it is their geometric mean.
+        """
+        if self.transmit is not None:
+            return np.sqrt(self.transmit_gain(direction) * self.receive_gain(direction))
         cos, u, v = direction.T
         return self.peak_gain * (self.azimuth.at(u) * self.elevation.at(v)) ** 2 * np.maximum(cos, 0.0)
+
+    def transmit_gain(self, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Return the power gain in transmission toward unit vectors in the antenna's frame."""
+        return self.gain(direction) if self.transmit is None else self.efficiency * gain_of(self.transmit, direction)
+
+    def receive_gain(self, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Return the power gain in reception toward unit vectors in the antenna's frame."""
+        if self.receive is None:
+            return self.transmit_gain(direction)
+        return self.efficiency * gain_of(self.receive, direction)
+
+    @property
+    def separable(self) -> bool:
+        """Whether the pattern is the product of the two cuts."""
+        return self.transmit is None
+
+    @cached_property
+    def two_way(self) -> TwoWayGrid:
+        """The two-way power in front of the antenna."""
+        face = np.eye(3) if self.transmit is None else self.transmit.R_face_antenna
+        return two_way_grid(lambda direction: self.gain(direction) / self.peak_gain, self.step_rad, face)
+
+    @property
+    def step_rad(self) -> float:
+        """Angle within which the gain hardly changes."""
+        patterns = [pattern for pattern in (self.transmit, self.receive) if pattern is not None]
+        return min(pattern.step_rad for pattern in patterns) if patterns else 0.1 * min(self.beamwidths_rad)
 
     @property
     def circular(self) -> bool:
@@ -171,7 +248,64 @@ class Antenna:
     @property
     def beamwidths_rad(self) -> tuple[float, float]:
         """Measured half-power beamwidths in azimuth and elevation."""
+        if not self.separable:
+            azimuth, elevation = (half_power_width_rad(c.cosine, c.voltage**2) for c in (self.azimuth, self.elevation))
+            return azimuth, elevation
         return self.azimuth.half_power_width_rad, self.elevation.half_power_width_rad
+
+
+def gain_of(pattern: Pattern, direction: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Return the directive gain of a pattern toward unit vectors in the antenna's frame."""
+    return pattern.directivity * pattern.amplitude(direction) ** 2
+
+
+def antenna_of(
+    transmit: Pattern,
+    receive: Pattern | None = None,
+    *,
+    polarization: str = "V",
+    receives: str = "co",
+    axial_ratio_db: float = 0.0,
+    efficiency: float = 1.0,
+) -> Antenna:
+    """Return an antenna of any pattern; its cuts have the fourth root of its two-way gain as voltage.
+
+    Parameters
+    ----------
+    transmit, receive:
+        The patterns; without `receive` both are the same.
+    polarization, receives, axial_ratio_db, efficiency:
+        See `Antenna`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sionna_radar.radar import SphericalPattern, antenna_of
+    >>> horn = SphericalPattern.of(lambda d: np.maximum(d[:, 0], 0) ** 50, step_rad=np.deg2rad(1.0))
+    >>> round(float(10 * np.log10(antenna_of(horn).peak_gain)), 1)  # 2 (2 n + 1), n = 50
+    23.1
+
+    """
+    step = min(p.step_rad for p in (transmit, receive) if p is not None)
+    samples = 2 * int(np.clip(np.ceil(8 / step), 500, MOST_CUT_SAMPLES)) + 1
+    cosine = np.linspace(-1.0, 1.0, samples)
+    ahead, none = np.sqrt(1 - cosine**2), np.zeros(samples)
+    whole = Antenna(
+        Cut(none),
+        Cut(none),
+        polarization,
+        receives,
+        axial_ratio_db,
+        transmit=transmit,
+        receive=receive,
+        efficiency=efficiency,
+    )
+    cuts = []
+    for direction in ([ahead, cosine, none], [ahead, none, cosine]):
+        power = whole.gain(np.column_stack(direction))
+        power[[0, -1]] = 0.0  # a beam as wide as the sky ends there
+        cuts.append(Cut(np.sqrt(power / power.max())))
+    return replace(whole, azimuth=cuts[0], elevation=cuts[1])
 
 
 def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]) -> Cut:

@@ -21,7 +21,7 @@ def plane_echo(
 
     P / P_t = lambda^2 / (4 pi)^3 * integral of G^2 sigma0(t) / r^4 dA (Rouveure et al. 2017, eq. 5, summed
     over the plane), and the plane's element dA = r^2 dOmega / cos t. The nodes are the midpoints of equal
-    shares of the two-way beam, which have equal weights.
+    shares of the two-way beam, which have equal weights; for a pattern that is not separable, the cells of its power.
 
     Parameters
     ----------
@@ -33,6 +33,13 @@ def plane_echo(
         Angle of the boresight from nadir.
 
     """
+    if not antenna.separable:
+        grid = antenna.two_way
+        down = grid.direction @ whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2]
+        seen = (down > 1e-3) & (grid.power_sr.ravel() > 0)
+        sigma0 = backscatter.sigma0(np.arccos(np.minimum(down[seen], 1.0)))
+        echo = grid.power_sr.ravel()[seen] @ (sigma0 * down[seen]) / height_m**2
+        return float(wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * echo)
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0))
     down = whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2] @ np.array([cos.ravel(), u.ravel(), v.ravel()])
@@ -50,6 +57,8 @@ def two_way_beam_sr(antenna: Antenna) -> float:
 
     (G/G0)^2 dOmega = (A E)^4 cos du dv over the disc of directions, summed at the midpoints of equal shares.
     """
+    if not antenna.separable:
+        return antenna.two_way.beam_sr
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     mean_cosine = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).mean()
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)

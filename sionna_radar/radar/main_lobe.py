@@ -34,7 +34,13 @@ def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: f
     return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
 
 
-def reach_of_power(cut: Cut, outside: float) -> float:
-    """Return the direction cosine, on either side, that contains all but a share of the two-way power of a cut."""
+def reach_of_power(antenna: Antenna, outside: float) -> tuple[float, float]:
+    """Return the direction cosines to the left and up, on either side, with all but a share of the two-way power."""
+    if not antenna.separable:
+        return antenna.two_way.reach(outside)
+    return _reach(antenna.azimuth, outside), _reach(antenna.elevation, outside)
+
+
+def _reach(cut: Cut, outside: float) -> float:
     low, high = np.interp([outside / 2, 1 - outside / 2], cut.two_way_distribution, cut.cosine)
     return float(max(-low, high))

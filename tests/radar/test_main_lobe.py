@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
-from sionna_radar.radar.antenna import Cut
+from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.main_lobe import FOLDING, FOLLOWED, LIT, in_main_lobe, lobe_samples, reach_of_power
 
 
@@ -59,8 +59,10 @@ def test_a_lobe_without_an_end_is_the_whole_cut():
 @pytest.mark.parametrize("outside", [0.5, 0.1, 1e-3])
 def test_all_but_a_share_of_the_power_lies_within_reach(outside):
     """Of a cut as wide as the sky the power within u is u itself."""
-    assert reach_of_power(Cut(np.ones(2001)), outside) == pytest.approx(1 - outside, abs=1e-6)
-    cut = make_antenna(2.0, 2.0).azimuth
-    reach = reach_of_power(cut, outside)
+    sky = Cut(np.ones(2001))
+    assert reach_of_power(Antenna(sky, sky), outside) == pytest.approx((1 - outside,) * 2, abs=1e-6)
+    antenna = make_antenna(2.0, 2.0)
+    reach, _ = reach_of_power(antenna, outside)
+    cut = antenna.azimuth
     power, inside = cut.voltage**4, np.abs(cut.cosine) <= reach
     assert power[inside].sum() / power.sum() == pytest.approx(1 - outside, abs=0.02)

@@ -23,7 +23,7 @@ from sionna_radar.tracing.engines.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.tracing.sionna.material import mi
-from sionna_radar.tracing.sionna.pattern import SeparablePattern
+from sionna_radar.tracing.sionna.pattern import SionnaPattern
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.kinds import Precipitation
@@ -127,7 +127,7 @@ def test_sionna_sends_the_hand_that_the_antenna_names():
     away = np.array([[1.0, 0.1, -0.2], [1.0, -0.3, 0.1]])
     away /= np.linalg.norm(away, axis=1)[:, None]
     theta, phi = np.arccos(away[:, 2]), np.arctan2(away[:, 1], away[:, 0])
-    shares = SeparablePattern(antenna).patterns[0](mi.Float(theta), mi.Float(phi))
+    shares = SionnaPattern(antenna).patterns[0](mi.Float(theta), mi.Float(phi))
     c_theta, c_phi = (s.real.numpy() + 1j * s.imag.numpy() for s in shares)
     e_theta = np.stack([np.cos(theta) * np.cos(phi), np.cos(theta) * np.sin(phi), -np.sin(theta)], axis=1)
     e_phi = np.stack([-np.sin(phi), np.cos(phi), 0 * phi], axis=1)

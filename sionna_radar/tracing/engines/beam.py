@@ -14,6 +14,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
+from sionna_radar.tracing.engines.beam_rays import beam_rays
 from sionna_radar.tracing.engines.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
@@ -43,12 +44,10 @@ class BeamEngine:
     ) -> None:
         check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
-        self._sampler = beam_sampler(antenna, paths_per_pulse, side_lobe_share)
+        self._sampler = beam_sampler(paths_per_pulse, side_lobe_share)
+        self._rays = beam_rays(antenna)
         self._seed = seed
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
-        self._quantiles = [
-            mi.Float(q.astype(np.float32)) for q in (self._sampler.azimuth_quantile, self._sampler.elevation_quantile)
-        ]
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, traced in wavefronts of at most `RAYS_AT_ONCE` rays."""
@@ -87,19 +86,10 @@ class BeamEngine:
             moved += dr.gather(mi.Float, mi.Float(shift[:, column].astype(np.float32)), row)
             unit.append(moved - dr.floor(moved))
         in_beam = ray < sampler.beam_rays
-        wide = mi.warp.square_to_uniform_hemisphere(mi.Point2f(*unit))
-        cosines = [
-            dr.select(in_beam, _quantile(q, t), w)
-            for q, t, w in zip(self._quantiles, unit, (wide.x, wide.y), strict=True)
-        ]
-        u, v = cosines
-        cos = dr.safe_sqrt(1 - u * u - v * v)
-        beam = cos * _density(self._quantiles[0], u) * _density(self._quantiles[1], v)
-        density = sampler.beam_share * beam + (1 - sampler.beam_share) / (2 * dr.pi)
-        # Quantiles of the two cuts can combine to invalid direction cosines; such a ray carries no power.
-        probability = dr.select(u * u + v * v < 1, 4 * dr.pi * sampler.rays * density, 0.0)
+        (ahead, left, up), density, valid = self._rays.shoot(unit, in_beam, sampler.beam_share)
+        probability = dr.select(valid, 4 * dr.pi * sampler.rays * density, 0.0)
         axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
-        return row, dr.normalize(axes[0] * cos + axes[1] * u + axes[2] * v), probability
+        return row, dr.normalize(axes[0] * ahead + axes[1] * left + axes[2] * up), probability
 
     def _table(self, pulses: Pulses, buffer, incidence, rate) -> Paths:  # type: ignore[no-untyped-def]
         phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
@@ -140,20 +130,3 @@ def _point(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
 
 def _vector(array: Float[np.ndarray, "n 3"]):  # type: ignore[no-untyped-def]
     return mi.Vector3f(array.T.astype(np.float32))
-
-
-def _quantile(quantiles, probability):  # type: ignore[no-untyped-def]
-    position = probability * (dr.width(quantiles) - 1)
-    below = mi.UInt32(dr.minimum(position, dr.width(quantiles) - 2))
-    share = position - mi.Float(below)
-    low, high = dr.gather(mi.Float, quantiles, below), dr.gather(mi.Float, quantiles, below + 1)
-    return dr.lerp(low, high, share)
-
-
-def _density(quantiles, cosine):  # type: ignore[no-untyped-def]
-    """Return the density of the piecewise linear quantile function at a cosine."""
-    cells = dr.width(quantiles) - 1
-    below = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, quantiles, i) < cosine)
-    below = mi.UInt32(dr.maximum(mi.Int32(below) - 1, 0))
-    width = dr.gather(mi.Float, quantiles, below + 1) - dr.gather(mi.Float, quantiles, below)
-    return dr.rcp(cells * dr.maximum(width, 1e-12))

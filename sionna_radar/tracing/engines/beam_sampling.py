@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats.qmc import Halton
 
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import Cut
 
 QUANTILES = 4096
 
@@ -22,14 +22,10 @@ class BeamSampler:
     """The rays of one pulse before its random shift.
 
     unit: low-discrepancy points of the unit square, one per ray; the first `beam_rays` follow the beam.
-    azimuth_quantile, elevation_quantile: direction cosines at equally spaced probabilities; between two of
-        them the density is constant, and the weights use that density.
     """
 
     unit: Float[np.ndarray, "ray 2"]
     beam_rays: int
-    azimuth_quantile: Float[np.ndarray, " quantile"]
-    elevation_quantile: Float[np.ndarray, " quantile"]
 
     @property
     def rays(self) -> int:
@@ -42,21 +38,20 @@ class BeamSampler:
         return self.beam_rays / self.rays
 
 
-def beam_sampler(antenna: Antenna, rays: int, side_lobe_share: float) -> BeamSampler:
-    """Return the sampler of an antenna; at least one ray goes to the side lobes."""
+def beam_sampler(rays: int, side_lobe_share: float) -> BeamSampler:
+    """Return the sampler of a number of rays; at least one goes to the side lobes."""
     wide_rays = max(1, round(rays * side_lobe_share))
     beam_rays = rays - wide_rays
     halton = Halton(2, scramble=False)
     unit = np.concatenate([halton.random(beam_rays), halton.reset().random(wide_rays)])
-    return BeamSampler(
-        unit=unit,
-        beam_rays=beam_rays,
-        azimuth_quantile=_quantiles(antenna.azimuth),
-        elevation_quantile=_quantiles(antenna.elevation),
-    )
+    return BeamSampler(unit=unit, beam_rays=beam_rays)
 
 
-def _quantiles(cut: Cut) -> Float[np.ndarray, " quantile"]:
+def quantiles_of(cut: Cut) -> Float[np.ndarray, " quantile"]:
+    """Return the direction cosines of a cut at equally spaced probabilities of its two-way power.
+
+    Between two of them the density is constant, and the weights of the rays use that density.
+    """
     distribution = cut.two_way_distribution
     rising = np.concatenate([[True], np.diff(distribution) > 0])
     quantiles = np.interp(np.linspace(0, 1, QUANTILES + 1), distribution[rising], cut.cosine[rising])

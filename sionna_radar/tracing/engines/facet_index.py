@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import maximum_filter
 from scipy.spatial import KDTree
 
 from sionna_radar.radar.antenna import Antenna, Cut
@@ -12,6 +13,8 @@ from sionna_radar.tracing.engines.facet_mesh import Facets
 # Two-way level down to which facets are included: side lobes of -20 dB, -40 dB both ways, count.
 FOOTPRINT_DB = -50.0
 GROUP = 64
+# Cells of direction cosines along an axis, in which the amplitude of a pattern is looked at.
+LEAST_CELLS, MOST_CELLS = 256, 2048
 
 
 @dataclass(frozen=True)
@@ -27,8 +30,10 @@ class Footprint:
     least_voltage: float
 
     @staticmethod
-    def of(antenna: Antenna, level_db: float = FOOTPRINT_DB) -> "Footprint":
+    def of(antenna: Antenna, level_db: float = FOOTPRINT_DB) -> "Footprint | TableFootprint":
         """Return the footprint of an antenna down to a two-way level over the peak."""
+        if not antenna.separable:
+            return TableFootprint.of(antenna, 10 ** (level_db / 40))
         cuts = _envelope(antenna.azimuth), _envelope(antenna.elevation)
         return Footprint(*cuts, least_voltage=10 ** (level_db / 40))
 
@@ -45,6 +50,65 @@ class Footprint:
         voltage *= _outside(self.elevation, np.abs(up) / distance - reach)
         inside = (voltage >= self.least_voltage) & (x / distance > -reach)
         return inside | (radius_m >= distance)
+
+
+@dataclass(frozen=True)
+class TableFootprint:
+    """The directions that count of an antenna of any pattern, on cells of direction cosines, ahead and behind.
+
+    levels: ahead and behind, whether the amplitude reaches the least one in a cell or next to it; each level halves
+        the number of cells along both axes of the one before, down to one.
+    """
+
+    levels: tuple[tuple[Bool[np.ndarray, "_ _"], ...], tuple[Bool[np.ndarray, "_ _"], ...]]
+
+    @staticmethod
+    def of(antenna: Antenna, least_voltage: float) -> "TableFootprint":
+        """Return the directions toward which the amplitude over the peak's reaches a level."""
+        cells = 2 ** int(np.ceil(np.log2(np.clip(2 / antenna.step_rad, LEAST_CELLS, MOST_CELLS))))
+        place = (np.arange(cells) + 0.5) * (2 / cells) - 1
+        halves = []
+        for side in (1.0, -1.0):
+            counts = np.zeros((cells, cells), dtype=bool)
+            for row, up in enumerate(place):
+                inside = np.flatnonzero(place**2 + up**2 < 1)
+                ahead = side * np.sqrt(1 - place[inside] ** 2 - up**2)
+                direction = np.column_stack([ahead, place[inside], np.full(len(inside), up)])
+                counts[row, inside] = np.sqrt(antenna.gain(direction) / antenna.peak_gain) >= least_voltage
+            halves.append(_pyramid(counts))
+        return TableFootprint((halves[0], halves[1]))
+
+    def meets(
+        self, ahead_m: Float[np.ndarray, "n 3"], radius_m: Float[np.ndarray, " n"] | float
+    ) -> Bool[np.ndarray, " n"]:
+        """Return which spheres reach into the footprint, given their centres in the antenna's frame."""
+        distance = np.maximum(np.linalg.norm(ahead_m, axis=1), 1e-9)
+        x, left, up = (ahead_m / distance[:, None]).T
+        sine = np.minimum(radius_m / distance, 1.0)
+        # Largest chord between a direction into the sphere and the direction to its centre.
+        reach = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
+        found = np.asarray(radius_m >= distance)
+        for side, levels in zip((x, -x), self.levels, strict=True):
+            cells = len(levels[0])
+            # The first level whose cells are no smaller than the reach: what is within it is next to the cell.
+            level = np.ceil(np.log2(np.maximum(reach * cells / 2, 1.0))).astype(np.int64)
+            for number, counts in enumerate(levels):
+                own = np.flatnonzero((np.minimum(level, len(levels) - 1) == number) & (side > -reach))
+                row, column = (
+                    np.clip(((c[own] + 1) * (len(counts) / 2)).astype(np.int64), 0, len(counts) - 1) for c in (up, left)
+                )
+                found[own] |= counts[row, column]
+        return found
+
+
+def _pyramid(counts: Bool[np.ndarray, "_ _"]) -> tuple[Bool[np.ndarray, "_ _"], ...]:
+    """Return cells and their neighbours, then pairs of them along both axes and their neighbours, and so on."""
+    levels = []
+    while True:
+        levels.append(maximum_filter(counts, size=3, mode="constant"))
+        if len(counts) == 1:
+            return tuple(levels)
+        counts = counts.reshape(len(counts) // 2, 2, -1, 2).any(axis=(1, 3))
 
 
 def _envelope(cut: Cut) -> Float[np.ndarray, " n"]:
@@ -80,7 +144,7 @@ class FacetIndex:
 
     def search(
         self,
-        footprint: Footprint,
+        footprint: Footprint | TableFootprint,
         position_m: Float[np.ndarray, " 3"],
         R_world_antenna: Float[np.ndarray, "3 3"],
     ) -> Facets:

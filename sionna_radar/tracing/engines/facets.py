@@ -29,6 +29,7 @@ from jaxtyping import Complex, Float, Int, UInt64
 
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
@@ -48,6 +49,8 @@ MOST_PARTS = 4
 # A facet's centre lies on the mesh it is tested against, to within the float32 precision of the ray caster.
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
+# Of one pulse: a gigabyte.
+MOST_FACETS = 5_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,8 +162,14 @@ class GammaEngine:
     def _subdivided(self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]) -> Facets:
         """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine."""
         facets = self._index.search(self._footprint, position_m, R_world_antenna)
-        fine = []
+        fine: list[Facets] = []
         while len(facets):
+            if len(facets) + sum(len(part) for part in fine) > MOST_FACETS:
+                message = (
+                    f"'gamma' divides the ground in one beam into more than {MOST_FACETS:,} facets; set 'sionna', or "
+                    "give an antenna that sends less beside its beam"
+                )
+                raise ScenarioError([Problem("tracing.engine", message)])
             away = facets.centre_m - position_m
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
             longest = np.minimum(self._side_per_metre * np.sqrt((away**2).sum(axis=1)), self._longest_side_m)

@@ -51,8 +51,7 @@ class PersistentEngine:
         check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._scatterers = scatter(scene, per_m2, seed, region_m)
-        azimuth, elevation = (reach_of_power(cut, OUTSIDE_SHARE) for cut in (antenna.azimuth, antenna.elevation))
-        self._reach = azimuth, elevation
+        self._reach = reach_of_power(antenna, OUTSIDE_SHARE)
         self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
 
     def trace(self, pulses: Pulses) -> Paths:

@@ -4,7 +4,9 @@ import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import Antenna, Pattern
+from sionna_radar.radar.array_pattern import REACH, ArrayPattern, ElementPattern
+from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
 from sionna_radar.raytracer.backend import load_mitsuba
 
 mi = load_mitsuba()
@@ -13,39 +15,118 @@ import drjit as dr  # noqa: E402  (libLLVM and the variant must be chosen before
 import sionna.rt as rt  # noqa: E402
 
 
-class SeparablePattern(rt.AntennaPattern):
+class SionnaPattern(rt.AntennaPattern):
     """An antenna of ours as a Sionna antenna pattern; |c|^2 is the power gain.
 
-    jones: shares of the field along Sionna's two axes, theta (ours for V, pointing down) and phi; None for what the
-    antenna transmits.
+    jones: shares of the received field along Sionna's two axes, theta (ours for V, pointing down) and phi; None for
+    what the antenna transmits.
     """
 
     def __init__(self, antenna: Antenna, jones: Inexact[np.ndarray, "2"] | None = None) -> None:
         # Reversing one axis swaps the two senses of circular polarization.
         shares = (np.conj(antenna.jones[0]) if jones is None else jones).astype(complex).tolist()
-        azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in _cuts(antenna))
-        peak = float(np.sqrt(antenna.peak_gain))
+        whole = antenna.transmit if jones is None or antenna.receive is None else antenna.receive
+        voltage_toward = _product_of_cuts(antenna) if whole is None else _whole(whole, antenna.efficiency)
 
         def pattern(theta, phi):  # type: ignore[no-untyped-def]
             sin_theta, cos_theta = dr.sincos(theta)
             sin_phi, cos_phi = dr.sincos(phi)
-            cos_boresight = sin_theta * cos_phi
-            voltage = _lookup(azimuth, sin_theta * sin_phi) * _lookup(elevation, cos_theta)
-            voltage *= peak * dr.sqrt(dr.maximum(cos_boresight, 0.0))
+            voltage = voltage_toward(sin_theta * cos_phi, sin_theta * sin_phi, cos_theta)
             return tuple(mi.Complex2f(voltage * share.real, voltage * share.imag) for share in shares)
 
         self.patterns = [pattern]
 
 
-def _cuts(antenna: Antenna) -> tuple[Cut, Cut]:
-    return antenna.azimuth, antenna.elevation
+def _product_of_cuts(antenna: Antenna):  # type: ignore[no-untyped-def]
+    """Return the voltage of a separable antenna against the direction cosines ahead, left and up."""
+    azimuth, elevation = (mi.Float(c.voltage.astype(np.float32)) for c in (antenna.azimuth, antenna.elevation))
+    peak = float(np.sqrt(antenna.peak_gain))
+
+    def voltage(ahead, left, up):  # type: ignore[no-untyped-def]
+        product = _lookup(azimuth, (dr.clip(left, -1.0, 1.0) + 1.0) / 2) * _lookup(
+            elevation, (dr.clip(up, -1.0, 1.0) + 1.0) / 2
+        )
+        return product * (peak * dr.sqrt(dr.maximum(ahead, 0.0)))
+
+    return voltage
 
 
-def _lookup(table, cosine):  # type: ignore[no-untyped-def]
-    position = (dr.clip(cosine, -1.0, 1.0) + 1.0) * ((dr.width(table) - 1) / 2)
+def _whole(pattern: Pattern, efficiency: float):  # type: ignore[no-untyped-def]
+    """Return the voltage of a pattern against the direction cosines ahead, left and up."""
+    amplitude = _amplitude(pattern)
+    peak = float(np.sqrt(efficiency * pattern.directivity))
+    return lambda ahead, left, up: peak * amplitude(ahead, left, up)
+
+
+def _amplitude(pattern: Pattern):  # type: ignore[no-untyped-def]
+    """Return a pattern's relative amplitude as a function on the device; the same interpolation as in NumPy."""
+    match pattern:
+        case ProductPattern():
+            azimuth, elevation = (mi.Float(cut.astype(np.float32)) for cut in (pattern.azimuth, pattern.elevation))
+            return lambda ahead, left, up: (
+                _lookup(azimuth, _azimuth_share(ahead, left)) * _lookup(elevation, _elevation_share(up))
+            )
+        case SphericalPattern():
+            table = _Table(pattern.samples)
+            return lambda ahead, left, up: table.at(_elevation_share(up), _azimuth_share(ahead, left))
+        case ElementPattern():
+            half = pattern.exponent / 2
+            return lambda ahead, left, up: dr.power(dr.maximum(ahead, 0.0), half)
+        case ArrayPattern():
+            return _steered(pattern)
+    # Any other pattern, of someone's own, is sampled as finely as it says it changes.
+    return _amplitude(SphericalPattern.of(pattern.amplitude, pattern.step_rad))
+
+
+def _steered(pattern: ArrayPattern):  # type: ignore[no-untyped-def]
+    table, element = _Table(pattern.factor.samples), _amplitude(pattern.element)
+    beam = pattern.R_face_antenna[:, 0]
+    level = 1 / float(pattern.element.amplitude(beam[None])[0])
+    # Opaque, so that all beams of an array share one compiled kernel.
+    turn = [[dr.opaque(mi.Float, float(value)) for value in row] for row in pattern.R_face_antenna]
+    level, off_left, off_up = (dr.opaque(mi.Float, float(value)) for value in (level, beam[1], beam[2]))
+
+    def amplitude(ahead, left, up):  # type: ignore[no-untyped-def]
+        normal, across, along = (row[0] * ahead + row[1] * left + row[2] * up for row in turn)
+        factor = table.at((along - off_up + REACH) / (2 * REACH), (across - off_left + REACH) / (2 * REACH))
+        return factor * element(normal, across, along) * level
+
+    return amplitude
+
+
+def _azimuth_share(ahead, left):  # type: ignore[no-untyped-def]
+    return dr.atan2(left, ahead) / (2 * dr.pi) + 0.5
+
+
+def _elevation_share(up):  # type: ignore[no-untyped-def]
+    return dr.safe_asin(up) / dr.pi + 0.5
+
+
+class _Table:
+    """A table on the device, read bilinearly at shares of its height and width."""
+
+    def __init__(self, samples: Float[np.ndarray, "row column"]) -> None:
+        self._rows, self._columns = samples.shape
+        self._samples = mi.Float(np.ascontiguousarray(samples, dtype=np.float32).ravel())
+
+    def at(self, height, width):  # type: ignore[no-untyped-def]
+        row, column = height * (self._rows - 1), width * (self._columns - 1)
+        below = mi.UInt32(dr.clip(row, 0, self._rows - 2))
+        near = mi.UInt32(dr.clip(column, 0, self._columns - 2))
+        first = below * self._columns + near
+        a, b = row - mi.Float(below), column - mi.Float(near)
+        low = dr.lerp(dr.gather(mi.Float, self._samples, first), dr.gather(mi.Float, self._samples, first + 1), b)
+        first += self._columns
+        high = dr.lerp(dr.gather(mi.Float, self._samples, first), dr.gather(mi.Float, self._samples, first + 1), b)
+        return dr.lerp(low, high, a)
+
+
+def _lookup(table, share):  # type: ignore[no-untyped-def]
+    """Return a table at a share of its length, linear between samples."""
+    position = share * (dr.width(table) - 1)
     below = mi.UInt32(dr.minimum(position, dr.width(table) - 2))
-    share = position - mi.Float(below)
-    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), share)
+    part = position - mi.Float(below)
+    return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), part)
 
 
 def sionna_angles(R_world_antenna: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

@@ -8,7 +8,7 @@ from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import mitsuba_mesh
 from sionna_radar.tracing.sionna.material import sionna_material
-from sionna_radar.tracing.sionna.pattern import SeparablePattern
+from sionna_radar.tracing.sionna.pattern import SionnaPattern
 
 mi = load_mitsuba()
 
@@ -37,9 +37,9 @@ class SionnaScene:
             for i, s in enumerate(scene.surfaces)
         ]
         self.rt_scene.edit(add=objects)
-        self.pattern = SeparablePattern(antenna)
+        self.pattern = SionnaPattern(antenna)
         # Sionna receives with the conjugate of the pattern, which cancels the conjugation for its axes.
-        self.receive_pattern = SeparablePattern(antenna, antenna.jones[1])
+        self.receive_pattern = SionnaPattern(antenna, antenna.jones[1])
         shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)

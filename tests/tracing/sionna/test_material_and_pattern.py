@@ -7,7 +7,7 @@ from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.sionna.material import dr, mi
-from sionna_radar.tracing.sionna.pattern import SeparablePattern, sionna_angles
+from sionna_radar.tracing.sionna.pattern import SionnaPattern, sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
 from worlds import make_scene, make_surface
 
@@ -25,7 +25,7 @@ def directions(count: int, spread: float) -> np.ndarray:
 @pytest.mark.parametrize("spread", [0.03, 1.0])
 def test_sionna_sees_the_same_gain(polarization, widths, spread):
     antenna = make_antenna(*widths, polarization)
-    (pattern,) = SeparablePattern(antenna).patterns
+    (pattern,) = SionnaPattern(antenna).patterns
     away = directions(4000, spread)
     theta, phi = np.arccos(away[:, 2]), np.arctan2(away[:, 1], away[:, 0])
     c_theta, c_phi = pattern(mi.Float(theta.astype(np.float32)), mi.Float(phi.astype(np.float32)))
