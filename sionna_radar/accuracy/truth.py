@@ -44,7 +44,7 @@ class GroundTruth:
 
     built, buildings: the scene, and the scenario's buildings that are in it.
     grid, max_gap_m: of the DEM.
-    antenna: its main beam illuminates the ground.
+    antenna: its main beam illuminates the ground; beams: those of an electronic scan, instead of it.
     """
 
     built: BuiltScene
@@ -52,6 +52,7 @@ class GroundTruth:
     grid: Grid
     max_gap_m: float
     antenna: Antenna
+    beams: tuple[Antenna, ...] = ()
 
     @cached_property
     def surface(self) -> Raster:
@@ -98,7 +99,7 @@ class Tally:
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
-        self._illumination.add(*main_beam_hits(paths, pulses, self._truth.antenna))
+        self._illumination.add(*main_beam_hits(paths, pulses, self._truth.antenna, self._truth.beams))
         self.paths += len(paths)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:

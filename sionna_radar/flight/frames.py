@@ -48,6 +48,12 @@ def conical_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]
     return turn @ _tilted_antenna(incidence_rad)
 
 
+def steering(azimuth_rad: float, elevation_rad: float) -> Float[np.ndarray, "3 3"]:
+    """Return R_face_beam: the axes of a beam steered to the left and up, as columns in the axes of its array's face."""
+    (ca, sa), (ce, se) = ((np.cos(angle), np.sin(angle)) for angle in (azimuth_rad, elevation_rad))
+    return np.array([[ce * ca, -sa, -se * ca], [ce * sa, ca, -se * sa], [se, 0.0, ce]])
+
+
 def _tilted_antenna(incidence_rad: float) -> Float[np.ndarray, "3 3"]:
     sin, cos = np.sin(incidence_rad), np.cos(incidence_rad)
     boresight, left, up = [sin, 0.0, cos], [0.0, -1.0, 0.0], [cos, 0.0, -sin]

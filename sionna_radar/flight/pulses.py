@@ -163,6 +163,7 @@ class Pulses:
     true: the pose from which paths are traced.
     measured: the pose reported by the navigation system; the only one that processing may use.
     scan_number: scan of the antenna that the pulse belongs to, from 0; None for a continuous scan.
+    beam: number of the beam of an electronic scan; None for an antenna whose pattern does not change.
     """
 
     index: Int[np.ndarray, " pulse"]
@@ -171,6 +172,7 @@ class Pulses:
     true: Pose
     measured: Pose
     scan_number: Int[np.ndarray, " pulse"] | None = None
+    beam: Int[np.ndarray, " pulse"] | None = None
 
     def __len__(self) -> int:
         return len(self.index)
@@ -184,6 +186,7 @@ class Pulses:
             true=self.true.rows(rows),
             measured=self.measured.rows(rows),
             scan_number=None if self.scan_number is None else self.scan_number[rows],
+            beam=None if self.beam is None else self.beam[rows],
         )
 
     def row_of(self, pulse: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -236,6 +239,7 @@ class PulseSchedule:
             true=true,
             measured=measured,
             scan_number=pointing.scan_number,
+            beam=pointing.beam,
         )
 
     def blocks(self, block_size: int) -> Iterator[Pulses]:

@@ -22,12 +22,15 @@ class Pointing:
     scan_rad: scan angle, zero in the middle of the sector.
     active: whether the radar transmits at that angle.
     scan_number: scan of the antenna, from 0; None for a continuous scan.
+    beam: which beam of an array, of those that the scan steers it to (`beam_azimuth_rad`); None for an antenna whose
+        pattern does not change.
     """
 
     R_mount_antenna: Float[np.ndarray, "n 3 3"]
     scan_rad: Float[np.ndarray, " n"]
     active: Bool[np.ndarray, " n"]
     scan_number: Int[np.ndarray, " n"] | None = None
+    beam: Int[np.ndarray, " n"] | None = None
 
 
 @runtime_checkable

@@ -154,8 +154,10 @@ class Antenna:
 
         Where transmission and reception differ it is their geometric mean.
         """
-        if self.transmit is not None:
+        if self.receive is not None:
             return np.sqrt(self.transmit_gain(direction) * self.receive_gain(direction))
+        if self.transmit is not None:
+            return self.transmit_gain(direction)
         cos, u, v = direction.T
         return self.peak_gain * (self.azimuth.at(u) * self.elevation.at(v)) ** 2 * np.maximum(cos, 0.0)
 

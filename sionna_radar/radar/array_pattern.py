@@ -13,6 +13,7 @@ import finufft
 import numpy as np
 from jaxtyping import Complex, Float
 
+from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
 
 # Samples of the array factor over the width of a beam, one over the array's size in wavelengths; and at most, a side.
@@ -100,7 +101,7 @@ class ArrayPattern:
     @cached_property
     def R_face_antenna(self) -> Float[np.ndarray, "3 3"]:
         """Turns components about the beam into components about the face."""
-        return turned(self.azimuth_rad, self.elevation_rad)
+        return steering(self.azimuth_rad, self.elevation_rad)
 
     def amplitude(self, direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
         """Return the amplitude over that on the beam's axis toward unit vectors."""
@@ -112,9 +113,8 @@ class ArrayPattern:
     @cached_property
     def directivity(self) -> float:
         """4 pi over the integral of the relative power, summed in direction cosines of the face."""
-        count = [int(np.clip(8 * 2 * size, 200, 2000)) for size in self.beam_wavelengths]
-        # Radius and turn rather than u and v: dOmega = sin t dt dphi has no singular rim.
-        nodes = max(count)
+        # Tilt and turn rather than u and v: dOmega = sin t dt dphi has no singular rim. Six nodes a beam.
+        nodes = int(np.clip(6 * np.pi * max(self.beam_wavelengths), 200, 4000))
         tilt = (np.arange(nodes) + 0.5) * (np.pi / nodes)
         turn = (np.arange(2 * nodes) + 0.5) * (np.pi / nodes)
         total = 0.0
@@ -128,12 +128,6 @@ class ArrayPattern:
     def step_rad(self) -> float:
         """Angle within which the pattern hardly changes: an eighth of a beam."""
         return 1 / (8 * max(self.beam_wavelengths))
-
-
-def turned(azimuth_rad: float, elevation_rad: float) -> Float[np.ndarray, "3 3"]:
-    """Return the axes (boresight, left, up) of a beam toward an azimuth to the left and an elevation, as columns."""
-    (ca, sa), (ce, se) = ((np.cos(angle), np.sin(angle)) for angle in (azimuth_rad, elevation_rad))
-    return np.array([[ce * ca, -sa, -se * ca], [ce * sa, ca, -se * sa], [se, 0.0, ce]])
 
 
 def steered(antenna: Antenna, azimuth_rad: float, elevation_rad: float = 0.0) -> Antenna:

@@ -14,11 +14,12 @@ from jaxtyping import Float
 Relative = Callable[[Float[np.ndarray, "k 3"]], Float[np.ndarray, " k"]]
 
 # Edges of either kind along each axis.
-EDGES = 300
+EDGES = 200
 # Samples along each axis that find where the power is: one for a step of the pattern, but no fewer and no more.
-LEAST_SEARCHED, MOST_SEARCHED = 500, 2000
+LEAST_SEARCHED, MOST_SEARCHED = 400, 2000
 # Cells at the rim of the half sphere have no bound on their solid angle.
 LEAST_COSINE = 0.02
+CELLS_AT_ONCE = 50_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +93,8 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
 def _edges(share: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " edge"]:
     below = np.concatenate([[0.0], np.cumsum(share)])
     shares = np.interp(np.linspace(0, 1, EDGES + 1), below / below[-1], np.linspace(-1, 1, count + 1))
-    edges = np.union1d(shares, np.linspace(-1.0, 1.0, EDGES + 1))
-    # Edges that all but touch would make cells without a width in float32.
-    return edges[np.concatenate([[True], np.diff(edges) > 2e-6])]
+    # As many for every antenna, so that all beams of an array share one compiled kernel; some cells have no width.
+    return np.sort(np.concatenate([shares[1:-1], np.linspace(-1.0, 1.0, EDGES + 1)]))
 
 
 def _power(
@@ -106,11 +106,14 @@ def _power(
 ) -> Float[np.ndarray, "row column"]:
     """Return the integral of the relative two-way gain over cells, by their midpoints; dOmega = du dv / cos."""
     power = np.zeros((len(up), len(left)))
-    for row, v in enumerate(up):
-        inside = np.flatnonzero(left**2 + v**2 < 1 - LEAST_COSINE**2)
-        if len(inside):
-            direction = _directions(left[inside], np.array([v]))
-            power[row, inside] = gain(direction) ** 2 / direction[:, 0] * width[inside] * height[row]
+    step = max(1, CELLS_AT_ONCE // len(left))
+    for first in range(0, len(up), step):
+        rows = slice(first, first + step)
+        direction = _directions(left, up[rows])
+        inside = direction[:, 0] > LEAST_COSINE
+        found = np.zeros(len(direction))
+        found[inside] = gain(direction[inside]) ** 2 / direction[inside, 0]
+        power[rows] = found.reshape(-1, len(left)) * np.outer(height[rows], width)
     return power
 
 

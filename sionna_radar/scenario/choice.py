@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic import AfterValidator, GetCoreSchemaHandler
@@ -18,11 +18,13 @@ class ChosenBy:
     """Validation of a table of parameters by the registered part that one of its keys names.
 
     tag: the key; default: the part without it, None where it must be given.
+    implied: parts that another key, given without the tag, stands for.
     """
 
     tag: str
     registry: Registry
     default: str | None = None
+    implied: Mapping[str, str] = field(default_factory=dict)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
@@ -34,7 +36,8 @@ class ChosenBy:
         if isinstance(value, base):
             name = getattr(value, self.tag)
         elif isinstance(value, Mapping):
-            name = value.get(self.tag, self.default)
+            meant = next((part for key, part in self.implied.items() if key in value), self.default)
+            name = value.get(self.tag, meant)
         else:
             return base.model_validate(value)
         if name is None:

@@ -225,7 +225,7 @@ def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:
 
 
 # Keys that name input files, in whatever table they stand.
-PATH_KEYS = ("path", "log", "pattern", "receive_pattern")
+PATH_KEYS = ("path", "log", "pattern", "receive_pattern", "element_pattern")
 
 
 def resolve_paths(data: dict[str, Any], folder: Path) -> None:

@@ -39,10 +39,19 @@ SCANS = Registry(
         "conical": "sionna_radar.flight.scans.rotating",
         "fixed": "sionna_radar.flight.scans.rotating",
         "side_looking": "sionna_radar.flight.scans.side_looking",
+        "electronic": "sionna_radar.flight.scans.electronic",
     },
     ScanParameters,
 )
-ANTENNAS = Registry("antenna", {"taylor": "sionna_radar.radar.taylor_array"}, AntennaParameters)
+ANTENNAS = Registry(
+    "antenna",
+    {
+        "taylor": "sionna_radar.radar.taylor_array",
+        "pattern": "sionna_radar.radar.measured_antenna",
+        "array": "sionna_radar.radar.array_antenna",
+    },
+    AntennaParameters,
+)
 NAVIGATIONS = Registry("navigation", {"errors": "sionna_radar.flight.navigation"}, NavigationParameters)
 SENSORS = Registry(
     "sensor",

@@ -11,7 +11,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
-from sionna_radar.scenario.table import NonNegative, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Real, Table, refuse
 
 
 class AntennaTable(AntennaParameters):
@@ -43,6 +43,81 @@ class AntennaTable(AntennaParameters):
         """Half-power beamwidth in azimuth and elevation."""
         widths = self.beamwidth_deg if isinstance(self.beamwidth_deg, tuple) else (self.beamwidth_deg,) * 2
         return float(np.deg2rad(widths[0])), float(np.deg2rad(widths[1]))
+
+
+class PatternAntennaTable(AntennaParameters):
+    """An antenna with a measured or computed pattern, from a file of cuts or of the whole sphere.
+
+    pattern: a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left and up) or
+        theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt, .ffs). In
+        dBi or relative: the directivity is the pattern's own integral.
+    receive_pattern: another one for reception; without it the same.
+    boresight: in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and
+        the y axis up; for "x" the y axis is left and the z axis up.
+    efficiency_db: gain over directivity, each way.
+    axial_ratio_db: see `AntennaTable`.
+    """
+
+    kind: Literal["pattern"] = "pattern"
+    pattern: InputPath
+    receive_pattern: InputPath | None = None
+    boresight: Literal["z", "x"] = "z"
+    efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
+    axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+
+
+Spacing = Annotated[Real, Field(ge=0.05, le=20)]
+Elements = Annotated[int, Field(strict=True, ge=1, le=1024)]
+
+
+class ArrayAntennaTable(AntennaParameters):
+    """A planar array, by its elements.
+
+    elements: number of columns (left) and rows (up) of a rectangular array; spacing_wavelengths: between them.
+    taper_db: side lobes of a Taylor taper over both; without it the weights are uniform.
+    path: instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
+        phase_deg: one row an element.
+    element_exponent: power of the cosine of the angle from an element's axis that its power pattern follows.
+    element_pattern: instead of it, a file as in `PatternAntennaTable`; element_boresight: see boresight there.
+    steer_deg: of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic".
+    efficiency_db: gain over directivity, each way.
+    """
+
+    kind: Literal["array"] = "array"
+    elements: tuple[Elements, Elements] | None = None
+    spacing_wavelengths: Spacing | tuple[Spacing, Spacing] = 0.5
+    taper_db: Annotated[Real, Field(ge=-50, le=-15)] | None = None
+    path: InputPath | None = None
+    element_exponent: Annotated[Real, Field(ge=0, le=100)] = 1.0
+    element_pattern: InputPath | None = None
+    element_boresight: Literal["z", "x"] = "z"
+    steer_deg: tuple[Annotated[Real, Field(ge=-80, le=80)], Annotated[Real, Field(ge=-80, le=80)]] = (0.0, 0.0)
+    efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _one_description(self) -> ArrayAntennaTable:
+        if (self.elements is None) == (self.path is None):
+            raise refuse("elements", "give either elements = [columns, rows] or path = a CSV of elements")
+        usual = type(self).model_fields["spacing_wavelengths"].default
+        if self.path is not None and (self.taper_db is not None or self.spacing_wavelengths != usual):
+            raise refuse("path", "contradicts taper_db and spacing_wavelengths, which the file has; remove them")
+        return self
+
+
+class ElectronicScanTable(ScanParameters):
+    """An array whose beam is steered by its phases, in equal steps of direction cosine, from left to right.
+
+    The array's face looks forward at incidence_deg from nadir, or to a side of the track.
+    beams: directions of a scan; half_swath_deg: of the outermost ones from the face's normal.
+    scans_per_s: from left to right; the beam goes back at once.
+    """
+
+    mode: Literal["electronic"] = "electronic"
+    look: Literal["forward", "left", "right"] = "forward"
+    incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
+    half_swath_deg: Annotated[Real, Field(gt=0, le=75)] = 40.0
+    beams: Annotated[int, Field(strict=True, ge=2, le=256)] = 41
+    scans_per_s: Annotated[Real, Field(ge=1e-3, le=1e6)] = 4.0
 
 
 class ScanTable(ScanParameters):
@@ -89,6 +164,10 @@ class ReceiverTable(Table):
         return self
 
 
+# Keys that say by themselves which antenna is meant.
+IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
+
+
 class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
@@ -103,7 +182,9 @@ class RadarTable(Table):
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
     receiver: ReceiverTable = ReceiverTable()
-    antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor")] = AntennaTable()
+    antenna: Annotated[
+        AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied={"pattern": "pattern", "elements": "array"})
+    ] = AntennaTable()
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
 
     @model_validator(mode="after")

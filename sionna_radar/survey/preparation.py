@@ -19,6 +19,7 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method
 from sionna_radar.radar.antenna import Antenna, build_antenna
+from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
@@ -119,6 +120,7 @@ class Prepared(Brief):
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
+    beams: the antenna steered to each beam of an electronic scan.
 
     Examples
     --------
@@ -138,6 +140,7 @@ class Prepared(Brief):
     expected_ground: ExpectedGround | None
     mapper: Mapper
     custom: CustomParts = CustomParts()
+    beams: tuple[Antenna, ...] = ()
 
     def __len__(self) -> int:
         return len(self.flight)
@@ -159,6 +162,7 @@ class Prepared(Brief):
             tracing=self.local.tracing,
             scene=self.scene.scene,
             antenna=self.antenna,
+            beams=self.beams,
             chirp=self.receiver.chirp,
             seed=self.local.seed,
             caster=self.scene.caster,
@@ -196,6 +200,7 @@ class Prepared(Brief):
             grid=self.mapper.grid,
             max_gap_m=self.mapper.max_gap_m,
             antenna=self.antenna,
+            beams=self.beams,
         )
 
     def with_navigation(self, navigation: Navigation | None) -> "Prepared":
@@ -234,6 +239,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     chirp, track = build_chirp(local.radar), plan_track(local.platform)
     scan = custom.scan or build_scan(local.radar.scan)
     antenna = custom.antenna or build_antenna(local.radar.antenna)
+    beams = beams_of(antenna, scan)
     check_limits(local, chirp, track.length_m, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
@@ -258,6 +264,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         local=local,
         scene=scene,
         antenna=antenna,
+        beams=beams,
         flight=flight,
         receiver=Receiver(
             sweeps=build_sweeps(local.radar),

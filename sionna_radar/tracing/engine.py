@@ -37,6 +37,8 @@ class EngineInputs:
     tracing: the scenario's `[tracing]`.
     caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
     region_m: lowest and highest corner of the box that the survey can see.
+    beams: the antenna steered to each beam of an electronic scan, by number. Engines for such scans have a method
+        `with_antenna` that returns the same engine with another antenna.
     """
 
     tracing: TracingTable
@@ -46,6 +48,7 @@ class EngineInputs:
     seed: int
     caster: RayCaster
     region_m: Float[np.ndarray, "2 3"]
+    beams: tuple[Antenna, ...] = ()
 
 
 def register_engine(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:

@@ -5,8 +5,9 @@ import pytest
 from scipy.special import erf
 
 from beams import make_antenna, plane_power
+from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import antenna_of
-from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered, turned
+from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.equation import plane_echo, two_way_beam_sr
 from sionna_radar.radar.main_lobe import reach_of_power
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, angles_of, directions_of
@@ -130,7 +131,7 @@ def test_wide_spacing_brings_a_grating_lobe():
     face, exponent = np.deg2rad(30.0), 1.0
     antenna = steered(antenna_of(array(32, 8, 0.8, exponent)), face)
     lobe = np.arcsin(np.sin(face) - 1 / 0.8)
-    in_beam_frame = directions_of(np.array([lobe]), np.zeros(1)) @ turned(face, 0.0)
+    in_beam_frame = directions_of(np.array([lobe]), np.zeros(1)) @ steering(face, 0.0)
     expected = (np.cos(lobe) / np.cos(face)) ** exponent
     assert antenna.gain(in_beam_frame)[0] / antenna.peak_gain == pytest.approx(expected, rel=0.02)
 

@@ -12,6 +12,7 @@ from sionna_radar.detection.volume.detector import ThroughVolume, shows_volume, 
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.survey.sensors.sensor import ChirpRecord, Observation, SensorInputs, register_sensor
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.steered import SteeredTracer
 from sionna_radar.tracing.tracer import Tracer
 
 # A glance at so many pulses shows whether rain fills the beam; if it does, so many show its mean echo.
@@ -110,7 +111,7 @@ def radar(given: SensorInputs) -> SawtoothRadar | TriangularRadar:
     return SawtoothRadar(given) if len(given.receiver.sweeps) == 1 else TriangularRadar(given)
 
 
-def _volume_in_front(given: SensorInputs, tracer: Tracer) -> list[ThroughVolume | None]:
+def _volume_in_front(given: SensorInputs, tracer: Tracer | SteeredTracer) -> list[ThroughVolume | None]:
     """Return a detector through the volume for each sweep, from pulses spread over the survey; None in clear air."""
     detector, sweeps = given.detector, given.receiver.sweeps
     if detector.processing.volume_clutter == "off":
@@ -128,7 +129,9 @@ def _volume_in_front(given: SensorInputs, tracer: Tracer) -> list[ThroughVolume 
     return found
 
 
-def _record_chirp(given: SensorInputs, tracer: Tracer, through: ThroughVolume | None, pulses: Pulses) -> ChirpRecord:
+def _record_chirp(
+    given: SensorInputs, tracer: Tracer | SteeredTracer, through: ThroughVolume | None, pulses: Pulses
+) -> ChirpRecord:
     """Return the first sweep of one pulse, with what is found in it.
 
     Behind rain the threshold is what rain and noise exceed at the false-alarm rate.

@@ -23,6 +23,7 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.steered import SteeredTracer, build_steered_tracer
 from sionna_radar.tracing.tracer import Tracer, build_tracer
 
 Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
@@ -104,11 +105,13 @@ class SensorInputs:
     custom_engine: Callable[[EngineInputs], Engine] | None = None
     watch: Stopwatch = field(default_factory=Stopwatch)
 
-    def tracer(self) -> Tracer:
+    def tracer(self) -> Tracer | SteeredTracer:
         """Return a new tracer of all that a radar sees."""
         given = self.engine
         engine = self.custom_engine(given) if self.custom_engine else build_engine(given.tracing, given)
         require(engine, Engine, "engine")
+        if given.beams:
+            return build_steered_tracer(engine, given, self.weather)
         return build_tracer(engine, given, self.weather)
 
     def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:

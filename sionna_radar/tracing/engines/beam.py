@@ -6,6 +6,8 @@ probability stored with the path, so samples = 1 and probability = 4 pi K p expr
 returns along the same ray, so no second visibility test is needed.
 """
 
+from copy import copy
+
 import numpy as np
 from jaxtyping import Float
 
@@ -48,6 +50,13 @@ class BeamEngine:
         self._rays = beam_rays(antenna)
         self._seed = seed
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
+
+    def with_antenna(self, antenna: Antenna) -> "BeamEngine":
+        """Return the engine with another antenna, over the same scene."""
+        other = copy(self)
+        other._sionna = self._sionna.with_antenna(antenna)
+        other._rays = beam_rays(antenna)
+        return other
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, traced in wavefronts of at most `RAYS_AT_ONCE` rays."""

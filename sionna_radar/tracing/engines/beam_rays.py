@@ -90,7 +90,7 @@ class GridRays:
         row = _cell(self._up, mi.UInt32(0), self._rows, v)
         column = _cell(self._left, mi.UInt32(0), self._columns, u)
         share = _step(self._row_below, row) * _step(self._below, row * (self._columns + 1) + column)
-        area = _step(self._up, row) * _step(self._left, column)
+        area = dr.maximum(_step(self._up, row) * _step(self._left, column), 1e-20)
         return dr.select(normal > 0, dr.maximum(normal, 0.0) * share / area, 0.0)
 
 

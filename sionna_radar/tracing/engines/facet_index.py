@@ -87,7 +87,8 @@ class TableFootprint:
         sine = np.minimum(radius_m / distance, 1.0)
         # Largest chord between a direction into the sphere and the direction to its centre.
         reach = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
-        found = np.asarray(radius_m >= distance)
+        found: Bool[np.ndarray, " n"] = np.zeros(len(distance), dtype=bool)
+        found[np.asarray(distance <= radius_m)] = True
         for side, levels in zip((x, -x), self.levels, strict=True):
             cells = len(levels[0])
             # The first level whose cells are no smaller than the reach: what is within it is next to the cell.
@@ -103,12 +104,11 @@ class TableFootprint:
 
 def _pyramid(counts: Bool[np.ndarray, "_ _"]) -> tuple[Bool[np.ndarray, "_ _"], ...]:
     """Return cells and their neighbours, then pairs of them along both axes and their neighbours, and so on."""
-    levels = []
-    while True:
+    levels = [maximum_filter(counts, size=3, mode="constant")]
+    while len(counts) > 1:
+        counts = np.asarray(counts.reshape(len(counts) // 2, 2, -1, 2).any(axis=(1, 3)))
         levels.append(maximum_filter(counts, size=3, mode="constant"))
-        if len(counts) == 1:
-            return tuple(levels)
-        counts = counts.reshape(len(counts) // 2, 2, -1, 2).any(axis=(1, 3))
+    return tuple(levels)
 
 
 def _envelope(cut: Cut) -> Float[np.ndarray, " n"]:

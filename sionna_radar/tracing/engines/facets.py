@@ -21,6 +21,7 @@ division changes gets new phases there, like a different surface.
 """
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -101,6 +102,7 @@ class GammaEngine:
         speckle: Literal["per_pulse", "persistent"] = "persistent",
     ) -> None:
         self._index = FacetIndex(facets_of(scene.surfaces))
+        self._scene, self._footprint_db, self._beam_share = scene, footprint_db, beam_share
         self._footprint = Footprint.of(antenna, footprint_db)
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
         self._side_per_metre = beam_share * min(antenna.beamwidths_rad)
@@ -108,6 +110,15 @@ class GammaEngine:
         self._scattering = FacetScattering(scene, antenna)
         self._speckle = speckle
         self._key = split_mix(np.array([seed], dtype=np.uint64), FIRST_STEP)
+
+    def with_antenna(self, antenna: Antenna) -> "GammaEngine":
+        """Return the engine with another antenna, over the same facets."""
+        other = copy(self)
+        other._antenna = antenna
+        other._footprint = Footprint.of(antenna, self._footprint_db)
+        other._side_per_metre = self._beam_share * min(antenna.beamwidths_rad)
+        other._scattering = FacetScattering(self._scene, antenna)
+        return other
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, one for each facet seen."""

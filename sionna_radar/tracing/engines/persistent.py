@@ -5,6 +5,8 @@ come from the same material, antenna and field calculator as the beam engine's: 
 incidence t represents the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
 """
 
+from copy import copy
+
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
@@ -53,6 +55,13 @@ class PersistentEngine:
         self._scatterers = scatter(scene, per_m2, seed, region_m)
         self._reach = reach_of_power(antenna, OUTSIDE_SHARE)
         self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
+
+    def with_antenna(self, antenna: Antenna) -> "PersistentEngine":
+        """Return the engine with another antenna, over the same scatterers."""
+        other = copy(self)
+        other._sionna = self._sionna.with_antenna(antenna)
+        other._reach = reach_of_power(antenna, OUTSIDE_SHARE)
+        return other
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, sorted by pulse and then by scatterer."""

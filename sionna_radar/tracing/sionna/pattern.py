@@ -54,7 +54,7 @@ def _product_of_cuts(antenna: Antenna):  # type: ignore[no-untyped-def]
 def _whole(pattern: Pattern, efficiency: float):  # type: ignore[no-untyped-def]
     """Return the voltage of a pattern against the direction cosines ahead, left and up."""
     amplitude = _amplitude(pattern)
-    peak = float(np.sqrt(efficiency * pattern.directivity))
+    peak = dr.opaque(mi.Float, float(np.sqrt(efficiency * pattern.directivity)))
     return lambda ahead, left, up: peak * amplitude(ahead, left, up)
 
 

@@ -1,5 +1,7 @@
 """A scene of ours inside Sionna RT."""
 
+from copy import copy
+
 import numpy as np
 from jaxtyping import Int
 
@@ -37,10 +39,19 @@ class SionnaScene:
             for i, s in enumerate(scene.surfaces)
         ]
         self.rt_scene.edit(add=objects)
-        self.pattern = SionnaPattern(antenna)
-        # Sionna receives with the conjugate of the pattern, which cancels the conjugation for its axes.
-        self.receive_pattern = SionnaPattern(antenna, antenna.jones[1])
+        self._point(antenna)
         shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
         self.surface_of_shape[shapes] = np.arange(len(shapes))
+
+    def with_antenna(self, antenna: Antenna) -> "SionnaScene":
+        """Return the same scene with another antenna."""
+        other = copy(self)
+        other._point(antenna)
+        return other
+
+    def _point(self, antenna: Antenna) -> None:
+        self.pattern = SionnaPattern(antenna)
+        # Sionna receives with the conjugate of the pattern, which cancels the conjugation for its axes.
+        self.receive_pattern = SionnaPattern(antenna, antenna.jones[1])

@@ -5,8 +5,9 @@ import pytest
 
 from beams import make_antenna, make_chirp, plane_power
 from flights import make_pulses
+from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import antenna_of
-from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered, turned
+from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.pattern import SphericalPattern, directions_of
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.beam import BeamEngine
@@ -24,7 +25,7 @@ import drjit as dr
 def with_two_beams():
     """Return a beam of 4 deg with another 6 dB below it, 20 deg up and 10 deg left: separable in no plane."""
     own = make_antenna(4.0, 4.0)
-    turn = turned(np.deg2rad(10.0), np.deg2rad(20.0))
+    turn = steering(np.deg2rad(10.0), np.deg2rad(20.0))
     pattern = SphericalPattern.of(
         lambda d: np.sqrt(own.gain(d) + 0.25 * own.gain(d @ turn)) + 1e-3 * (d[:, 0] < 0), np.deg2rad(0.25)
     )

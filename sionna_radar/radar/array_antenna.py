@@ -1,0 +1,126 @@
+"""Arrays of a scenario: rectangular ones by their numbers, any planar one by a table of its elements."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.signal.windows import taylor
+
+from sionna_radar.flight.scan import Scan
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, register_antenna
+from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
+from sionna_radar.radar.pattern_files.reader import read_pattern
+from sionna_radar.scenario.radar import ArrayAntennaTable
+
+KEY = "radar.antenna.path"
+COLUMNS = ("left_wavelengths", "up_wavelengths")
+EXTRAS = {"amplitude_db": 0.0, "phase_deg": 0.0}
+MOST_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
+REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.join(EXTRAS)}"
+
+
+@register_antenna("array", ArrayAntennaTable)
+def array_antenna(table: ArrayAntennaTable) -> Antenna:
+    """Return the antenna of a scenario's table, its beam steered as it says.
+
+    Raises
+    ------
+    InputFileError
+        The table of elements, or the element's pattern, cannot be read.
+    ScenarioError
+        The array is too large, or its weights cancel.
+
+    """
+    place, weight = read_elements(table.path) if table.path is not None else _rectangle(table)
+    size = np.ptp(place, axis=0) + 0.5
+    if size.max() > LARGEST_WAVELENGTHS:
+        message = f"{size.max():.0f} wavelengths are more than {LARGEST_WAVELENGTHS:g}; give fewer or closer elements"
+        raise ScenarioError([Problem("radar.antenna", message)])
+    if abs(weight.sum()) < 0.1 * np.abs(weight).sum():
+        message = "its weights nearly cancel toward the normal of its face; remove the steering from its phases"
+        raise ScenarioError([Problem("radar.antenna", message)])
+    element: Pattern = ElementPattern(table.element_exponent)
+    if table.element_pattern is not None:
+        element = read_pattern(table.element_pattern, "radar.antenna.element_pattern", table.element_boresight)
+    broadside = antenna_of(
+        ArrayPattern(array_factor(place, weight), element, (float(size[0]), float(size[1]))),
+        polarization=table.polarization,
+        receives=table.receive_polarization,
+        efficiency=from_db(table.efficiency_db),
+    )
+    if table.steer_deg == (0.0, 0.0):
+        return broadside
+    left_rad, up_rad = np.deg2rad(table.steer_deg)
+    return steered(broadside, float(left_rad), float(up_rad))
+
+
+def beams_of(antenna: Antenna, scan: Scan) -> tuple[Antenna, ...]:
+    """Return the antenna of each beam of an electronic scan; none for a scan that moves the whole antenna.
+
+    Raises ScenarioError for an antenna that cannot be steered, or already is.
+    """
+    azimuth = getattr(scan, "beam_azimuth_rad", None)
+    if azimuth is None:
+        return ()
+    pattern = antenna.transmit
+    if not isinstance(pattern, ArrayPattern):
+        message = "'electronic' steers an array; set radar.antenna.kind = 'array', or another mode"
+        raise ScenarioError([Problem("radar.scan.mode", message)])
+    if pattern.azimuth_rad or pattern.elevation_rad:
+        message = "the electronic scan steers the beam itself; remove it, or tilt the face by radar.scan.incidence_deg"
+        raise ScenarioError([Problem("radar.antenna.steer_deg", message)])
+    return tuple(steered(antenna, float(angle)) for angle in azimuth)
+
+
+def _rectangle(
+    table: ArrayAntennaTable,
+) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:
+    assert table.elements is not None  # the table's own check
+    spacing = table.spacing_wavelengths
+    steps = spacing if isinstance(spacing, tuple) else (spacing, spacing)
+    axes = [(np.arange(n) - (n - 1) / 2) * step for n, step in zip(table.elements, steps, strict=True)]
+    tapers = [_taper(n, table.taper_db) for n in table.elements]
+    left, up = np.meshgrid(*axes, indexing="ij")
+    return np.column_stack([left.ravel(), up.ravel()]), np.outer(*tapers).ravel().astype(np.complex128)
+
+
+def _taper(count: int, side_lobe_db: float | None) -> Float[np.ndarray, " element"]:
+    if side_lobe_db is None or count < 3:
+        return np.ones(count)
+    ratio = np.arccosh(10 ** (-side_lobe_db / 20)) / np.pi
+    nbar = max(2, int(np.ceil(2 * ratio**2 + 0.5)))
+    return taylor(count, nbar=nbar, sll=-side_lobe_db, norm=False, sym=True)
+
+
+def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:
+    """Return places (left, up) in wavelengths and complex weights of a table of elements.
+
+    Raises InputFileError for a file that is no such table.
+    """
+    name = f"{KEY} = {shown(path)}"
+    rows = csv.DictReader(read_text(path, f"{KEY} =", REMEDY).splitlines())
+    header = [column.strip() for column in rows.fieldnames or ()]
+    rows.fieldnames = header
+    if not set(COLUMNS) <= set(header) <= {*COLUMNS, *EXTRAS}:
+        message = f"{name}: line 1 names {', '.join(header)[:120]}; {REMEDY}"
+        raise InputFileError(message)
+    found: list[list[float]] = []
+    for row in rows:
+        try:
+            values = [float(row[column]) for column in COLUMNS]
+            values += [float(row[column]) if column in header else usual for column, usual in EXTRAS.items()]
+        except (ValueError, TypeError):
+            values = [np.nan]
+        if not np.isfinite(values).all() or len(found) >= MOST_ELEMENTS or max(map(abs, values)) > 1e6:
+            message = f"{name}: line {rows.line_num} is no element, or one too many; give numbers, one for each column"
+            raise InputFileError(message)
+        found.append(values)
+    if not found:
+        message = f"{name}: has no element; {REMEDY}"
+        raise InputFileError(message)
+    left, up, amplitude_db, phase_deg = np.array(found).T
+    return np.column_stack([left, up]), 10 ** (amplitude_db / 20) * np.exp(1j * np.deg2rad(phase_deg))

@@ -1,0 +1,1 @@
+"""Files of measured and computed radiation patterns, one module a family of formats."""

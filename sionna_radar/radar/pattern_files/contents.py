@@ -1,0 +1,125 @@
+"""What pattern files hold: two cuts, or a grid over the sphere; and the pattern each makes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+
+from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, directions_of
+
+# Below every side lobe that a measurement can tell from its noise; a null of minus infinity becomes this.
+FLOOR_DB = -150.0
+# Between the samples of a file: so many more, by a shape-preserving cubic in decibels.
+FINER = 4
+COARSEST_RAD, FINEST_RAD, FINEST_CUT_RAD = np.deg2rad([0.5, 0.05, 0.005])
+
+
+@dataclass(frozen=True)
+class PatternCuts:
+    """Two principal cuts: power against the angle from boresight, toward the left and up.
+
+    Angles in degrees, increasing, from at least -180 to at most 180; powers in decibels of any reference.
+    """
+
+    azimuth_deg: Float[np.ndarray, " n"]
+    azimuth_db: Float[np.ndarray, " n"]
+    elevation_deg: Float[np.ndarray, " m"]
+    elevation_db: Float[np.ndarray, " m"]
+
+    def pattern(self) -> ProductPattern:
+        """Return the product of the cuts, without any radiation where a cut has not been measured."""
+        return ProductPattern(
+            _resampled(self.azimuth_deg, self.azimuth_db, np.pi, turns=True),
+            _resampled(self.elevation_deg, self.elevation_db, np.pi / 2, turns=False),
+        )
+
+
+@dataclass(frozen=True)
+class PatternGrid:
+    """Power on a grid over the sphere or a part of it.
+
+    theta_deg: from the z axis of the file, increasing within 0 to 180. phi_deg: from its x axis toward its y axis,
+    increasing within 0 to 360; a last one of 360 repeats the first. Powers in decibels of any reference.
+    """
+
+    theta_deg: Float[np.ndarray, " theta"]
+    phi_deg: Float[np.ndarray, " phi"]
+    power_db: Float[np.ndarray, "theta phi"]
+
+    def pattern(self, boresight: str) -> SphericalPattern:
+        """Return the pattern, without any radiation where it has not been measured.
+
+        boresight: the axis of the file along which the antenna looks. For "z" its x axis is left and its y axis up; for
+        "x" its y axis is left and its z axis up.
+        """
+        theta, phi, power_db = self._finer()
+        amplitude = 10 ** (power_db / 20)
+        step = np.clip(min(np.diff(theta).min(), np.diff(phi).min()), FINEST_RAD, COARSEST_RAD)
+
+        def toward(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+            ahead, left, up = direction.T
+            x, y, z = (left, up, ahead) if boresight == "z" else (ahead, left, up)
+            return _bilinear(amplitude, (theta, phi), np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi))
+
+        return SphericalPattern.of(toward, float(step))
+
+    def _finer(self) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " p"], Float[np.ndarray, "t p"]]:
+        """Return the grid in radians with more samples between those of the file."""
+        theta, phi, power = np.deg2rad(self.theta_deg), np.deg2rad(self.phi_deg), np.maximum(self.power_db, FLOOR_DB)
+        fine = []
+        for angle in (theta, phi):
+            step = float(np.diff(angle).min())
+            more = int(np.clip(np.ceil(step / FINEST_RAD), 1, FINER))
+            fine.append(np.interp(np.arange((len(angle) - 1) * more + 1) / more, np.arange(len(angle)), angle))
+        power = PchipInterpolator(theta, power, axis=0)(fine[0])
+        return fine[0], fine[1], PchipInterpolator(phi, power, axis=1)(fine[1])
+
+
+def _resampled(
+    angle_deg: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"], half: float, *, turns: bool
+) -> Float[np.ndarray, " m"]:
+    """Return amplitudes over the peak's, equally spaced from minus to plus `half`, zero where nothing was measured."""
+    angle, power = np.deg2rad(angle_deg), np.maximum(power_db - power_db.max(), FLOOR_DB)
+    if turns and angle[-1] - angle[0] < 2 * np.pi - 1e-9 and _is_closed(angle):
+        # From the last sample around the back to the first.
+        angle, power = np.append(angle, angle[0] + 2 * np.pi), np.append(power, power[0])
+    step = np.clip(np.diff(angle).min() / FINER, FINEST_CUT_RAD, COARSEST_RAD)
+    place = np.linspace(-half, half, 2 * int(np.ceil(half / step)) + 1)
+    if turns:
+        place = np.where(place < angle[0], place + 2 * np.pi, place)
+    inside = (place >= angle[0] - 1e-9) & (place <= angle[-1] + 1e-9)
+    amplitude = 10 ** (PchipInterpolator(angle, power)(np.clip(place, angle[0], angle[-1])) / 20)
+    return np.where(inside, amplitude, 0.0)
+
+
+def _is_closed(angle: Float[np.ndarray, " n"]) -> bool:
+    """Whether a cut goes all around but for one step."""
+    gap = angle[0] + 2 * np.pi - angle[-1]
+    return bool(gap <= 1.5 * np.diff(angle).max())
+
+
+def _bilinear(
+    samples: Float[np.ndarray, "row column"],
+    edges: tuple[Float[np.ndarray, " row"], Float[np.ndarray, " column"]],
+    row: Float[np.ndarray, " k"],
+    column: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """Return samples on an uneven grid at places in it, zero outside."""
+    inside = np.ones(len(row), dtype=bool)
+    cells, shares = [], []
+    for edge, place in zip(edges, (row, column), strict=True):
+        inside &= (place >= edge[0] - 1e-9) & (place <= edge[-1] + 1e-9)
+        cell = np.clip(np.searchsorted(edge, place, side="right") - 1, 0, len(edge) - 2)
+        cells.append(cell)
+        shares.append(np.clip((place - edge[cell]) / (edge[cell + 1] - edge[cell]), 0.0, 1.0))
+    (r, c), (a, b) = cells, shares
+    low = samples[r, c] * (1 - b) + samples[r, c + 1] * b
+    high = samples[r + 1, c] * (1 - b) + samples[r + 1, c + 1] * b
+    return np.where(inside, low * (1 - a) + high * a, 0.0)
+
+
+def axis_gain_db(pattern: ProductPattern | SphericalPattern) -> float:
+    """Return the power toward boresight over the peak's, in decibels."""
+    ahead = pattern.amplitude(directions_of(np.zeros(1), np.zeros(1)))[0]
+    return float(20 * np.log10(max(ahead, 1e-9)))

@@ -1,0 +1,90 @@
+"""Reading a radiation pattern from a file of any known format, told by its content."""
+
+import logging
+from pathlib import Path
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
+from sionna_radar.radar.pattern_files.contents import PatternCuts, PatternGrid, axis_gain_db
+from sionna_radar.radar.pattern_files.delimited import is_delimited, read_delimited
+from sionna_radar.radar.pattern_files.far_fields import (
+    is_cst_source,
+    is_cst_table,
+    is_hfss_field,
+    read_cst_source,
+    read_cst_table,
+    read_hfss_field,
+)
+from sionna_radar.radar.pattern_files.planet import is_planet, read_planet
+
+logger = logging.getLogger("sionna_radar")
+
+MOST_BYTES = 200_000_000
+REMEDY = "give a CSV of cuts or of a grid, an MSI/PLN file, or a far field of HFSS (.csv, .ffd) or CST (.txt, .ffs)"
+# A beam farther from the axis has its half-power width elsewhere: the file's axes are not those expected.
+LEAST_ON_AXIS_DB, WARNED_ON_AXIS_DB = -3.0, -0.5
+FORMATS = (
+    (is_cst_source, read_cst_source),
+    (is_cst_table, read_cst_table),
+    (is_planet, read_planet),
+    (is_hfss_field, read_hfss_field),
+    (is_delimited, read_delimited),
+)
+
+
+def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern | SphericalPattern:
+    """Return the pattern in a file.
+
+    Parameters
+    ----------
+    path, key:
+        The file, and the scenario's key that names it.
+    boresight:
+        The axis of a file of theta and phi along which the antenna looks, "z" or "x".
+
+    Raises
+    ------
+    InputFileError
+        It cannot be read, is of no known format, or its beam is not where the antenna looks.
+
+    """
+    text = _text(path, key)
+    contents = _contents(text, f"{key} = {shown(path)}")
+    try:
+        pattern = contents.pattern() if isinstance(contents, PatternCuts) else contents.pattern(boresight)
+    except ValueError as error:
+        message = f"{key} = {shown(path)}: {error}"
+        raise InputFileError(message) from error
+    on_axis_db = axis_gain_db(pattern)
+    if on_axis_db < LEAST_ON_AXIS_DB:
+        message = (
+            f"{key} = {shown(path)}: its boresight is {-on_axis_db:.1f} dB below its peak; set radar.antenna.boresight "
+            "to the axis along which it looks, or turn the pattern"
+        )
+        raise InputFileError(message)
+    if on_axis_db < WARNED_ON_AXIS_DB:
+        logger.warning("%s: the boresight is %.1f dB below the peak of the beam, which squints", key, -on_axis_db)
+    return pattern
+
+
+def _text(path: Path, key: str) -> str:
+    regular_file(path, f"{key} =", REMEDY, MOST_BYTES)
+    try:
+        # Makers write their names and comments in any encoding; what counts is in ASCII.
+        return path.read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        message = f"{key} = {shown(path)} cannot be read ({error.strerror}); check its permissions"
+        raise InputFileError(message) from error
+
+
+def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
+    for fits, read in FORMATS:
+        if fits(text):
+            try:
+                return read(text)
+            except (ValueError, OverflowError) as error:
+                message = f"{name}: {error}"
+                raise InputFileError(message) from error
+    message = f"{name} is no pattern of a known format; {REMEDY}"
+    raise InputFileError(message)

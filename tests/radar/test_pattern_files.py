@@ -1,0 +1,159 @@
+"""Pattern files: the antenna that was written comes back, in every format, the right way up."""
+
+import numpy as np
+import pytest
+
+from beams import make_antenna
+from pattern_files import WRITERS, csv_grid
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.radar.antenna import antenna_of, build_antenna
+from sionna_radar.radar.array_antenna import array_antenna, beams_of, read_elements
+from sionna_radar.radar.pattern import SphericalPattern, directions_of
+from sionna_radar.radar.pattern_files.reader import read_pattern
+from sionna_radar.scenario import load_scenario
+from sionna_radar.scenario.radar import ArrayAntennaTable, ElectronicScanTable, PatternAntennaTable, RadarTable
+
+
+@pytest.fixture(scope="module")
+def lopsided():
+    """A beam of 12 by 20 deg with shoulders to the left (-8 dB) and upward (-5 dB): no two sides are alike."""
+    own = make_antenna(12.0, 20.0)
+
+    def amplitude(direction):
+        left = directions_of(np.array([np.deg2rad(20.0)]), np.zeros(1))[0]
+        up = directions_of(np.zeros(1), np.array([np.deg2rad(30.0)]))[0]
+        shoulders = 0.16 * np.exp(60 * (direction @ left - 1)) + 0.32 * np.exp(60 * (direction @ up - 1))
+        return np.sqrt(own.gain(direction) / own.peak_gain + shoulders + 1e-7)
+
+    return antenna_of(SphericalPattern.of(amplitude, np.deg2rad(0.5)))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_what_was_written_comes_back(kind, lopsided, tmp_path):
+    name, write = WRITERS[kind]
+    pattern = read_pattern(write(lopsided, tmp_path / name), "radar.antenna.pattern")
+    copy = antenna_of(pattern)
+    for along in (0, 1):  # both cuts, which the files of cuts have too
+        angles = np.zeros((2, 121))
+        angles[along] = np.deg2rad(np.linspace(-60, 60, 121))
+        away = directions_of(*angles)
+        relative, expected = copy.gain(away) / copy.peak_gain, lopsided.gain(away) / lopsided.peak_gain
+        np.testing.assert_allclose(relative, expected, atol=0.01)
+    if "cuts" not in kind and "MSI" not in kind:
+        assert copy.peak_gain == pytest.approx(lopsided.peak_gain, rel=0.01)
+        away = directions_of(*np.random.default_rng(1).uniform(-1.2, 1.2, size=(2, 500)))
+        np.testing.assert_allclose(copy.gain(away), lopsided.gain(away), atol=0.01 * lopsided.peak_gain)
+
+
+def test_the_axis_of_a_file_is_stated(lopsided, tmp_path):
+    path = csv_grid(lopsided, tmp_path / "x.csv", boresight="x")
+    copy = antenna_of(read_pattern(path, "radar.antenna.pattern", "x"))
+    away = directions_of(*np.random.default_rng(1).uniform(-1.0, 1.0, size=(2, 500)))
+    np.testing.assert_allclose(copy.gain(away), lopsided.gain(away), atol=0.01 * lopsided.peak_gain)
+    with pytest.raises(InputFileError, match=r"its boresight is .* dB below its peak; set radar.antenna.boresight"):
+        read_pattern(path, "radar.antenna.pattern", "z")
+
+
+def test_a_part_of_the_sphere_is_enough(tmp_path):
+    """Cuts of +-40 deg of a Gaussian beam: nothing beyond, and the directivity is that of what there is."""
+    angle = np.arange(-40.0, 40.5, 0.5)
+    power = -3.0 * (angle / 5.0) ** 2
+    path = tmp_path / "cuts.csv"
+    rows = np.column_stack([angle, power, power])
+    np.savetxt(path, rows, "%.6f", ",", header="angle_deg,azimuth_db,elevation_db", comments="")
+    antenna = antenna_of(read_pattern(path, "radar.antenna.pattern"))
+    assert np.rad2deg(antenna.beamwidths_rad) == pytest.approx((10.0, 10.0), rel=2e-3)
+    # exp(-a t^2) in both planes integrates to pi / a; 0.3 dB per square degree times 0.1 ln 10.
+    a = 3.0 / 5.0**2 * 0.1 * np.log(10) * np.rad2deg(1.0) ** 2
+    assert antenna.peak_gain == pytest.approx(4 * a, rel=0.01)
+    assert antenna.gain(directions_of(np.array([np.deg2rad(60.0)]), np.zeros(1)))[0] == 0.0
+
+
+def test_antennas_of_a_scenario(lopsided, tmp_path):
+    name, write = WRITERS["CSV of cuts"]
+    path = write(lopsided, tmp_path / name)
+    other = csv_grid(make_antenna(20.0, 20.0), tmp_path / "heard.csv")
+    table = RadarTable(snr_db=30.0, antenna={"pattern": path, "receive_pattern": other, "efficiency_db": -1.0}).antenna
+    assert isinstance(table, PatternAntennaTable)
+    antenna = build_antenna(table)
+    sent, heard = antenna_of(read_pattern(path, "k")), antenna_of(read_pattern(other, "k"))
+    efficiency = 10**-0.1
+    assert antenna.peak_gain == pytest.approx(efficiency * np.sqrt(sent.peak_gain * heard.peak_gain), rel=0.01)
+    assert isinstance(RadarTable(snr_db=30.0, antenna={"elements": [8, 8]}).antenna, ArrayAntennaTable)
+
+
+def test_elements_of_a_file_make_the_same_array(tmp_path):
+    left, up = np.meshgrid((np.arange(12) - 5.5) * 0.6, (np.arange(8) - 3.5) * 0.5, indexing="ij")
+    path = tmp_path / "elements.csv"
+    np.savetxt(
+        path,
+        np.column_stack([left.ravel(), up.ravel()]),
+        "%.6f",
+        ",",
+        header="left_wavelengths,up_wavelengths",
+        comments="",
+    )
+    place, weight = read_elements(path)
+    assert len(place) == 96
+    np.testing.assert_array_equal(weight, 1.0)
+    listed = array_antenna(ArrayAntennaTable(path=path))
+    formula = array_antenna(ArrayAntennaTable(elements=(12, 8), spacing_wavelengths=(0.6, 0.5)))
+    assert listed.peak_gain == pytest.approx(formula.peak_gain, rel=1e-6)
+    path.write_text("left_wavelengths,up_wavelengths\n0,zero\n", encoding="utf-8")
+    with pytest.raises(InputFileError, match="line 2 is no element"):
+        read_elements(path)
+
+
+def test_only_an_array_is_steered():
+    from sionna_radar.flight.scan import build_scan
+
+    scan = build_scan(ElectronicScanTable(beams=5, half_swath_deg=30.0))
+    with pytest.raises(ScenarioError, match=r"radar.scan.mode: 'electronic' steers an array"):
+        beams_of(make_antenna(2.0, 2.0), scan)
+    with pytest.raises(ScenarioError, match=r"radar.antenna.steer_deg"):
+        beams_of(array_antenna(ArrayAntennaTable(elements=(8, 8), steer_deg=(10.0, 0.0))), scan)
+    beams = beams_of(array_antenna(ArrayAntennaTable(elements=(8, 8))), scan)
+    assert [b.transmit.azimuth_rad for b in beams] == pytest.approx(np.arcsin(np.linspace(0.5, -0.5, 5)))
+
+
+BAD = {
+    "empty": ("", "no pattern of a known format"),
+    "words": ("hello, world\n" * 9, "no pattern of a known format"),
+    "no rows": ("angle_deg,azimuth_db,elevation_db\n", "has no rows"),
+    "letters": ("angle_deg,azimuth_db,elevation_db\n0,1,2\n1,x,2\n", "line 3 holds"),
+    "short row": ("theta_deg,phi_deg,gain_db\n0,0\n", "line 2 has 2 numbers"),
+    "falling": ("angle_deg,azimuth_db,elevation_db\n2,0,0\n1,0,0\n0,0,0\n", "must increase"),
+    "holes": ("theta_deg,phi_deg,gain_db\n10,0,0\n20,90,0\n30,180,1\n", "are missing"),
+    "radians": ("theta_deg,phi_deg,gain_db\n500,0,0\n20,90,0\n", "theta beyond 180"),
+    "two quantities": ('"Theta [deg]","Phi [deg]","dB(GainX)","dB(GainY)"\n0,0,1,2\n', "several columns"),
+    "two frequencies": (
+        "\"Theta [deg]\",\"dB(G) Freq='1GHz' Phi='0deg'\",\"dB(G) Freq='2GHz' Phi='0deg'\"\n0,1,2\n",
+        "frequen",
+    ),
+    "short section": ("NAME x\nHORIZONTAL 360\n0 0\nVERTICAL 360\n0 0\n", "announces 360 rows"),
+    "huge section": ("NAME x\nHORIZONTAL 99999999999\n0 0\nVERTICAL 360\n0 0\n", "how many rows follow"),
+    "huge field": ("0 180 99999\n0 360 99999\n1 2 3 4\n", "directions, more than"),
+    "truncated field": ("0 180 19\n0 360 37\n1 2 3 4\n", "announces 703 directions, and holds 1"),
+    "frequencies": ("// CST Farfield Source File\n// #Frequencies\n3\n", "holds 3 frequencies"),
+    "no fields": ("// CST Farfield Source File\n", "lacks the table"),
+    "zeros": ("Theta [deg.]  Phi [deg.]  Abs(Gain)[      ]\n---\n0 0 0\n0 90 0\n90 0 0\n90 90 0\n", "all zero"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_file_is_one_clear_error(case, tmp_path):
+    text, said = BAD[case]
+    path = tmp_path / "bad.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputFileError, match=said) as caught:
+        read_pattern(path, "radar.antenna.pattern")
+    assert str(caught.value).startswith(f"radar.antenna.pattern = {path}")
+
+
+def test_a_pattern_s_path_is_relative_to_its_scenario(tmp_path):
+    (tmp_path / "a.toml").write_text(
+        '[terrain]\nkind="flat"\n[platform]\naltitude_m=50\nspeed_mps=5\n[radar]\nsnr_db=30\nantenna.pattern="a.csv"\n',
+        encoding="utf-8",
+    )
+    (tmp_path / "a.csv").write_text("", encoding="utf-8")
+    assert load_scenario(tmp_path / "a.toml").radar.antenna.pattern == tmp_path / "a.csv"
