@@ -12,7 +12,7 @@ from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progr
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
-    for command in (plan, validate, scenes, doctor, bench, fit):
+    for command in (plan, validate, scenes, presets, doctor, bench, fit):
         app.command()(command)
 
 
@@ -90,6 +90,20 @@ def scenes() -> None:
 
     for name, path in shipped_scenarios().items():
         typer.echo(f"{name:16}{tomllib.loads(path.read_text(encoding='utf-8')).get('description', '')}")
+
+
+def presets() -> None:
+    """List the published radars that `radar.preset` names, with the sources of their figures and what was assumed."""
+    from sionna_radar.scenario.presets import PRESETS
+
+    for name, preset in PRESETS.items():
+        typer.echo(f"{name}: {preset.summary}")
+        for key, value in preset.radar.items():
+            typer.echo(f"  {key} = {value}")
+        for source in preset.sources:
+            typer.echo(f"  source: {source}")
+        for guess in preset.assumed:
+            typer.echo(f"  assumed: {guess}")
 
 
 def doctor() -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
+from sionna_radar.scenario.presets import PRESETS, filled_in
+from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.table import InputPath, NonNegative, Real, Table, refuse
 
 
@@ -168,9 +172,19 @@ class ReceiverTable(Table):
 IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
 
 
-class RadarTable(Table):
-    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
+def _published(name: str) -> str:
+    if name not in PRESETS:
+        raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
+    return name
 
+
+class RadarTable(Table):
+    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure.
+
+    preset: a published radar, whose figures stand where none are given; `sionna-radar presets` lists them.
+    """
+
+    preset: Annotated[str, AfterValidator(_published)] | None = None
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
     bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
@@ -182,10 +196,17 @@ class RadarTable(Table):
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
     receiver: ReceiverTable = ReceiverTable()
-    antenna: Annotated[
-        AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied={"pattern": "pattern", "elements": "array"})
-    ] = AntennaTable()
+    antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
+        AntennaTable()
+    )
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_preset(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and isinstance(values.get("preset"), str) and values["preset"] in PRESETS:
+            return filled_in(values, IMPLIED_ANTENNAS)
+        return values
 
     @model_validator(mode="after")
     def _consistent(self) -> RadarTable:

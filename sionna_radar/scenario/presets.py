@@ -1,0 +1,134 @@
+"""Published radars by name: `radar.preset`. Each figure has its source, and what was assumed is said."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """A published radar.
+
+    summary: what it is. radar: keys of `[radar]`. sources: of its figures. assumed: what no source gives.
+    """
+
+    summary: str
+    radar: Mapping[str, Any]
+    sources: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+
+PRESETS: Mapping[str, Preset] = MappingProxyType(
+    {
+        "rouveure_2017": Preset(
+            summary="the 77 GHz pencil beam of the reference paper",
+            radar={
+                "carrier_hz": 77e9,
+                "bandwidth_hz": 500e6,
+                "chirp_rate_hz": 360.0,
+                "samples_per_chirp": 1024,
+                "snr_db": 30.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": 2.0, "side_lobe_db": -20.0},
+                "scan": {"mode": "whisk_broom", "incidence_deg": 45.0, "half_swath_deg": 50.0, "rotation_rpm": 120.0},
+            },
+            sources=("Rouveure et al. 2017, doi 10.1016/j.robot.2017.07.002, Table 2 and Fig. 5, 12",),
+            assumed=("a Taylor taper in both planes",),
+        ),
+        "avtis2": Preset(
+            summary="AVTIS2, a 94 GHz real-aperture FMCW imager of volcanoes and glaciers, 7 km of range",
+            radar={
+                "carrier_hz": 94e9,
+                "bandwidth_hz": 200e6,
+                "chirp_rate_hz": 100.0,
+                "samples_per_chirp": 32768,
+                "transmit_power_dbm": 18.0,
+                "noise_figure_db": 8.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": 0.35, "side_lobe_db": -25.0},
+                "scan": {"mode": "whisk_broom", "incidence_deg": 45.0, "half_swath_deg": 50.0, "rotation_rpm": 20.0},
+            },
+            sources=(
+                "94 GHz, FMCW, mechanically scanned, about 7 km of range, range resolution below a metre: Macfarlane, "
+                "Robertson, Middleton 2006, 'A 94 GHz real aperture 3D imaging radar', 3rd European Radar Conference",
+                "in use on glaciers: Harcourt et al. 2023, Annals of Glaciology, doi 10.1017/aog.2023.30, and "
+                "Geophysical Research Letters 50, e2023GL104721",
+            ),
+            assumed=(
+                "200 MHz, for 0.75 m of range resolution",
+                "the beam of 0.35 deg, its side lobes, 18 dBm and 8 dB of noise figure: not in the sources at hand",
+                "sweeps of 10 ms, and a scan from the air: the original turns on a tripod",
+            ),
+        ),
+        "ti_awr1843": Preset(
+            summary="a 77 GHz single-chip module of Texas Instruments on its evaluation board, one transmitter",
+            radar={
+                "carrier_hz": 77e9,
+                "bandwidth_hz": 300e6,
+                "chirp_rate_hz": 1000.0,
+                "samples_per_chirp": 512,
+                "sampling": "iq",
+                "transmit_power_dbm": 12.0,
+                "noise_figure_db": 15.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": (56.0, 28.0), "side_lobe_db": -20.0},
+                "scan": {"mode": "fixed", "incidence_deg": 20.0},
+            },
+            sources=(
+                "12 dBm, noise figure 14 dB at 76 to 77 GHz and 15 dB at 77 to 81 GHz, complex sampling: AWR1843 "
+                "data sheet, SWRS222",
+                "half-power beam of +-28 by +-14 deg: xWR1843 evaluation module user's guide, SPRUIM4",
+            ),
+            assumed=(
+                "300 MHz in 512 samples, for 256 m of range: the chip sweeps up to 4 GHz, for centimetres over metres",
+                "no gain from averaging the chirps of a frame",
+                "the receiver's antenna equal to the transmitter's, and a Taylor taper",
+            ),
+        ),
+        "uw_scat_ku": Preset(
+            summary="UW-Scat, a 17.2 GHz FMCW scatterometer for snow and ice",
+            radar={
+                "carrier_hz": 17.2e9,
+                "bandwidth_hz": 500e6,
+                "chirp_rate_hz": 100.0,
+                "samples_per_chirp": 1024,
+                "snr_db": 30.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": 5.6, "side_lobe_db": -20.0},
+                "scan": {"mode": "whisk_broom", "incidence_deg": 40.0, "half_swath_deg": 40.0, "rotation_rpm": 20.0},
+            },
+            sources=(
+                "17.2 GHz, beam of 5.6 deg, range resolution 30 cm: King et al. 2013, IEEE Geoscience and Remote "
+                "Sensing Letters, doi 10.1109/LGRS.2012.2212177; NASA's catalogue of airborne instruments",
+            ),
+            assumed=(
+                "500 MHz, which has that resolution",
+                "the signal-to-noise ratio, the side lobes, the sweep's rate, and a scan from the air",
+            ),
+        ),
+    }
+)
+
+# Ways to describe the noise: whoever gives one does not want the preset's other.
+NOISE = ({"snr_db"}, {"transmit_power_dbm", "noise_figure_db"})
+# A table of another kind than the preset's stands alone.
+KINDS = {"antenna": "kind", "scan": "mode"}
+
+
+def filled_in(values: Mapping[str, Any], implied: Mapping[str, str]) -> dict[str, Any]:
+    """Return keys of `[radar]` with those of its preset that it does not give itself.
+
+    implied: antennas that a key of theirs stands for.
+    """
+    preset = copy.deepcopy(dict(PRESETS[values["preset"]].radar))
+    for own, other in (NOISE, NOISE[::-1]):
+        if any(values.get(key) is not None for key in own):
+            preset = {key: value for key, value in preset.items() if key not in other}
+    merged = {**preset, **{key: value for key, value in values.items() if value is not None}}
+    for table, tag in KINDS.items():
+        given, known = values.get(table), preset[table]
+        if isinstance(given, Mapping):
+            usual = next((kind for key, kind in implied.items() if key in given), known[tag])
+            alike = given.get(tag, usual) == known[tag]
+            merged[table] = {**known, **given} if alike else dict(given)
+    return merged
