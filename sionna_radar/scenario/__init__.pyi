@@ -27,6 +27,9 @@ from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable
 from .processing import ProcessingTable as ProcessingTable
 from .radar import AntennaTable as AntennaTable
+from .radar import ArrayAntennaTable as ArrayAntennaTable
+from .radar import ElectronicScanTable as ElectronicScanTable
+from .radar import PatternAntennaTable as PatternAntennaTable
 from .radar import RadarTable as RadarTable
 from .radar import ReceiverTable as ReceiverTable
 from .radar import ScanTable as ScanTable
@@ -47,12 +50,14 @@ from .weather import WeatherTable as WeatherTable
 __all__ = [
     "AntennaParameters",
     "AntennaTable",
+    "ArrayAntennaTable",
     "Building",
     "CfarTable",
     "CityTerrain",
     "ConstantGamma",
     "CoveredTerrain",
     "DemTable",
+    "ElectronicScanTable",
     "FlatTerrain",
     "FractalTerrain",
     "HillsTerrain",
@@ -66,6 +71,7 @@ __all__ = [
     "NavigationTable",
     "NonNegative",
     "Parameters",
+    "PatternAntennaTable",
     "PhysicalOptics",
     "Platform",
     "PointTarget",

@@ -57,7 +57,8 @@ class PatternAntennaTable(AntennaParameters):
         dBi or relative: the directivity is the pattern's own integral.
     receive_pattern: another one for reception; without it the same.
     boresight: in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and
-        the y axis up; for "x" the y axis is left and the z axis up.
+        the y axis up; for "x" the y axis is left and the z axis up. Also "x" for MSI Planet files whose vertical angles
+        count from the zenith.
     efficiency_db: gain over directivity, each way.
     axial_ratio_db: see `AntennaTable`.
     """

@@ -50,8 +50,23 @@ def test_the_axis_of_a_file_is_stated(lopsided, tmp_path):
     copy = antenna_of(read_pattern(path, "radar.antenna.pattern", "x"))
     away = directions_of(*np.random.default_rng(1).uniform(-1.0, 1.0, size=(2, 500)))
     np.testing.assert_allclose(copy.gain(away), lopsided.gain(away), atol=0.01 * lopsided.peak_gain)
-    with pytest.raises(InputFileError, match=r"its boresight is .* dB below its peak; set radar.antenna.boresight"):
+    with pytest.raises(
+        InputFileError, match=r"its boresight is .* dB below its peak; set radar.antenna.boresight = 'x'"
+    ):
         read_pattern(path, "radar.antenna.pattern", "z")
+
+
+def test_vertical_angles_may_count_from_the_zenith(lopsided, tmp_path):
+    path = WRITERS["MSI Planet"][1](lopsided, tmp_path / "zenith.prn")
+    head, tail = path.read_text(encoding="latin-1").split("VERTICAL 360\n")
+    losses = [line.split()[1] for line in tail.splitlines()]
+    tail = "\n".join(f"{angle} {losses[(angle - 90) % 360]}" for angle in range(360))
+    path.write_text(f"{head}VERTICAL 360\n{tail}", encoding="latin-1")
+    copy = antenna_of(read_pattern(path, "radar.antenna.pattern", "x"))
+    away = directions_of(np.zeros(121), np.deg2rad(np.linspace(-60, 60, 121)))
+    np.testing.assert_allclose(copy.gain(away) / copy.peak_gain, lopsided.gain(away) / lopsided.peak_gain, atol=0.01)
+    with pytest.raises(InputFileError, match=r"set radar.antenna.boresight = 'x'"):
+        read_pattern(path, "radar.antenna.pattern")
 
 
 def test_a_part_of_the_sphere_is_enough(tmp_path):

@@ -20,18 +20,28 @@ class PatternCuts:
     """Two principal cuts: power against the angle from boresight, toward the left and up.
 
     Angles in degrees, increasing, from at least -180 to at most 180; powers in decibels of any reference.
+    turnable: whether elevations may have been counted from the zenith instead.
     """
 
     azimuth_deg: Float[np.ndarray, " n"]
     azimuth_db: Float[np.ndarray, " n"]
     elevation_deg: Float[np.ndarray, " m"]
     elevation_db: Float[np.ndarray, " m"]
+    turnable: bool = False
 
-    def pattern(self) -> ProductPattern:
-        """Return the product of the cuts, without any radiation where a cut has not been measured."""
+    def pattern(self, boresight: str = "z") -> ProductPattern:
+        """Return the product of the cuts, without any radiation where a cut has not been measured.
+
+        boresight: "z" for cuts about boresight; "x" for a vertical cut whose angles count from the zenith.
+        """
+        elevation, power = self.elevation_deg, self.elevation_db
+        if self.turnable and boresight == "x":
+            turned = (elevation + 90 + 180) % 360 - 180
+            order = np.argsort(turned)
+            elevation, power = turned[order], power[order]
         return ProductPattern(
             _resampled(self.azimuth_deg, self.azimuth_db, np.pi, turns=True),
-            _resampled(self.elevation_deg, self.elevation_db, np.pi / 2, turns=False),
+            _resampled(elevation, power, np.pi / 2, turns=False),
         )
 
 

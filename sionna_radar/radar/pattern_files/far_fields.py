@@ -25,7 +25,10 @@ def read_cst_table(text: str) -> PatternGrid:
     name = re.split(r"\s{2,}|(?<=\])\s*", lines[0].strip())
     total = next((part for part in name if part.lower().startswith("abs")), "")
     values = _rows("\n".join(line for line in lines[1:] if not line.strip().startswith("--")), 3)
-    power = values[:, 2] if "db" in total.lower() else _decibels(values[:, 2])
+    if "db" in total.lower():
+        power = values[:, 2]
+    else:  # fields are amplitudes, gains and directivities are not
+        power = _decibels(values[:, 2] ** 2 if "v/m" in total.lower() else values[:, 2])
     return grid_of(values[:, 0], values[:, 1], power)
 
 

@@ -1,6 +1,7 @@
 """MSI Planet files (.msi, .pln): attenuation below the peak around a horizontal and a vertical cut.
 
-Horizontal angles turn clockwise seen from above, so to the right of boresight; vertical ones from boresight downward.
+Horizontal angles turn clockwise seen from above, so to the right of boresight; vertical ones from boresight downward,
+or, in files of some makers, from the zenith.
 """
 
 import numpy as np
@@ -38,7 +39,7 @@ def read_planet(text: str) -> PatternCuts:
         raise ValueError(message)
     (right, right_loss), (down, down_loss) = (cuts[section] for section in SECTIONS)
     azimuth, elevation = _turned(right, right_loss), _turned(down, down_loss)
-    return PatternCuts(*azimuth, *elevation)
+    return PatternCuts(*azimuth, *elevation, turnable=True)
 
 
 def _section(lines: list[str], first: int, words: list[str]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:

@@ -41,7 +41,8 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     path, key:
         The file, and the scenario's key that names it.
     boresight:
-        The axis of a file of theta and phi along which the antenna looks, "z" or "x".
+        The axis of a file of theta and phi along which the antenna looks, "z" or "x"; "x" also for an MSI file whose
+        vertical angles count from the zenith.
 
     Raises
     ------
@@ -52,7 +53,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     text = _text(path, key)
     contents = _contents(text, f"{key} = {shown(path)}")
     try:
-        pattern = contents.pattern() if isinstance(contents, PatternCuts) else contents.pattern(boresight)
+        pattern = contents.pattern(boresight)
     except ValueError as error:
         message = f"{key} = {shown(path)}: {error}"
         raise InputFileError(message) from error
@@ -60,7 +61,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     if on_axis_db < LEAST_ON_AXIS_DB:
         message = (
             f"{key} = {shown(path)}: its boresight is {-on_axis_db:.1f} dB below its peak; set radar.antenna.boresight "
-            "to the axis along which it looks, or turn the pattern"
+            f"= {'x' if boresight == 'z' else 'z'!r} if that is the axis along which it looks, or turn the pattern"
         )
         raise InputFileError(message)
     if on_axis_db < WARNED_ON_AXIS_DB:
