@@ -8,6 +8,7 @@ import typer
 from sionna_radar.cli.options import (
     BlockOption,
     MapOption,
+    NetworkOption,
     OutputOption,
     QuietOption,
     ScenarioArgument,
@@ -46,12 +47,13 @@ def run_command(
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
+    network: NetworkOption = False,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    _fly(Session.of(scenario, output, set_, set_file, seed, quiet), block_size, map_coordinates)
+    _fly(Session.of(scenario, output, set_, set_file, seed, quiet, network=network), block_size, map_coordinates)
 
 
 def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> None:
@@ -80,6 +82,7 @@ def crosscheck(
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
+    network: NetworkOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
@@ -87,7 +90,7 @@ def crosscheck(
     from sionna_radar.report.crosscheck.table import print_crosscheck
     from sionna_radar.studies.crosscheck import crosscheck as check
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     result: CrossCheck = session.produce(
         lambda progress: check(checked, progress=progress),
@@ -111,6 +114,7 @@ def budget(
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
+    network: NetworkOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
@@ -119,7 +123,7 @@ def budget(
     from sionna_radar.report.budget.table import print_budget
     from sionna_radar.studies.budget import navigation_budget
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
     session.produce(
@@ -137,6 +141,7 @@ def image(
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
+    network: NetworkOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
@@ -144,7 +149,7 @@ def image(
     from sionna_radar.report.imagery.table import print_image
     from sionna_radar.studies.images import fly_images
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     session.produce(
         lambda progress: fly_images(checked, progress=progress),
@@ -166,6 +171,7 @@ def sweep(
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
+    network: NetworkOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
@@ -173,7 +179,7 @@ def sweep(
     from sionna_radar.report.sweep.table import print_sweep
     from sionna_radar.studies.sweep import fly_sweep, parse_axes, plan_sweep
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     axes = parse_axes(vary)
     result: Sweep = session.produce(
         lambda progress: fly_sweep(plan_sweep(scenario, axes, repeat, session.overrides, progress), progress=progress),

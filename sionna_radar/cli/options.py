@@ -34,4 +34,8 @@ MapOption = Annotated[
         help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
     ),
 ]
+NetworkOption = Annotated[
+    bool,
+    typer.Option("--allow-network", help="Let terrain.path be an address (https://, s3://, ...) and read it there."),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]

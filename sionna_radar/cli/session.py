@@ -3,13 +3,14 @@
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from sionna_radar.foundation.network import allow_network
 from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
@@ -27,12 +28,14 @@ class Session:
     output: the folder of the results; None for one of the scenario's name.
     overrides: values by dotted keys.
     quiet: print nothing but errors.
+    network: whether files may be read from the network.
     """
 
     scenario: str
     output: Path | None
     overrides: dict[str, object]
     quiet: bool = False
+    network: bool = False
 
     @staticmethod
     def of(
@@ -42,10 +45,17 @@ class Session:
         files: list[Path] | None,
         seed: int | None,
         quiet: bool,
+        *,
+        network: bool = False,
     ) -> "Session":
         """Return the session of a command line."""
         log_to_stderr(quiet)
-        return Session(scenario=scenario, output=output, overrides=overrides_of(assignments, files, seed), quiet=quiet)
+        overrides = overrides_of(assignments, files, seed)
+        return Session(scenario=scenario, output=output, overrides=overrides, quiet=quiet, network=network)
+
+    def reach(self) -> AbstractContextManager[None]:
+        """Return the context in which files are read: with the network, if the user allows it."""
+        return allow_network() if self.network else nullcontext()
 
     def load(self) -> "Scenario":
         """Return the scenario."""
@@ -77,7 +87,7 @@ class Session:
 
         """
         directory = check_output(self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}", marker)
-        with progress_of(self.quiet) as progress:
+        with progress_of(self.quiet) as progress, self.reach():
             result = fly(progress)
         written = write(result, directory)
         if written and not self.quiet:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.options import ScenarioArgument, SeedOption, SetFileOption, SetOption
+from sionna_radar.cli.options import NetworkOption, ScenarioArgument, SeedOption, SetFileOption, SetOption
 from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
 
 
@@ -71,14 +71,20 @@ def plan(
 
 
 def validate(
-    scenario: ScenarioArgument, set_: SetOption = None, set_file: SetFileOption = None, seed: SeedOption = None
+    scenario: ScenarioArgument,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
 ) -> None:
     """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
     from sionna_radar.scenario import to_toml
     from sionna_radar.survey.preparation import prepare
 
-    checked = Session.of(scenario, None, set_, set_file, seed, quiet=False).load()
-    prepare(checked)
+    session = Session.of(scenario, None, set_, set_file, seed, quiet=False, network=network)
+    checked = session.load()
+    with session.reach():
+        prepare(checked)
     typer.echo(to_toml(checked), nl=False)
 
 

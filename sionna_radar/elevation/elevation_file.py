@@ -26,7 +26,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 
 
 @contextmanager
-def opened_file(path: Path) -> Iterator[Any]:
+def opened_file(path: Path | str) -> Iterator[Any]:
     """Open a raster file whose first band holds elevations.
 
     Raises InputFileError for a file that cannot be read or holds no elevations.
@@ -48,7 +48,7 @@ def opened_array(height_m: Shaped[np.ndarray, "row column"], transform: rasterio
             yield dataset
 
 
-def _check_content(dataset: Any, path: Path) -> None:
+def _check_content(dataset: Any, path: Path | str) -> None:
     problem = None
     if dataset.count == 0:
         problem = "has no band, perhaps subdatasets; extract one with gdal_translate"

@@ -20,6 +20,7 @@ from rasterio.io import DatasetReader
 
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.network import network_allowed
 
 # GeoTIFF, Esri ASCII grid, SRTM height, USGS and military elevation models, and plain binary grids with a header.
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")
@@ -33,31 +34,46 @@ MOST_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
 
 
+# Of a network file: no listing of its folder, no waiting without end.
+NETWORK_OPTIONS = {
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+    "GDAL_HTTP_TIMEOUT": "60",
+    "GDAL_HTTP_CONNECTTIMEOUT": "20",
+    "GDAL_HTTP_MAX_RETRY": "2",
+}
+SCHEMES = {"http": "/vsicurl/http://", "https": "/vsicurl/https://", "s3": "/vsis3/", "gs": "/vsigs/", "az": "/vsiaz/"}
+
+
 @contextmanager
-def open_raster(path: Path, key: str) -> Iterator[Any]:
+def open_raster(path: Path | str, key: str) -> Iterator[Any]:
     """Open a raster file for reading, and turn errors of GDAL and PROJ into one of ours.
 
     Parameters
     ----------
     path:
-        The file.
+        The file, or the address of a GeoTIFF, as a string.
     key:
         The scenario's key that names it, for messages.
 
     Raises
     ------
     InputFileError
-        It is not a regular file, not of an accepted format, or larger than can be read; or reading it fails.
+        It is an address and the network is not allowed, not a regular file, not of an accepted format, or larger than
+        can be read; or reading it fails.
 
     """
     name = f"{key} ="
-    size = regular_file(path, name, REMEDY, MOST_BYTES)
-    _check_side_cars(path, name)
+    if isinstance(path, str):
+        place, size, drivers, options = _reached(path, name), MOST_BYTES, ["GTiff"], NETWORK_OPTIONS
+    else:
+        size = regular_file(path, name, REMEDY, MOST_BYTES)
+        _check_side_cars(path, name)
+        place, drivers, options = str(path.absolute()), list(DRIVERS), {}
     try:
         with warnings.catch_warnings():
             # The caller decides whether a georeference is needed.
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.Env(), DatasetReader(str(path.absolute()), driver=list(DRIVERS)) as dataset:
+            with rasterio.Env(**options), DatasetReader(place, driver=drivers) as dataset:
                 _check_size(dataset, size, f"{name} {shown(path)}")
                 yield dataset
     except RadarError:
@@ -66,6 +82,18 @@ def open_raster(path: Path, key: str) -> Iterator[Any]:
         reason = str(error.__cause__ or error).splitlines()[0]
         message = f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}"
         raise InputFileError(message) from error
+
+
+def _reached(address: str, name: str) -> str:
+    """Return the name under which GDAL reads an address, if the user allows it."""
+    if not network_allowed():
+        message = f"{name} {shown(address)} is on the network; give --allow-network to read it there, or download it"
+        raise InputFileError(message)
+    scheme, _, rest = address.partition("://")
+    if scheme.lower() not in SCHEMES or not rest:
+        message = f"{name} {shown(address)} is no address that can be read; give one of {'://, '.join(SCHEMES)}://"
+        raise InputFileError(message)
+    return SCHEMES[scheme.lower()] + rest
 
 
 def require_cells(dataset: Any, named: str, wanted: str) -> None:

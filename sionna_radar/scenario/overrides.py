@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.network import is_address
 from sionna_radar.scenario.media import Medium
 from sionna_radar.scenario.parts import ANTENNAS, MATERIALS, NAVIGATIONS, SCANS, TERRAINS
 from sionna_radar.scenario.registry import Registry
@@ -241,6 +242,8 @@ def resolve_paths(data: dict[str, Any], folder: Path) -> None:
 
 def _resolved(text: str, folder: Path) -> str:
     """Return an absolute path; what no file system takes is left for the file's reader to refuse."""
+    if is_address(text):
+        return text
     try:
         beside = folder / text
         return str((beside if beside.exists() else Path(text)).absolute())

@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.network import is_address
 from sionna_radar.scenario.problems import translate
 
 # Far beyond anything a survey can mean, and far within what its products and powers can reach without an overflow.
@@ -26,6 +27,11 @@ def _not_vanishing(value: float) -> float:
     return value
 
 
+def _a_source(source: Any) -> Any:
+    """Keep an address as it is written: as a path it would lose a slash."""
+    return Path(source) if isinstance(source, str) and not is_address(source) else source
+
+
 def _a_path(path: Path) -> Path:
     text = str(path)
     if "\0" in text or len(text) > LONGEST_PATH or any("\ud800" <= c <= "\udfff" for c in text):
@@ -40,6 +46,9 @@ Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Point2 = tuple[Real, Real]
 Point3 = tuple[Real, Real, Real]
 InputPath = Annotated[Path, AfterValidator(_a_path)]
+# A file, or an address on the network, which is refused unless the user allows it.
+Address = Annotated[str, Field(max_length=LONGEST_PATH)]
+InputSource = Annotated[InputPath | Address, BeforeValidator(_a_source)]
 
 
 class Table(BaseModel):

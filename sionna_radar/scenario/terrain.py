@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.cover import MaterialField
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.table import InputPath, Positive, Real, Seed
+from sionna_radar.scenario.table import InputPath, InputSource, Positive, Real, Seed, Table, refuse
 
 KEEP_SIONNA = "sionna"
 
@@ -55,19 +55,61 @@ class SampleTerrain(CoveredTerrain):
     spacing_m: Positive | None = None
 
 
+class Roughness(Table):
+    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square."""
+
+    hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.7
+    rms_m: Annotated[Positive, Field(le=100)]
+    seed: Seed = 1
+
+
 class RasterTerrain(CoveredTerrain):
     """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid.
 
+    path: a file; or the address of a cloud-optimised GeoTIFF (https://, s3://, ...), read only with --allow-network.
+    holes: cells without data are kept as holes, filled from around them, or refused.
+    roughen: adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's.
     crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
     "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
     """
 
     kind: Literal["raster"] = "raster"
-    path: InputPath
+    path: InputSource
     crs: str | None = None
     vertical_crs: str | None = None
     height_unit: Literal["m", "ft", "ftUS"] | None = None
     spacing_m: Positive | None = None
+    holes: Literal["keep", "fill", "refuse"] = "keep"
+    roughen: Roughness | None = None
+
+
+class PointsTerrain(CoveredTerrain):
+    """A point cloud, LAS or LAZ, gridded.
+
+    points: the first return of each pulse, those classified as ground, or all; never noise or withheld ones.
+    statistic: height of a cell: the mean of its points, the highest, or a percentile of them.
+    spacing_m: of the cells; without it, four points fall into one on average.
+    crs, vertical_crs, height_unit, holes: see `RasterTerrain`. A file without a CRS is in local metres, about its
+        middle, unless crs says more.
+    """
+
+    kind: Literal["points"] = "points"
+    path: InputPath
+    points: Literal["first", "ground", "all"] = "first"
+    statistic: Literal["mean", "max", "percentile"] = "mean"
+    percentile: Annotated[Real, Field(ge=0, le=100)] = 50.0
+    spacing_m: Positive | None = None
+    crs: str | None = None
+    vertical_crs: str | None = None
+    height_unit: Literal["m", "ft", "ftUS"] | None = None
+    holes: Literal["keep", "fill", "refuse"] = "fill"
+
+    @model_validator(mode="after")
+    def _percentile_is_used(self) -> PointsTerrain:
+        usual = type(self).model_fields["percentile"].default
+        if self.statistic != "percentile" and self.percentile != usual:
+            raise refuse("percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it")
+        return self
 
 
 class CityTerrain(TerrainParameters):

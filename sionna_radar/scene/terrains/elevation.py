@@ -1,5 +1,6 @@
 """Ground from elevation rasters: the user's, and the SRTM tile in matplotlib's sample data."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,11 +10,19 @@ from matplotlib.cbook import get_sample_data
 from rasterio import Affine
 
 from sionna_radar.elevation.cutout import Cutout
+from sionna_radar.elevation.detail import detail_on
 from sionna_radar.elevation.elevation_file import cut, opened_array, opened_file
+from sionna_radar.elevation.holes import treat_holes
 from sionna_radar.elevation.local_frame import StatedFrame, place_file
 from sionna_radar.elevation.map_frame import MapFrame
-from sionna_radar.scenario.terrain import RasterTerrain, SampleTerrain
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.scenario.terrain import RasterTerrain, Roughness, SampleTerrain
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+
+logger = logging.getLogger("sionna_radar")
+
+# Cells of a roughened terrain along one of its file.
+FINER = 10
 
 
 def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
@@ -30,10 +39,30 @@ def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
 @register_terrain("raster", RasterTerrain, frame=file_frame)
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of an elevation raster, read only as far as the survey can see."""
-    cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=terrain.spacing_m)
     with _opened(terrain) as dataset:
+        post_m = min(place_file(dataset, _stated(terrain)).steps_m)
+        spacing_m = terrain.spacing_m
+        if isinstance(terrain, RasterTerrain) and terrain.roughen and spacing_m is None:
+            spacing_m = post_m / FINER
+        cutout = Cutout(window_m=given.window_m, frame=_stated(terrain), spacing_m=spacing_m)
         raster, georeference = cut(dataset, cutout)
+    if isinstance(terrain, RasterTerrain):
+        raster = _roughened(treat_holes(raster, terrain.holes), post_m, terrain.roughen)
     return landscape_of_heights(raster, terrain, georeference)
+
+
+def _roughened(raster: Raster, post_m: float, roughness: Roughness | None) -> Raster:
+    if roughness is None:
+        return raster
+    detail_m = detail_on(raster.grid, post_m, roughness.hurst, roughness.rms_m, roughness.seed)
+    logger.warning(
+        "terrain: seeded detail of %g m RMS (Hurst exponent %g) is added below the file's spacing of %.3g m; the file "
+        "does not have it",
+        roughness.rms_m,
+        roughness.hurst,
+        post_m,
+    )
+    return Raster(grid=raster.grid, height_m=raster.height_m + detail_m)
 
 
 def _stated(terrain: SampleTerrain | RasterTerrain) -> StatedFrame:

@@ -1,0 +1,178 @@
+"""Ground from point clouds."""
+
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from pyproj import CRS
+from pyproj.exceptions import ProjError
+
+from sionna_radar.elevation.holes import treat_holes
+from sionna_radar.elevation.local_frame import is_true_to_scale
+from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, metric_crs
+from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
+from sionna_radar.elevation.vertical import HeightSystem, height_system
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.scenario.terrain import PointsTerrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
+
+logger = logging.getLogger("sionna_radar")
+
+# Points in a cell on average, where no spacing is stated; and the finest of such spacings.
+POINTS_IN_CELL, FINEST_M = 4, 0.05
+MOST_CELLS = 4_000_000
+NO_UNIT = ("",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedCloud:
+    """Where a cloud lies: its CRS and the frame of the terrain, None for one in local metres; and its heights.
+
+    middle: of the file, in its own coordinates; heights: their unit and datum.
+    """
+
+    crs: CRS | None
+    frame: MapFrame | None
+    middle: tuple[float, float]
+    heights: HeightSystem
+
+    def local_of(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return local metres of the file's coordinates."""
+        if self.crs is None or self.frame is None:
+            return x - self.middle[0], y - self.middle[1]
+        if self.crs == self.frame.crs:
+            return x - self.frame.origin_m[0], y - self.frame.origin_m[1]
+        return self.frame.local_of(self.crs, x, y)
+
+
+@dataclass(frozen=True)
+class _Unstated:
+    """What `height_system` asks of a raster, of a file that has no band."""
+
+    units: tuple[str, ...] = NO_UNIT
+
+
+def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
+    """Return where a cloud lies.
+
+    Raises ScenarioError for a CRS that is none, or that does not hold the cloud.
+    """
+    middle = float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2
+    whole = _crs_of(cloud, terrain)
+    if whole is None:
+        if terrain.centre_lonlat_deg is not None:
+            message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
+            raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
+        unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(terrain.height_unit or "m", 1.0)
+        return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
+    crs = horizontal_part(whole)
+    if not (crs.is_projected or crs.is_geographic):
+        message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)])
+    heights = height_system(_Unstated(), whole, terrain.vertical_crs, terrain.height_unit)
+    return PlacedCloud(crs=crs, frame=_frame(crs, middle, terrain), middle=middle, heights=heights)
+
+
+def _crs_of(cloud: CloudFile, terrain: PointsTerrain) -> CRS | None:
+    try:
+        if terrain.crs is not None:
+            return CRS.from_user_input(terrain.crs)
+        return CRS.from_wkt(cloud.crs_wkt) if cloud.crs_wkt else None
+    except ProjError as error:
+        message = f"{terrain.crs!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)]) from error
+
+
+def _frame(crs: CRS, middle: tuple[float, float], terrain: PointsTerrain) -> MapFrame:
+    if terrain.centre_lonlat_deg is not None:
+        check_lonlat(*terrain.centre_lonlat_deg)
+        lon, lat = terrain.centre_lonlat_deg
+    else:
+        lons, lats = reproject(crs, CRS(4326), np.array([middle[0]]), np.array([middle[1]]))
+        lon, lat = float(lons[0]), float(lats[0])
+        if not (math.isfinite(lon) and math.isfinite(lat)):
+            message = f"{crs.name!r} does not contain the cloud's middle {middle}; give the CRS of the file"
+            raise ScenarioError([Problem("terrain.crs", message)])
+    local = crs if is_true_to_scale(crs, lon, lat) else metric_crs(lon, lat)
+    if terrain.centre_lonlat_deg is None and local is crs:
+        return MapFrame(crs=local, origin_m=middle)
+    x, y = reproject(CRS(4326), local, np.array([lon]), np.array([lat]))
+    return MapFrame(crs=local, origin_m=(float(x[0]), float(y[0])))
+
+
+def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
+    """Return the local frame of a cloud on the map; None for one without a CRS."""
+    with open_cloud(terrain.path) as cloud:
+        return place_cloud(cloud, terrain).frame
+
+
+@register_terrain("points", PointsTerrain, frame=cloud_frame)
+def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
+    """Return the ground of a point cloud, gridded as far as the survey can see."""
+    with open_cloud(terrain.path) as cloud:
+        placed = place_cloud(cloud, terrain)
+        grid = _grid(cloud, placed, terrain, given.window_m)
+
+        def pieces() -> Iterator[Piece]:
+            return cloud.pieces(terrain.points, placed.local_of, placed.heights.unit_m)
+
+        raster = gridded(pieces, grid, terrain.statistic, terrain.percentile / 100)
+    if not raster.filled.any():
+        message = f"no point chosen by points = {terrain.points!r} lies in the part that is flown; move the flight"
+        if terrain.points == "ground":
+            message += ", or set points = 'first' if the file is not classified"
+        raise ScenarioError([Problem("terrain.points", message)])
+    raster = treat_holes(raster, terrain.holes)
+    if placed.frame is None:
+        return landscape_of_heights(_lowered(raster, 0.0), terrain)
+    base_m = float(math.floor(np.nanmin(raster.height_m)))
+    georeference = Georeference(
+        crs_wkt=placed.heights.compound(placed.frame.crs).to_wkt(), origin_m=(*placed.frame.origin_m, base_m)
+    )
+    return landscape_of_heights(_lowered(raster, base_m), terrain, georeference)
+
+
+def _lowered(raster: Raster, base_m: float) -> Raster:
+    return Raster(grid=raster.grid, height_m=raster.height_m - base_m)
+
+
+def _grid(
+    cloud: CloudFile, placed: PlacedCloud, terrain: PointsTerrain, window_m: tuple[float, float, float, float]
+) -> Grid:
+    """Return the cells of the part of the cloud that the survey can see."""
+    corner_x, corner_y = (grid.ravel() for grid in np.meshgrid(*np.column_stack([cloud.low, cloud.high])[:2]))
+    x, y = placed.local_of(corner_x, corner_y)
+    west, south = max(float(x.min()), window_m[0]), max(float(y.min()), window_m[1])
+    east, north = min(float(x.max()), window_m[2]), min(float(y.max()), window_m[3])
+    if not (west < east and south < north):
+        message = (
+            f"the flight sees x = {window_m[0]:.0f} to {window_m[2]:.0f} m, y = {window_m[1]:.0f} to "
+            f"{window_m[3]:.0f} m, but the cloud covers x = {x.min():.0f} to {x.max():.0f} m, y = {y.min():.0f} to "
+            f"{y.max():.0f} m; move the flight or set terrain.centre_lonlat_deg"
+        )
+        raise ScenarioError([Problem("terrain", message)])
+    area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
+    spacing = terrain.spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
+    most = math.sqrt((east - west) * (north - south) / MOST_CELLS)
+    if spacing < most:
+        wanted, spacing = spacing, math.ceil(most * 100) / 100
+        logger.warning(
+            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. Shorten the flight or raise "
+            "terrain.spacing_m",
+            f"{MOST_CELLS:,}",
+            wanted,
+            spacing,
+        )
+    if spacing > min(east - west, north - south):
+        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    columns, rows = (max(2, int((high - low) / spacing)) for low, high in ((west, east), (south, north)))
+    return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)
