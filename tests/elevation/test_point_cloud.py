@@ -134,6 +134,13 @@ def test_gaps_are_filled_and_said(cloud, tmp_path, caplog):
     assert "are filled from around them" in caplog.text
 
 
+def test_points_too_far_apart_make_no_surface(cloud, tmp_path):
+    few = [100, 2000, 30_000]
+    path = write(tmp_path / "few.las", tuple(c[few] for c in cloud))
+    with pytest.raises(ScenarioError, match=r"terrain.spacing_m: 1 m leaves no 2 x 2 cells with points"):
+        load_ground(PointsTerrain(path=path, points="all", spacing_m=1.0, holes="keep"), WINDOW)
+
+
 def test_bad_clouds(cloud, file, tmp_path):
     unclassified = write(tmp_path / "one.las", cloud, classification=np.ones(POINTS, dtype=np.uint8))
     with pytest.raises(ScenarioError, match=r"terrain.points: no point chosen .* set points = 'first'"):

@@ -131,6 +131,10 @@ def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
             message += ", or set points = 'first' if the file is not classified"
         raise ScenarioError([Problem("terrain.points", message)])
     raster = treat_holes(raster, terrain.holes)
+    corners = raster.filled
+    if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
+        message = f"{grid.spacing_m:g} m leaves no 2 x 2 cells with points; raise it, or set terrain.holes = 'fill'"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
     if placed.frame is None:
         return landscape_of_heights(_lowered(raster, 0.0), terrain)
     base_m = float(math.floor(np.nanmin(raster.height_m)))
