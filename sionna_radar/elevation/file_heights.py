@@ -87,7 +87,8 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
     dataset = source.dataset
     stored = dataset.read(1, window=window, masked=True)
     undeclared = stored.data == UNDECLARED_NODATA
-    height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
+    with np.errstate(invalid="ignore"):  # a NaN that signals, in a damaged file
+        height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
     height_m = np.asarray((height_m * dataset.scales[0] + dataset.offsets[0]) * source.heights.unit_m)
     with np.errstate(invalid="ignore"):
         undeclared |= np.abs(height_m) > MAX_HEIGHT_M

@@ -23,6 +23,8 @@ MOST_POINTS = 20_000_000_000
 POINTS_AT_ONCE = 1_000_000
 GROUND_CLASS = 2
 NOISE_CLASSES = (7, 18)
+# Whatever the datum of the heights, a point beyond is no ground.
+FARTHEST_HEIGHT_M = 100_000.0
 # A percentile is found by narrowing the range of heights of each cell, so many parts at a time, so many times.
 PARTS, NARROWINGS = 16, 3
 
@@ -55,9 +57,10 @@ class CloudFile:
             self.reader.seek(0)
             for points in self.reader.chunk_iterator(POINTS_AT_ONCE):
                 kept = _chosen(points, choice)
-                x, y = place(np.asarray(points.x)[kept], np.asarray(points.y)[kept])
-                z = np.asarray(points.z)[kept] * unit_m
-                finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+                with np.errstate(all="ignore"):  # scales and offsets of a damaged header
+                    x, y = place(np.asarray(points.x)[kept], np.asarray(points.y)[kept])
+                    z = np.asarray(points.z)[kept] * unit_m
+                finite = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < FARTHEST_HEIGHT_M)
                 yield np.column_stack([x, y])[finite], z[finite]
 
 
@@ -96,11 +99,34 @@ def open_cloud(path: Path) -> Iterator[CloudFile]:
         if points > MOST_POINTS or (not header.are_points_compressed and stored > size):
             message = f"{name}: claims {points:,} points, more than its {size:,} bytes can hold; get the whole file"
             raise InputFileError(message)
+        if header.are_points_compressed:
+            _check_chunks(path, int(header.offset_to_point_data), size, points, name)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
             message = f"{name}: its header has no valid bounds; write it anew, for example with PDAL"
             raise InputFileError(message)
         wkt = crs.to_wkt() if crs is not None else None
         yield CloudFile(reader=reader, name=name, points=points, low=low, high=high, crs_wkt=wkt)
+
+
+def _check_chunks(path: Path, start: int, size: int, points: int, name: str) -> None:
+    """Refuse a LAZ file whose table of chunks lies, before the decompressor sets memory aside for it and dies.
+
+    The compressed points begin with the place of the table, -1 for the last 8 bytes of the file; the table with its
+    version and the number of chunks, of at least one byte each (Isenburg 2013, "LASzip: lossless compression of LiDAR
+    data").
+    """
+    with path.open("rb") as file:
+        file.seek(min(start, size))
+        place = int.from_bytes(file.read(8), "little", signed=True)
+        if place == -1:
+            file.seek(max(size - 8, 0))
+            place = int.from_bytes(file.read(8), "little", signed=True)
+        file.seek(place if 0 <= place <= size else size)
+        head = file.read(8)
+    chunks = int.from_bytes(head[4:8], "little")
+    if not start < place <= size - 8 or len(head) < 8 or chunks > min(size, points):
+        message = f"{name}: its table of compressed chunks is damaged; get the whole file"
+        raise InputFileError(message)
 
 
 @contextmanager
@@ -181,9 +207,12 @@ def _percentile(
 
 def _in_cells(pieces: Iterator[Piece], grid: Grid) -> Iterator[tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]]:
     """Yield the cells and the heights of the points within a grid."""
+    west, east, south, north = grid.extent_m
     for place_m, z in pieces:
-        row, column, inside = grid.cell_of(place_m)
-        yield (row * grid.columns + column)[inside], z[inside]
+        x, y = place_m.T
+        near = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+        row, column, inside = grid.cell_of(place_m[near])
+        yield (row * grid.columns + column)[inside], z[near][inside]
 
 
 def _raster(grid: Grid, height_m: Float[np.ndarray, " cell"]) -> Raster:

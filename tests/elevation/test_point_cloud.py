@@ -153,5 +153,5 @@ def test_bad_clouds(cloud, file, tmp_path):
     for number, content in enumerate([b"", b"hello", whole[:300], whole[: len(whole) // 2], bytes(lying)]):
         path = tmp_path / f"{number}.{file.suffix}"
         path.write_bytes(content)
-        with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims)"):
+        with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"):
             load_ground(PointsTerrain(path=path), WINDOW)
