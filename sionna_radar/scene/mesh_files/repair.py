@@ -1,0 +1,158 @@
+"""Repairing meshes as they come from the world: what is no surface goes, and every facet shows its outside.
+
+Whole meshes are repaired at once, all of their materials together, for one object may be of several.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.scene.mesh_files.part import MeshPart
+
+logger = logging.getLogger("sionna_radar")
+
+# A facet thinner than this is a line to a float32 ray tracer a few metres away.
+THINNEST_M = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairedMesh:
+    """A mesh whose facets are surfaces, each with its outside seen counter-clockwise.
+
+    owner: the part that each face came from.
+    two_sided: faces of surfaces that enclose nothing, and so have two outsides.
+    """
+
+    vertices_m: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    owner: Int[np.ndarray, " face"]
+    two_sided: Bool[np.ndarray, " face"]
+
+
+def repair(parts: Sequence[MeshPart], name: str) -> RepairedMesh:
+    """Return a mesh, in metres with z up, without what is broken in it; what was repaired is logged with its count.
+
+    Parameters
+    ----------
+    parts:
+        The mesh, in metres.
+    name:
+        The key and the file, for messages.
+
+    Raises
+    ------
+    InputFileError
+        No face is left.
+
+    """
+    first = np.cumsum([0, *(len(p.vertices) for p in parts)])
+    vertices = np.concatenate([p.vertices for p in parts])
+    faces = np.concatenate([p.faces + f for p, f in zip(parts, first, strict=False)])
+    owner = np.repeat(np.arange(len(parts)), [len(p.faces) for p in parts])
+    counts: dict[str, int] = {}
+
+    usable = np.isfinite(vertices[faces]).all(axis=(1, 2))
+    counts["faces with a vertex that is no place"] = int(np.count_nonzero(~usable))
+    faces, owner = faces[usable], owner[usable]
+    wide = _width(vertices[faces]) > THINNEST_M
+    counts["faces without an area"] = int(np.count_nonzero(~wide))
+    faces, owner = faces[wide], owner[wide]
+    if len(faces) == 0:
+        message = f"{name}: none of its {len(usable):,} faces is a surface ({_listed(counts)}); export the mesh again"
+        raise InputFileError(message)
+    merged = _merged(vertices, faces)
+    single = _first_of_each(merged)
+    counts["faces that are there twice"] = len(faces) - len(single)
+    faces, owner, merged = faces[single], owner[single], merged[single]
+    flip, closed = _outward(vertices, faces, merged)
+    counts["faces turned inside out"] = int(np.count_nonzero(flip))
+    faces[flip] = faces[flip][:, ::-1]
+    if any(counts.values()):
+        logger.warning("%s: repaired %s, of %s faces", name, _listed(counts), f"{len(usable):,}")
+    return RepairedMesh(vertices_m=vertices, faces=faces, owner=owner, two_sided=~closed)
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count:,} {what}" for what, count in counts.items() if count)
+
+
+def _width(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
+    """Return the height of each triangle over its longest side."""
+    side = corner - np.roll(corner, 1, axis=1)
+    longest = np.sqrt(np.einsum("fki,fki->fk", side, side).max(axis=1, initial=0.0))
+    twice_area = np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
+    return twice_area / np.maximum(longest, 1e-300)
+
+
+def _merged(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3"]:
+    """Return faces with one number for all vertices at the same place."""
+    used, index = np.unique(faces, return_inverse=True)
+    place = np.ascontiguousarray(vertices[used] + 0.0)  # -0 and 0 are one place
+    _, number = np.unique(place.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
+    return number.ravel()[index.reshape(-1, 3)]
+
+
+def _first_of_each(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " single"]:
+    """Return the faces, in order, without those whose corners an earlier one has."""
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort(corners.T)
+    new = np.ones(len(faces), dtype=bool)
+    new[order[1:]] = np.any(corners[order[1:]] != corners[order[:-1]], axis=1)
+    return np.flatnonzero(new)
+
+
+def _outward(
+    vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], merged: Int[np.ndarray, "face 3"]
+) -> tuple[Bool[np.ndarray, " face"], Bool[np.ndarray, " face"]]:
+    """Return which faces to turn, and which belong to closed surfaces.
+
+    Neighbours are made to agree, by the majority's area. Closed surfaces then enclose a positive volume; those that are
+    open keep their side, unless all of them together look down more than up.
+    """
+    count = len(faces)
+    one, other, agree, paired = _neighbours(merged)
+    # Two nodes for each face, as it is and turned: those that can be so together are connected.
+    start = np.concatenate([one, one + count])
+    end = np.concatenate([np.where(agree, other, other + count), np.where(agree, other + count, other)])
+    graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(2 * count, 2 * count))
+    label = connected_components(graph, directed=False)[1]
+    as_is, turned = label[:count], label[count:]
+    flip = turned < as_is
+    flip[as_is == turned] = False  # a surface with one side, like Moebius's strip
+    _, piece = np.unique(np.minimum(as_is, turned), return_inverse=True)
+    corner = vertices[faces] - vertices[faces[:, 0]].mean(axis=0)
+    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    flip ^= (np.bincount(piece, area * np.where(flip, 1, -1)) > 0)[piece] & (as_is != turned)
+
+    open_edges = np.bincount(piece, ~paired.all(axis=1))
+    closed = (open_edges == 0)[piece] & (as_is != turned)
+    sense = np.where(flip, -1.0, 1.0)
+    volume = np.bincount(piece, sense * np.einsum("fi,fi->f", corner[:, 0], cross))
+    flip ^= closed & (volume < 0)[piece]
+    if np.sum(np.where(closed, 0.0, np.where(flip, -1.0, 1.0) * cross[:, 2])) < -1e-9 * area.sum():
+        flip ^= ~closed
+    return flip, closed
+
+
+def _neighbours(
+    faces: Int[np.ndarray, "face 3"],
+) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"], Bool[np.ndarray, " pair"], Bool[np.ndarray, "face 3"]]:
+    """Return pairs of faces that share a side of no other face, whether they agree, and which sides are so shared."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(start, end) * (int(faces.max()) + 1) + np.maximum(start, end)
+    order = np.argsort(key, kind="stable")
+    begins = np.flatnonzero(np.diff(key[order], prepend=-1))
+    length = np.diff(begins, append=len(key))
+    first = begins[length == 2]
+    one, other = order[first], order[first + 1]
+    paired = np.zeros(len(key), dtype=bool)
+    paired[one] = paired[other] = True
+    forward = start < end
+    return one // 3, other // 3, forward[one] != forward[other], paired.reshape(-1, 3)
