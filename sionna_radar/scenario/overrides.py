@@ -227,7 +227,10 @@ def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:
 def resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Take relative paths of input files as relative to a folder, or else to the working folder."""
     terrain = data.get("terrain")
-    tables = [terrain, terrain.get("cover_raster")] if isinstance(terrain, dict) else []
+    tables = [terrain, terrain.get("cover_raster"), terrain.get("cover_vector")] if isinstance(terrain, dict) else []
+    for name in ("objects", "footprints"):
+        entries = data.get(name)
+        tables += entries if isinstance(entries, list) else []
     processing = data.get("processing")
     tables += [processing.get("expected_ground")] if isinstance(processing, dict) else []
     materials = data.get("materials")

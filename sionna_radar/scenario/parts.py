@@ -64,6 +64,7 @@ TERRAINS = Registry(
         "fractal": "sionna_radar.scene.terrains.fractal",
         "jacksboro": "sionna_radar.scene.terrains.elevation",
         "raster": "sionna_radar.scene.terrains.elevation",
+        "mesh": "sionna_radar.scene.terrains.mesh",
         "sionna:san_francisco": "sionna_radar.scene.terrains.city",
         "sionna:munich": "sionna_radar.scene.terrains.city",
         "sionna:florence": "sionna_radar.scene.terrains.city",

@@ -11,7 +11,8 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
-from sionna_radar.scene.model import Scene, Target
+from sionna_radar.scene.model import Scene, Surface, Target
+from sionna_radar.scene.objects import build_object
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
@@ -23,11 +24,13 @@ class BuiltScene:
 
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
+    may_overhang: there may be air under some of them.
     """
 
     scene: Scene
     ground_m: Heights
     caster: RayCaster
+    may_overhang: bool = False
 
 
 def build_scene(
@@ -70,13 +73,18 @@ def build_scene(
     _check_landscape(land, known)
     boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
-        surfaces=land.surfaces + boxes,
+        surfaces=land.surfaces + _objects(scenario, land) + boxes,
         materials=known | land.materials,
         targets=_targets(scenario, land),
         ground_material=land.ground_material,
         georeference=land.georeference,
     )
-    return BuiltScene(scene=scene, ground_m=land.ground_m, caster=RayCaster(scene.surfaces))
+    return BuiltScene(
+        scene=scene,
+        ground_m=land.ground_m,
+        caster=RayCaster(scene.surfaces),
+        may_overhang=land.may_overhang or bool(scenario.objects),
+    )
 
 
 def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
@@ -89,6 +97,12 @@ def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
     if missing:
         message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
         raise ScenarioError([Problem("terrain", message)])
+
+
+def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
+    datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
+    built = [build_object(o, i, land.ground_m, datum_m) for i, o in enumerate(scenario.objects)]
+    return tuple(surface for surfaces in built for surface in surfaces)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

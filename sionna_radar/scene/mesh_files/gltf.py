@@ -33,8 +33,12 @@ COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TRIANGLES, STRIP, FAN = 4, 5, 6
 # Extensions that the places of triangles depend on; those of materials, textures and lights do not matter here.
-PLACES_CHANGED_BY = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-PLACES_CHANGED_BY += ("EXT_mesh_gpu_instancing",)
+PLACES_CHANGED_BY = (
+    "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "EXT_mesh_gpu_instancing",
+)
 
 
 def read_gltf(path: Path) -> tuple[MeshPart, ...]:
@@ -58,7 +62,8 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
         if length > len(data) or int.from_bytes(data[4:8], "little") != 2:
             message = f"claims {length:,} bytes of version 2 and has {len(data):,} bytes; get the whole file"
             raise MeshError(message)
-        chunks, at = {}, 12
+        chunks: dict[bytes, bytes] = {}
+        at = 12
         while at + 8 <= length:
             size, kind = int.from_bytes(data[at : at + 4], "little"), data[at + 4 : at + 8]
             if at + 8 + size > length:
@@ -160,7 +165,7 @@ class _Scene:
     def _array(self, number: Any, width: int) -> np.ndarray:
         """Return the values of an accessor, one row each."""
         accessor = self._entry("accessors", number)
-        kind, count, where = accessor.get("componentType"), accessor.get("count"), f"accessors[{number}]"
+        kind, count, where = accessor.get("componentType"), accessor.get("count", 0), f"accessors[{number}]"
         if kind not in COMPONENTS or WIDTHS.get(accessor.get("type", "")) != width or not _is_count(count):
             message = f"has {where} that is not {width} number(s) a row; export it again"
             raise MeshError(message)
@@ -205,8 +210,8 @@ class _Scene:
                 raise MeshError(message) from error
         found = beside(self._path, unquote(uri), place)
         if not found.is_file() or found.stat().st_size > MOST_BYTES:
-            message = f"{place} names {shown(uri)}, which is no file of at most {MOST_BYTES:,} bytes beside it"
-            raise MeshError(f"{message}; put it there, or convert the mesh to GLB")
+            message = f"{place} names {shown(uri)}, no file of at most {MOST_BYTES:,} bytes beside it; put it there"
+            raise MeshError(message)
         return found.read_bytes()
 
 

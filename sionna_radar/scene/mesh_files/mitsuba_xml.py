@@ -1,6 +1,6 @@
-"""Scenes of Mitsuba 3 and Sionna RT: their shapes, transforms and the names of their materials; the rest is passed over.
+"""Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; the rest is passed over.
 
-Sionna's own loader runs plug-ins and names of files that a scene gives; this one reads meshes of the scene's own folder.
+Sionna's own loader runs the plug-ins that a scene names and reads any file; this one reads meshes of its own folder.
 """
 
 from pathlib import Path
@@ -26,8 +26,31 @@ from sionna_radar.scene.mesh_files.ply import read_ply
 
 READERS = {"ply": read_ply, "obj": read_obj}
 # Elements of a scene that neither are surfaces nor bring any from elsewhere.
-PASSED_OVER = ("bsdf", "texture", "emitter", "sensor", "integrator", "medium", "default", "rfilter", "film", "sampler")
-PASSED_OVER += ("string", "float", "integer", "boolean", "rgb", "ref", "volume", "phase", "vector", "point", "spectrum")
+PASSED_OVER = frozenset(
+    (
+        "bsdf",
+        "texture",
+        "emitter",
+        "sensor",
+        "integrator",
+        "medium",
+        "default",
+        "rfilter",
+        "film",
+        "sampler",
+        "string",
+        "float",
+        "integer",
+        "boolean",
+        "rgb",
+        "ref",
+        "volume",
+        "phase",
+        "vector",
+        "point",
+        "spectrum",
+    )
+)
 # Sionna's loader calls the material "mat-NAME" NAME.
 MATERIAL_PREFIX = "mat-"
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
@@ -60,7 +83,7 @@ def _parsed(path: Path) -> Any:
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
-    class Parser(DefusedXMLParser):  # type: ignore[misc, no-any-unimported]
+    class Parser(DefusedXMLParser):
         def _start(self, tag: str, attributes: list[str]) -> Any:
             element = super()._start(tag, attributes)
             element.line = self.parser.CurrentLineNumber

@@ -119,7 +119,7 @@ class _Text:
         self._at = 0
 
     def _rows(self, element: _Element) -> list[list[str]]:
-        rows = []
+        rows: list[list[str]] = []
         while len(rows) < element.count:
             if self._at >= len(self._lines):
                 message = f"ends after {len(rows):,} of {element.count:,} rows of {element.name}; get the whole file"
@@ -144,7 +144,8 @@ class _Text:
         return np.array([[cells[i] for i in wanted] for cells in rows], dtype=np.float64).reshape(-1, len(wanted))
 
     def lists(self, element: _Element, wanted: int) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " item"]]:
-        size, items = [], []
+        size: list[int] = []
+        items: list[str] = []
         for cells in self._rows(element):
             at, row = 0, None
             for place, given in enumerate(element.properties):
@@ -197,8 +198,12 @@ class _Binary:
 
     def _row_by_row(self, element: _Element, wanted: int) -> tuple[list[int], list[bytes]]:
         size, items = [], []
-        codes = [
-            (struct.Struct((self._order + np.dtype(p.count_kind or p.kind).char)), np.dtype(p.kind).itemsize, p.count_kind)
+        codes = [  # of each property, or of its count; the bytes of one of its items; whether it is a list
+            (
+                struct.Struct(self._order + np.dtype(p.count_kind or p.kind).char),
+                np.dtype(p.kind).itemsize,
+                p.count_kind,
+            )
             for p in element.properties
         ]
         for number in range(element.count):

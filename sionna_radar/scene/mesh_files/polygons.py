@@ -37,11 +37,11 @@ def triangles_of(
         rows = corner[start[which, None] + np.arange(sides)]
         parts.append(rows if split is None else split(vertices, rows))
         order.append(np.repeat(which, sides - 2))
-    for which in np.flatnonzero(size > 4):
-        ring = corner[start[which] : start[which] + size[which]]
+    for number in np.flatnonzero(size > 4):
+        ring = corner[start[number] : start[number] + size[number]]
         found = _split_ring(vertices, ring)
         parts.append(found)
-        order.append(np.full(len(found), which))
+        order.append(np.full(len(found), number))
     faces = np.concatenate(parts)
     return faces[np.argsort(np.concatenate(order), kind="stable")]
 
