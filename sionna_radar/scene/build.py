@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.footprints import build_footprints
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
 from sionna_radar.scene.model import Scene, Surface, Target
 from sionna_radar.scene.objects import build_object
@@ -73,7 +75,7 @@ def build_scene(
     _check_landscape(land, known)
     boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
-        surfaces=land.surfaces + _objects(scenario, land) + boxes,
+        surfaces=land.surfaces + _objects(scenario, land) + _footprints(scenario, land, window_m) + boxes,
         materials=known | land.materials,
         targets=_targets(scenario, land),
         ground_material=land.ground_material,
@@ -103,6 +105,16 @@ def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
     datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
     built = [build_object(o, i, land.ground_m, datum_m) for i, o in enumerate(scenario.objects)]
     return tuple(surface for surfaces in built for surface in surfaces)
+
+
+def _footprints(
+    scenario: Scenario, land: Landscape, window_m: tuple[float, float, float, float]
+) -> tuple[Surface, ...]:
+    if not scenario.footprints:
+        return ()
+    frame = frame_of(land.georeference)
+    built = [build_footprints(f, i, frame, window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
+    return tuple(surface for surface in built if surface is not None)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

@@ -1,7 +1,7 @@
 """Reading of polygons from all vector files, of footprints and of land cover: GeoJSON, GeoPackage, Shapefile.
 
 GDAL opens far more than files, and follows small files to others, whatever their suffix. A file is therefore what its
-first bytes and its name both say: GeoJSON is read without GDAL, and GDAL opens GeoPackages without views and Shapefiles.
+first bytes and its name both say. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
 """
 
 import json
@@ -29,6 +29,8 @@ REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.
 SHAPE_MAGIC, SQLITE_MAGIC, GPKG_IDS = b"\0\0\x27\x0a", b"SQLite format 3\0", (b"GPKG", b"GP10", b"GP11")
 SIDE_CARS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".sbn", ".sbx")
 WGS84 = CRS(4326)
+# Polygons of a map in metres are wider than this, and those of one in degrees narrower.
+DEGREES = 0.01
 # Places along each side of a window that bound it in another projection.
 WINDOW_SAMPLES = 21
 
@@ -51,11 +53,15 @@ class Polygons:
 
 @dataclass(frozen=True, kw_only=True)
 class _Features:
-    """Geometries of a file (shapely) with some attributes, in the file's CRS; None: it has none."""
+    """Geometries of a file (shapely) with some attributes.
+
+    crs: that the file states, or None. default: what it is by its format where it states none.
+    """
 
     geometry: np.ndarray
     values: dict[str, np.ndarray]
     crs: CRS | None
+    default: CRS | None = None
 
 
 def read_polygons(
@@ -119,8 +125,11 @@ def _kind(path: Path, name: str) -> str:
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json") and head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
         if size > MOST_GEOJSON_BYTES:
-            message = f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MOST_GEOJSON_BYTES:,}"
-            raise InputFileError(f"{message}; convert it to a GeoPackage with ogr2ogr")
+            message = (
+                f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MOST_GEOJSON_BYTES:,}; convert it to "
+                "a GeoPackage with ogr2ogr"
+            )
+            raise InputFileError(message)
         return "geojson"
     if suffix == ".gpkg" and head.startswith(SQLITE_MAGIC) and head[68:72] in GPKG_IDS:
         return "gpkg"
@@ -130,8 +139,8 @@ def _kind(path: Path, name: str) -> str:
             if beside.stem.lower() == stem and beside.suffix.lower() in SIDE_CARS:
                 regular_file(beside, name, "remove it", MOST_BYTES)
         return "shp"
-    message = f"{name} {shown(path)} is neither GeoJSON nor a GeoPackage nor a Shapefile by its name and content"
-    raise InputFileError(f"{message}; {REMEDY}")
+    message = f"{name} {shown(path)} is no GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
+    raise InputFileError(message)
 
 
 def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features:
@@ -157,14 +166,14 @@ def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features
         if not any(attribute in given for given in found):
             _refuse_attribute(name, attribute, sorted({key for given in found[:1000] for key in given}))
         values[attribute] = np.array([given.get(attribute) for given in found], dtype=object)
-    return _Features(geometry=np.atleast_1d(geometry), values=values, crs=_stated_crs(document, name))
+    return _Features(geometry=np.atleast_1d(geometry), values=values, crs=_stated_crs(document, name), default=WGS84)
 
 
-def _stated_crs(document: dict[str, Any], name: str) -> CRS:
-    """Return the CRS of a GeoJSON document: WGS 84 (RFC 7946), or what the standard of 2008 lets it name."""
+def _stated_crs(document: dict[str, Any], name: str) -> CRS | None:
+    """Return the CRS that a GeoJSON document names, as its standard of 2008 had it; that of 2016 knows WGS 84 alone."""
     stated = document.get("crs")
     if stated is None:
-        return WGS84
+        return None
     try:
         return CRS.from_user_input(str(stated["properties"]["name"]))
     except (ProjError, TypeError, KeyError) as error:
@@ -229,9 +238,7 @@ def _window_in(
     if crs is None or frame is None:
         return window_m
     x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
-    found = reproject(
-        frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1]
-    )
+    found = reproject(frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
     if not np.isfinite(found).all() or (crs.is_geographic and np.ptp(found[0]) > 180):
         return None
     (low_x, low_y), (high_x, high_y) = np.min(found, axis=1), np.max(found, axis=1)
@@ -255,19 +262,24 @@ def _local(
         message = f"{name} has {vertices:,} vertices over the survey, more than {MOST_VERTICES:,}; simplify it"
         raise InputFileError(message)
     place, owner = shapely.get_coordinates(shape, return_index=True)
-    local = _transformed(place, features.crs, frame, name, key)
+    local = _transformed(place, features, frame, name, key)
+    if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
+        message = "its polygons measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
+        raise ScenarioError([Problem(f"{key}.path", message)])
     broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
     shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
-    near = ~broken
-    near &= shapely.intersects(shape, shapely.box(*window_m)) | ~shapely.is_valid(shape)
-    shape, number = shape[near], number[near]
+    window = shapely.box(*window_m)
     wrong = ~shapely.is_valid(shape)
+    near = wrong.copy()
+    near[~wrong] = shapely.intersects(shape[~wrong], window)
+    near &= ~broken
+    shape, number, wrong = shape[near], number[near], wrong[near]
     if wrong.any():
         shape[wrong] = shapely.make_valid(shape[wrong])
         shape, part = shapely.get_parts(shape, return_index=True)
         shape, again = shapely.get_parts(shape, return_index=True)  # collections hold multipolygons
         number = number[part][again]
-        kept = (shapely.get_type_id(shape) == 3) & shapely.intersects(shape, shapely.box(*window_m))
+        kept = (shapely.get_type_id(shape) == 3) & shapely.intersects(shape, window)
         shape, number = shape[kept], number[kept]
     return Polygons(
         shape=shape,
@@ -279,16 +291,17 @@ def _local(
 
 
 def _transformed(
-    place: Float[np.ndarray, "n 2"], crs: CRS | None, frame: MapFrame | None, name: str, key: str
+    place: Float[np.ndarray, "n 2"], features: _Features, frame: MapFrame | None, name: str, key: str
 ) -> Float[np.ndarray, "n 2"]:
     if frame is None:
-        if crs is None or crs == WGS84 and _looks_local(place):
+        if features.crs is None:
             return place
         message = (
-            f"the file is in {crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or remove the "
-            "file's CRS, so that its coordinates are local metres"
+            f"the file is in {features.crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or "
+            "remove the file's CRS, so that its coordinates are local metres"
         )
         raise ScenarioError([Problem(f"{key}.path", message)])
+    crs = features.crs or features.default
     if crs is None:
         message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
         raise ScenarioError([Problem(f"{key}.path", message)])
@@ -299,13 +312,11 @@ def _transformed(
     try:
         return np.column_stack(frame.local_of(own, *place.T))
     except ProjError as error:
-        message = f"{name} is in {own.name!r}, which cannot be transformed to {frame.crs.name!r} ({error})"
-        raise InputFileError(f"{message}; convert it with ogr2ogr -t_srs") from error
-
-
-def _looks_local(place: Float[np.ndarray, "n 2"]) -> bool:
-    """Whether coordinates without a stated CRS cannot be degrees, as in GeoJSON written of local metres."""
-    return bool(len(place)) and bool(np.abs(place[:, 0]).max() > 360 or np.abs(place[:, 1]).max() > 90)
+        message = (
+            f"{name} is in {own.name!r}, which cannot be transformed to {frame.crs.name!r} ({error}); convert it with "
+            "ogr2ogr -t_srs"
+        )
+        raise InputFileError(message) from error
 
 
 def _check_count(count: int, name: str) -> None:
