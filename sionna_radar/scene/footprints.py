@@ -128,8 +128,8 @@ def _lowest_ground(
     place, owner = shapely.get_coordinates(shapely.segmentize(shape, GROUND_STEP_M), return_index=True)
     height = ground_m(place)
     lowest = np.full(len(shape), np.inf)
-    np.minimum.at(lowest, owner, height)  # of NaN and a number NaN is the lower
-    return lowest
+    np.minimum.at(lowest, owner, np.where(np.isnan(height), -np.inf, height))
+    return np.where(np.isfinite(lowest), lowest, np.nan)
 
 
 def _extruded(
