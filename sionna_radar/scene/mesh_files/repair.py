@@ -17,6 +17,12 @@ from sionna_radar.scene.mesh_files.part import MeshPart
 
 logger = logging.getLogger("sionna_radar")
 
+# Vertices nearer than this share of the mesh's size are one: float32 and text files write one place in several ways.
+SAME_PLACE = 1e-6
+# The areas of a closed surface cancel. If this share of them is left, it is a sheet, and not a solid with gaps.
+SHEET_SHARE = 0.5
+# Sheets look down if this share of their area does, in sum.
+DOWNWARD_SHARE = 0.1
 # A facet thinner than this is a line to a float32 ray tracer a few metres away.
 THINNEST_M = 1e-6
 
@@ -93,7 +99,8 @@ def _width(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
 def _merged(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3"]:
     """Return faces with one number for all vertices at the same place."""
     used, index = np.unique(faces, return_inverse=True)
-    place = np.ascontiguousarray(vertices[used] + 0.0)  # -0 and 0 are one place
+    place = vertices[used] - vertices[used].min(axis=0)
+    place = np.ascontiguousarray(np.round(place / (place.max() * SAME_PLACE)).astype(np.int64))
     _, number = np.unique(place.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
     return number.ravel()[index.reshape(-1, 3)]
 
@@ -112,8 +119,8 @@ def _outward(
 ) -> tuple[Bool[np.ndarray, " face"], Bool[np.ndarray, " face"]]:
     """Return which faces to turn, and which belong to closed surfaces.
 
-    Neighbours are made to agree, by the majority's area. Closed surfaces then enclose a positive volume; those that are
-    open keep their side, unless all of them together look down more than up.
+    Neighbours are made to agree, by the majority's area. What encloses something, if with gaps, then encloses a
+    positive volume; sheets keep their sides, unless all of them together look down more than up.
     """
     count = len(faces)
     one, other, agree, paired = _neighbours(merged)
@@ -123,22 +130,37 @@ def _outward(
     graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(2 * count, 2 * count))
     label = connected_components(graph, directed=False)[1]
     as_is, turned = label[:count], label[count:]
-    flip = turned < as_is
-    flip[as_is == turned] = False  # a surface with one side, like Moebius's strip
+    sided = as_is != turned  # a surface with one side, like Moebius's strip, is left alone
     _, piece = np.unique(np.minimum(as_is, turned), return_inverse=True)
-    corner = vertices[faces] - vertices[faces[:, 0]].mean(axis=0)
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = np.linalg.norm(cross, axis=1)
-    flip ^= (np.bincount(piece, area * np.where(flip, 1, -1)) > 0)[piece] & (as_is != turned)
+    flip = sided & (turned < as_is)
+    area_m2 = _areas(vertices[faces])
+    size = np.linalg.norm(area_m2, axis=1)
+    flip ^= sided & (np.bincount(piece, size * np.where(flip, 1, -1)) > 0)[piece]
+    closed = sided & (np.bincount(piece, ~paired.all(axis=1)) == 0)[piece]
 
-    open_edges = np.bincount(piece, ~paired.all(axis=1))
-    closed = (open_edges == 0)[piece] & (as_is != turned)
-    sense = np.where(flip, -1.0, 1.0)
-    volume = np.bincount(piece, sense * np.einsum("fi,fi->f", corner[:, 0], cross))
-    flip ^= closed & (volume < 0)[piece]
-    if np.sum(np.where(closed, 0.0, np.where(flip, -1.0, 1.0) * cross[:, 2])) < -1e-9 * area.sum():
-        flip ^= ~closed
-    return flip, closed
+    area_m2[flip] *= -1
+    whole = np.column_stack([np.bincount(piece, area_m2[:, axis]) for axis in range(3)])
+    solid = sided & (np.linalg.norm(whole, axis=1) < SHEET_SHARE * np.bincount(piece, size))[piece]
+    inverted = solid & (_volumes(vertices[faces].mean(axis=1), area_m2, piece) < 0)[piece]
+    sheet = sided & ~solid
+    if np.sum(area_m2[sheet, 2]) < -DOWNWARD_SHARE * np.sum(size[sheet]):
+        inverted |= sheet
+    return flip ^ inverted, closed
+
+
+def _areas(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, "face 3"]:
+    """Return the area of each face along its normal."""
+    return np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
+
+
+def _volumes(
+    centre: Float[np.ndarray, "face 3"], area_m2: Float[np.ndarray, "face 3"], piece: Int[np.ndarray, " face"]
+) -> Float[np.ndarray, " piece"]:
+    """Return three times the volume that the faces of each piece enclose, gaps closed from its middle."""
+    size = np.linalg.norm(area_m2, axis=1)
+    total = np.bincount(piece, size)
+    middle = np.column_stack([np.bincount(piece, size * centre[:, axis]) / total for axis in range(3)])
+    return np.bincount(piece, np.einsum("fi,fi->f", centre - middle[piece], area_m2))
 
 
 def _neighbours(
