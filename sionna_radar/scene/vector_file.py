@@ -6,6 +6,7 @@ first bytes and its name both say. GeoJSON is read without GDAL; GDAL opens Shap
 
 import json
 import sqlite3
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,11 +99,14 @@ def read_polygons(
     name = f"{key}.path = {shown(path)}"
     kind = _kind(path, f"{key}.path =")
     try:
-        if kind == "geojson":
-            features = _read_geojson(path, name, attributes)
-        else:
-            features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
-        return _local(features, name, key, frame, window_m)
+        with warnings.catch_warnings():
+            # Of lines with measures, and of numbers that overflow where a projection ends: neither is a polygon.
+            warnings.simplefilter("ignore")
+            if kind == "geojson":
+                features = _read_geojson(path, name, attributes)
+            else:
+                features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
+            return _local(features, name, key, frame, window_m)
     except RadarError:
         raise
     except Exception as error:

@@ -77,6 +77,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
         message = "has no PLY header; give a PLY file"
         raise MeshError(message)
     order, elements = None, []
+    # Lines of any other beginning are comments; some writers break these into several.
     for number, line in enumerate(head.decode("ascii", "replace").splitlines(), 1):
         match line.split():
             case ["format", name, *_] if name in FORMATS:
@@ -90,9 +91,7 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(name=name, kind=TYPES[kind], count_kind=TYPES[counted]))
             case ["property", kind, name] if elements and kind in TYPES:
                 elements[-1].properties.append(_Property(name=name, kind=TYPES[kind]))
-            case ["ply" | "comment" | "obj_info", *_] | []:
-                pass
-            case _:
+            case ["element" | "property" | "format", *_]:
                 message = f"line {number} of its header reads {shown(line)}; export the mesh again"
                 raise MeshError(message)
     if order is None:
