@@ -34,8 +34,9 @@ def upright(table: MeshFile, key: str) -> tuple[MeshPart, ...]:
     heading = np.deg2rad(table.heading_deg)
     cos, sin = np.cos(heading), np.sin(heading)
     turn = table.metres_per_unit * np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ turn
-    placed = tuple(MeshPart(name=p.name, vertices=p.vertices @ turn.T, faces=p.faces) for p in parts)
-    _check_size(placed, table, key)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is no place by then is found below
+        placed = tuple(MeshPart(name=p.name, vertices=p.vertices @ turn.T, faces=p.faces) for p in parts)
+        _check_size(placed, table, key)
     return placed
 
 
