@@ -21,9 +21,9 @@ import trimesh
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from pyproj import CRS, Transformer
+from pyproj import Transformer
 
-from sionna_radar import load_scenario, prepare, run
+from sionna_radar import load_scenario, run
 from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
@@ -72,16 +72,15 @@ bridge().export(FOLDER / "bridge.glb")
 # %%
 # Buildings and land use, in longitude and latitude: a street of houses, a farm about a yard, a wood. Heights are what
 # mappers write: metres, storeys, or nothing.
-frame = prepare(load_scenario("hills", {"terrain.centre_lonlat_deg": PLACE, "platform.length_m": 1.0})).scene.scene
-crs, origin = CRS.from_wkt(frame.georeference.crs_wkt), frame.georeference.origin_m
-to_lonlat = Transformer.from_crs(crs, 4326, always_xy=True)
+to_lonlat = Transformer.from_crs(32632, 4326, always_xy=True)
+origin = to_lonlat.transform(*PLACE, direction="INVERSE")
 
 
 def ring(centre, size, heading_deg=0.0):
     """A rectangle about a local place as a closed ring of longitudes and latitudes."""
     turn = np.deg2rad(heading_deg)
     corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * np.array(size) / 2
-    place = corner @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]] + centre + np.array(origin[:2])
+    place = corner @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]] + centre + np.array(origin)
     return np.column_stack(to_lonlat.transform(*place.T)).tolist()
 
 
@@ -94,8 +93,8 @@ def write(name, features):
     (FOLDER / name).write_text(json.dumps({"type": "FeatureCollection", "features": collection}))
 
 
-houses = [([ring((-16 + 15 * i, -26 - 3 * i), (9, 11), 12)], {"height": f"{6 + i % 3} m"}) for i in range(5)]
-houses += [([ring((-11 + 15 * i, -48 - 3 * i), (10, 8), 12)], {"building:levels": str(1 + i % 2)}) for i in range(4)]
+houses = [([ring((-8 + 21 * i, -34 - 4 * i), (9, 11), 12)], {"height": f"{6 + i % 3} m"}) for i in range(4)]
+houses += [([ring((2 + 21 * i, -57 - 4 * i), (10, 8), 12)], {"building:levels": str(1 + i % 2)}) for i in range(3)]
 houses += [([ring((2, 44), (26, 20), 20), ring((2, 44), (14, 8), 20)], {"height": "24 ft"})]
 houses += [([ring((32, 47), (12, 9), 20)], {})]
 write("buildings.geojson", houses)
@@ -129,7 +128,7 @@ SITE = {
         },
         {
             "path": str(FOLDER / "pylon.obj"),
-            "position_m": [68.0, -26.0],
+            "position_m": [50.0, -15.0],
             "heading_deg": 30.0,
             "materials": {"galvanised steel": "steel"},
         },
@@ -147,8 +146,8 @@ SITE = {
         "concrete": {"model": "constant_gamma", "gamma_db": -12.0},
         "steel": {"model": "constant_gamma", "gamma_db": 0.0},
     },
-    "platform.start_m": [-80.0, 0.0],
-    "platform.length_m": 6.0 if SMALL else 80.0,
+    "platform.start_m": [-85.0, 0.0],
+    "platform.length_m": 3.0 if SMALL else 100.0,
     "platform.altitude_m": 60.0,
     "dem.method": "linear" if SMALL else "stepped",
     "processing.echoes": "all",
@@ -186,11 +185,11 @@ def photograph(built, eye, toward, columns, rows, width_deg):
 
 
 # %%
-columns, rows = (320, 120) if SMALL else (1300, 460)
-picture = photograph(survey.prepared.scene, (-62, -138, 84), (34, 0, 8), columns, rows, 48.0)
+columns, rows = (320, 120) if SMALL else (1300, 500)
+picture = photograph(survey.prepared.scene, (-66, -178, 122), (34, -11, 2), columns, rows, 42.0)
 heights, off = Normalize(*np.nanpercentile(survey.truth.height_m, [0.5, 99.7])), Normalize(-4.0, 4.0)
-figure = Figure(figsize=(14.0, 9.6), layout="constrained")
-top, bottom = figure.subfigures(2, 1, height_ratios=[4.7, 4.9])
+figure = Figure(figsize=(14.0, 10.1), layout="constrained")
+top, bottom = figure.subfigures(2, 1, height_ratios=[5.2, 4.9])
 view = top.subplots()
 view.imshow(picture)
 view.set_axis_off()
