@@ -35,7 +35,7 @@ paths_per_pulse = 64
 [[objects]]
 path = "bridge.glb"
 up = "z"
-position_m = [0.0, 0.0]
+position_m = [0.3, 0.2]
 
 [[footprints]]
 path = "town.json"
@@ -56,9 +56,9 @@ def survey(tmp_path_factory):
 def test_the_truth_is_the_highest_surface_and_the_cells_below_another_are_counted(survey):
     """The deck is 8 x 24 m, of which 4 m stand on piers; every cell of 1 m under it counts."""
     grid = survey.truth.grid
-    inside = survey.truth.height_m[(abs(grid.centres_m) < [4.0, 12.0]).all(axis=1).reshape(grid.shape)]
+    inside = survey.truth.height_m[(abs(grid.centres_m - [0.3, 0.2]) < [4.0, 12.0]).all(axis=1).reshape(grid.shape)]
     assert inside == pytest.approx(6.0, abs=1e-4)
-    under = (abs(grid.centres_m) < [4.0, 10.0]).all(axis=1)
+    under = (abs(grid.centres_m - [0.3, 0.2]) < [4.0, 10.0]).all(axis=1)
     assert under.sum() > 100
     assert survey.overhang.cells == under.sum()
     document = json.loads(json.dumps(summary(survey)))
