@@ -226,6 +226,13 @@ def test_entities_are_refused(text, tmp_path):
     refused(tmp_path / "a.xml", "document type or entities")
 
 
+def test_a_scene_nested_without_end_is_refused(tmp_path):
+    depth = 100_000
+    inner = '<bsdf type="twosided">' * depth + "</bsdf>" * depth
+    (tmp_path / "a.xml").write_text(f'<scene version="3"><shape type="cube">{inner}</shape></scene>')
+    refused(tmp_path / "a.xml", "line 1 lies more than 50 elements deep")
+
+
 ELSEWHERE = [
     "../ball.ply",
     "/etc/ball.ply",

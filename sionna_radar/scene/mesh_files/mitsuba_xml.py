@@ -53,6 +53,7 @@ PASSED_OVER = frozenset(
 )
 # Sionna's loader calls the material "mat-NAME" NAME.
 MATERIAL_PREFIX = "mat-"
+DEEPEST_ELEMENTS = 50
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 
 
@@ -84,10 +85,21 @@ def _parsed(path: Path) -> Any:
     from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
     class Parser(DefusedXMLParser):
+        depth = 0
+
         def _start(self, tag: str, attributes: list[str]) -> Any:
+            self.depth += 1
+            if self.depth > DEEPEST_ELEMENTS:
+                line = self.parser.CurrentLineNumber
+                message = f"line {line} lies more than {DEEPEST_ELEMENTS} elements deep; export the scene again"
+                raise MeshError(message)
             element = super()._start(tag, attributes)
             element.line = self.parser.CurrentLineNumber
             return element
+
+        def _end(self, tag: str) -> Any:
+            self.depth -= 1
+            return super()._end(tag)
 
     text = read_text(path, "mesh", "give a scene of Mitsuba 3 or Sionna RT")
     parser = Parser(forbid_dtd=True)

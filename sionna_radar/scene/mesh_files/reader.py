@@ -61,7 +61,16 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
     except MeshError as error:
         message = f"{name} {shown(path)}: {error}"
         raise InputFileError(message) from error
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, OSError) as error:
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+        OSError,
+        RecursionError,
+    ) as error:
         # Numbers that are none, entries of the wrong kind: whatever a broken file holds in the place of a value.
         reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
         message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"

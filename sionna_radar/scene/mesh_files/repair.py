@@ -98,11 +98,14 @@ def _width(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
 
 def _merged(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, "face 3"]:
     """Return faces with one number for all vertices at the same place."""
-    used, index = np.unique(faces, return_inverse=True)
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
     place = vertices[used] - vertices[used].min(axis=0)
-    place = np.ascontiguousarray(np.round(place / (place.max() * SAME_PLACE)).astype(np.int64))
-    _, number = np.unique(place.view(np.dtype((np.void, 24))).ravel(), return_inverse=True)
-    return number.ravel()[index.reshape(-1, 3)]
+    east, north, up = np.round(place / (place.max() * SAME_PLACE)).astype(np.int64).T
+    number = np.zeros(len(vertices), dtype=np.int64)
+    # Each of the three is below 2^20.
+    number[used] = np.unique((east << 40) | (north << 20) | up, return_inverse=True)[1]
+    return number[faces]
 
 
 def _first_of_each(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " single"]:
