@@ -155,7 +155,7 @@ def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features
     except (ValueError, RecursionError) as error:
         message = f"{name} is not GeoJSON ({str(error)[:100] or 'nested too deeply'}); correct it, or export it again"
         raise InputFileError(message) from error
-    features = [document]
+    features: Any = [document]
     if not isinstance(document, dict) or document.get("type") == "FeatureCollection":
         features = document.get("features") if isinstance(document, dict) else None
     if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
