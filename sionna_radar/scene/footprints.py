@@ -6,14 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.map_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.objects import Footprints
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.vector_file import read_polygons
+from sionna_radar.scene.vector_file import Polygons, read_polygons
 
 logger = logging.getLogger("sionna_radar")
 
@@ -83,30 +83,29 @@ def build_footprints(
     shape = shapely.orient_polygons(shapely.remove_repeated_points(found.shape, 1e-3))
     base = _lowest_ground(shape, ground_m)
     tall = (height >= LOWEST_M) & (height <= HIGHEST_M)
-    stands = np.isfinite(base)
-    dropped = {
+    _tell(found, tall, np.isfinite(base), name)
+    if not tall.any():
+        message = f"{name}: none of its {len(shape):,} outlines has a height; give height_m, or the attribute with it"
+        raise InputFileError(message)
+    keep = tall & np.isfinite(base)
+    if not keep.any():
+        message = f"none of its {len(shape):,} outlines stands on the terrain; check its place and CRS"
+        raise ScenarioError([Problem(f"{key}.path", message)])
+    vertices, faces = _extruded(shape[keep], base[keep], height[keep])
+    return Surface(name=f"footprints-{index}", vertices_m=vertices, faces=faces, material=table.material)
+
+
+def _tell(found: Polygons, tall: Bool[np.ndarray, " polygon"], stands: Bool[np.ndarray, " polygon"], name: str) -> None:
+    """Log what is left out and what was repaired, with the counts."""
+    left_out = {
         "no polygons": found.dropped,
         "without a height that a building can have": int(np.count_nonzero(~tall)),
         "beyond the terrain": int(np.count_nonzero(tall & ~stands)),
     }
-    if any(dropped.values()) or found.repaired:
-        said = [f"{count:,} {what}" for what, count in dropped.items() if count]
-        logger.warning(
-            "%s: left out %s, and repaired %s outlines, of %s",
-            name,
-            ", ".join(said) or "none",
-            f"{found.repaired:,}",
-            f"{len(shape):,}",
-        )
-    if not tall.any():
-        message = f"{name}: none of its {len(shape):,} outlines has a height; give height_m, or the attribute with it"
-        raise InputFileError(message)
-    if not (tall & stands).any():
-        message = f"none of its {len(shape):,} outlines stands on the terrain; check its place and CRS"
-        raise ScenarioError([Problem(f"{key}.path", message)])
-    keep = tall & stands
-    vertices, faces = _extruded(shape[keep], base[keep], height[keep])
-    return Surface(name=f"footprints-{index}", vertices_m=vertices, faces=faces, material=table.material)
+    said = ", ".join(f"{count:,} {what}" for what, count in left_out.items() if count)
+    if said or found.repaired:
+        message = "%s: left out %s, and repaired %s outlines, of %s"
+        logger.warning(message, name, said or "none", f"{found.repaired:,}", f"{len(found.shape):,}")
 
 
 def _heights(table: Footprints, values: dict[str, np.ndarray], count: int) -> Float[np.ndarray, " polygon"]:
