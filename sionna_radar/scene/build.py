@@ -14,7 +14,7 @@ from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.footprints import build_footprints
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
 from sionna_radar.scene.model import Scene, Surface, Target
-from sionna_radar.scene.objects import build_object
+from sionna_radar.scene.objects import build_objects
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
@@ -103,8 +103,7 @@ def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
 
 def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
     datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
-    built = [build_object(o, i, land.ground_m, datum_m) for i, o in enumerate(scenario.objects)]
-    return tuple(surface for surfaces in built for surface in surfaces)
+    return build_objects(scenario.objects, land.ground_m, datum_m)
 
 
 def _footprints(

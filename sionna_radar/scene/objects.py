@@ -1,6 +1,7 @@
 """Placing mesh files in the scene: units, axes, heading, materials, and the ground that they stand on."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Surface
+
+Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 LARGEST_M, SMALLEST_M = 100_000.0, 1e-3
 SIONNA_PREFIX = "mat-"
@@ -99,18 +102,21 @@ def surfaces_of(mesh: RepairedMesh, materials: Sequence[str], name: str) -> tupl
     return tuple(surfaces)
 
 
-def build_object(
-    table: MeshObject,
-    index: int,
-    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
-    datum_m: float,
-) -> tuple[Surface, ...]:
-    """Return an object as surfaces, one or two for each of its materials.
+@dataclass(frozen=True, kw_only=True)
+class ReadObject:
+    """A repaired mesh about its own origin, with the scenario's material of each of its parts."""
+
+    mesh: RepairedMesh
+    materials: list[str]
+
+
+def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
+    """Return objects as surfaces, one or two for each material of each; copies of one file are read once.
 
     Parameters
     ----------
-    table, index:
-        The object and its number in the scenario.
+    tables:
+        The scenario's objects.
     ground_m:
         Height of the ground at horizontal positions; NaN beyond the terrain.
     datum_m:
@@ -119,29 +125,41 @@ def build_object(
     Raises
     ------
     ScenarioError, InputFileError
-        It stands beyond the terrain, names materials that its file does not have, or its file cannot be used.
+        One stands beyond the terrain, names materials that its file does not have, or its file cannot be used.
 
     """
-    key = f"objects.{index}"
+    known: dict[str, ReadObject] = {}
+    surfaces: list[Surface] = []
+    for index, table in enumerate(tables):
+        same = table.model_dump_json(exclude={"position_m", "on_ground"})
+        if same not in known:
+            known[same] = _read(table, f"objects.{index}")
+        surfaces += _placed(table, index, known[same], ground_m, datum_m)
+    return tuple(surfaces)
+
+
+def _read(table: MeshObject, key: str) -> ReadObject:
     parts = upright(table, key)
     materials = material_of_parts(parts, table, key)
-    mesh = repair(parts, f"{key}.path = {shown(table.path)}")
-    vertices = mesh.vertices_m
+    return ReadObject(mesh=repair(parts, f"{key}.path = {shown(table.path)}"), materials=materials)
+
+
+def _placed(table: MeshObject, index: int, found: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
+    """Return an object where it stands."""
+    mesh, key = found.mesh, f"objects.{index}.position_m"
     east, north, *height = table.position_m
     if table.on_ground:
-        used = vertices[np.unique(mesh.faces)]
+        used = mesh.vertices_m[np.unique(mesh.faces)]
         ground = float(np.min(ground_m(_under(used[:, :2]) + np.array([east, north]))))
         if not np.isfinite(ground):
             message = f"the object at {table.position_m} extends beyond the terrain; move it or enlarge the terrain"
-            raise ScenarioError([Problem(f"{key}.position_m", message)])
+            raise ScenarioError([Problem(key, message)])
         up = ground - float(used[:, 2].min())
     else:
         up = height[0] - datum_m
-    placed = RepairedMesh(
-        vertices_m=vertices + np.array([east, north, up]), faces=mesh.faces, owner=mesh.owner, two_sided=mesh.two_sided
-    )
-    check_reach(placed.vertices_m[np.unique(placed.faces)], f"{key}.position_m", table.path)
-    return surfaces_of(placed, materials, f"object-{index}")
+    placed = replace(mesh, vertices_m=mesh.vertices_m + np.array([east, north, up]))
+    check_reach(placed.vertices_m[np.unique(placed.faces)], key, table.path)
+    return surfaces_of(placed, found.materials, f"object-{index}")
 
 
 def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None:

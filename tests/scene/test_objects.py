@@ -9,10 +9,12 @@ from pyproj import Transformer
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.scene import objects
 from sionna_radar.scene.build import build_scene
 from sionna_radar.scene.landscape import map_frame
 from sionna_radar.scene.layers import overhang
 from sionna_radar.scene.map_positions import in_local_frame
+from sionna_radar.scene.mesh_files.reader import read_mesh
 
 WINDOW = (-500.0, -500.0, 500.0, 500.0)
 FLAT = {"kind": "flat", "size_m": [200.0, 200.0]}
@@ -58,6 +60,16 @@ def test_an_object_stands_where_its_keys_say(keys, lowest, highest, tmp_path):
     built = build(objects=[{"path": path, "position_m": [10.0, 20.0], **keys}])
     np.testing.assert_allclose(span(built.scene.surfaces[-1]), [lowest, highest], atol=1e-9)
     assert built.scene.surfaces[-1].material == "building"
+
+
+def test_copies_of_one_file_are_read_once(tmp_path, monkeypatch):
+    path = write(tmp_path / "tree.ply", [(-1, -1, 0), (1, 1, 5)])
+    read = []
+    monkeypatch.setattr(objects, "read_mesh", lambda *given: read.append(given) or read_mesh(*given))
+    wood = [{"path": path, "position_m": [5.0 * i, 0.0]} for i in range(4)]
+    built = build(objects=[*wood, {"path": path, "position_m": [0.0, 20.0], "scale": 2.0}])
+    assert len(read) == 2
+    np.testing.assert_allclose([span(s)[1, 0] for s in built.scene.surfaces[1:]], [1, 6, 11, 16, 2])
 
 
 def test_an_object_on_a_slope_stands_on_the_lowest_ground_in_its_outline(tmp_path):

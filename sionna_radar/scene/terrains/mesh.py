@@ -50,12 +50,7 @@ def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
         frame = frame_at(*terrain.centre_lonlat_deg)
     materials = material_of_parts(parts, terrain, KEY)
     found = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
-    found = RepairedMesh(
-        vertices_m=found.vertices_m + np.array(terrain.position_m),
-        faces=found.faces,
-        owner=found.owner,
-        two_sided=found.two_sided,
-    )
+    found = replace(found, vertices_m=found.vertices_m + np.array(terrain.position_m))
     check_reach(found.vertices_m[np.unique(found.faces)], f"{KEY}.position_m", terrain.path)
     georeference = frame.georeference() if frame else None
     surfaces = _covered(found, materials, terrain, georeference)
@@ -92,12 +87,7 @@ def _covered(
     ground = tuple(replace(surface, two_sided=two_sided, divided=True) for surface in ground)
     if bare.all():
         return ground
-    rest = RepairedMesh(
-        vertices_m=mesh.vertices_m,
-        faces=mesh.faces[~bare],
-        owner=mesh.owner[~bare],
-        two_sided=mesh.two_sided[~bare],
-    )
+    rest = replace(mesh, faces=mesh.faces[~bare], owner=mesh.owner[~bare], two_sided=mesh.two_sided[~bare])
     return ground + surfaces_of(rest, materials, "terrain-mesh")
 
 
