@@ -224,6 +224,17 @@ def test_what_a_scene_holds_that_is_not_read_is_refused_with_its_line(old, new, 
         read(scene)
 
 
+def test_a_comment_broken_into_lines_does_not_end_a_ply(tmp_path):
+    """Some versions of Blender wrote one so."""
+    BOX.export(tmp_path / "box.ply", encoding="ascii")
+    text = (tmp_path / "box.ply").read_text()
+    (tmp_path / "box.ply").write_text(
+        text.replace("element vertex", "comment made by\nBlender, source file:\nelement vertex")
+    )
+    (part,) = read(tmp_path / "box.ply")
+    assert volume(part) == pytest.approx(24.0, rel=1e-6)
+
+
 def test_the_ending_says_what_a_mesh_is(tmp_path):
     (tmp_path / "mesh.dae").write_text("<COLLADA/>")
     with pytest.raises(InputFileError, match=r"'.dae'; give a mesh: .ply, .obj"):

@@ -98,3 +98,33 @@ def test_what_is_no_surface_goes_and_is_counted(caplog):
 def test_a_mesh_of_nothing_else_is_refused_with_the_counts():
     with pytest.raises(InputFileError, match=r"none of its 2 faces is a surface \(1 faces with a vertex that is no"):
         repair([part([[0, 0, 0], [1, 0, 0], [2, 0, 0], [np.nan, 0, 0]], [[0, 1, 2], [0, 1, 3]])], "x")
+
+
+def test_a_shell_with_a_gap_is_turned_by_what_it_encloses(caplog):
+    """As a teapot without a bottom, and a house without a floor: whichever way it faces, its roof looks up."""
+    house = trimesh.creation.box(bounds=[(0, 0, 0), (8, 6, 5)])
+    upper = house.faces[house.vertices[house.faces][:, :, 2].max(axis=1) > 0]
+    assert len(upper) == 10
+    found = repair([part(house.vertices, upper[:, ::-1])], "x")
+    corner = found.vertices_m[found.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    assert np.all(np.einsum("fi,fi->f", normal, corner.mean(axis=1) - [4, 3, 2]) > 0)
+    assert found.two_sided.all()
+    assert "10 faces turned" in caplog.text
+
+
+def test_corners_that_differ_by_the_rounding_of_a_text_file_are_one():
+    vertices = BALL.vertices[BALL.faces].reshape(-1, 3) + 1e-7 * np.random.default_rng(1).uniform(-1, 1, (960, 3))
+    found = repair([part(vertices, np.arange(960).reshape(-1, 3))], "x")
+    assert not found.two_sided.any()
+
+
+def test_two_solids_that_share_a_wall_lose_one_copy_of_it_and_keep_their_outsides():
+    corners = [[0, 0, 0], [4, 0, 0], [0, 4, 0], [1, 1, 4], [1, 1, -4]]
+    upper, lower = [[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]], [[1, 0, 4], [2, 1, 4], [0, 2, 4], [0, 1, 2]]
+    found = repair([part(corners, upper), part(corners, lower)], "x")
+    assert len(found.faces) == 7
+    outer = np.any(found.faces >= 3, axis=1)
+    corner = found.vertices_m[found.faces][outer]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    assert np.all(np.einsum("fi,fi->f", normal, corner.mean(axis=1) - [1, 1, 0]) > 0)

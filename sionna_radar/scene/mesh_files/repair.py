@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.scene.mesh_files.part import MeshPart
@@ -19,6 +20,8 @@ logger = logging.getLogger("sionna_radar")
 
 # Vertices nearer than this share of the mesh's size are one: float32 and text files write one place in several ways.
 SAME_PLACE = 1e-6
+# Larger meshes are joined by cells of that size alone, across whose borders two ways to write one place stay two.
+MOST_JOINED = 3_000_000
 # The areas of a closed surface cancel. If this share of them is left, it is a sheet, and not a solid with gaps.
 SHEET_SHARE = 0.5
 # Sheets look down if this share of their area does, in sum.
@@ -101,11 +104,22 @@ def _merged(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "fac
     used = np.zeros(len(vertices), dtype=bool)
     used[faces] = True
     place = vertices[used] - vertices[used].min(axis=0)
-    east, north, up = np.round(place / (place.max() * SAME_PLACE)).astype(np.int64).T
-    number = np.zeros(len(vertices), dtype=np.int64)
+    same = place.max() * SAME_PLACE
+    east, north, up = np.round(place / same).astype(np.int64).T
     # Each of the three is below 2^20.
-    number[used] = np.unique((east << 40) | (north << 20) | up, return_inverse=True)[1]
+    _, first, cell = np.unique((east << 40) | (north << 20) | up, return_index=True, return_inverse=True)
+    number = np.zeros(len(vertices), dtype=np.int64)
+    number[used] = _joined(place[first], same)[cell]
     return number[faces]
+
+
+def _joined(place: Float[np.ndarray, "n 3"], reach: float) -> Int[np.ndarray, " n"]:
+    """Return one number for all places within reach of one another, on whichever sides of a cell's border they lie."""
+    if len(place) > MOST_JOINED:
+        return np.arange(len(place))
+    one, other = KDTree(place).query_pairs(reach / 2, output_type="ndarray").T
+    graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(place), len(place)))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _first_of_each(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " single"]:
