@@ -23,7 +23,7 @@ from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, 
 from sionna_radar.foundation.input_file import regular_file, shown
 
 MOST_BYTES = 20_000_000_000
-MOST_GEOJSON_BYTES = 400_000_000
+MOST_GEOJSON_BYTES = 200_000_000
 MOST_FEATURES = 2_000_000
 MOST_VERTICES = 50_000_000
 REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.shp), or convert it with ogr2ogr"

@@ -161,7 +161,7 @@ def ply(**counts):
         ("a.stl", bytes(80) + struct.pack("<I", 2**32 - 1) + bytes(50), "claims 4,294,967,295 triangles"),
         ("a.glb", b"glTF" + struct.pack("<II", 2, 2**32 - 1), "claims 4,294,967,295 bytes"),
         ("a.glb", b"glTF" + struct.pack("<III4s", 2, 20, 2**31, b"JSON"), "a chunk of 2,147,483,648 bytes"),
-        ("a.obj", b"v 1 2 3\nf 1 2 99999999999999999999\n", "cannot be read as OBJ"),
+        ("a.obj", b"v 1 2 3\nf 1 2 99999999999999999999\n", "line 2 reads 'f 1 2 99999999999999999999'"),
         ("a.obj", b"v 1 2 3\nv 1 2 4\nv 4 2 1\nf 1 2 -9\n", "has 1 of 3 indices beyond its 3 vertices"),
         ("a.obj", b"v 1 2 x\n", "line 1 reads 'v 1 2 x'"),
         ("a.gltf", b'{"asset": {"version": "2.0"}, "nodes": ' + b"[" * 100_000, "no glTF in it"),

@@ -78,7 +78,7 @@ def test_an_obj_counts_back_splits_concave_polygons_and_names_its_materials(tmp_
     text = """mtllib anything.mtl
 v 0 0 0
 v 2 0 0
-v 2 1 0
+v\t2\t1\t0
 v 1 1 0
 v 1 2 0
 v 0 2 0

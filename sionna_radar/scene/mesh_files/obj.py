@@ -1,5 +1,7 @@
 """Wavefront meshes. The names of their materials stand in the OBJ file itself, so that its MTL is never opened."""
 
+import io
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +23,7 @@ class _Faces:
     """The polygons of one material."""
 
     def __init__(self) -> None:
-        self.size: list[int] = []
-        self.corner: list[int] = []
+        self.size, self.corner = array("q"), array("q")
 
 
 def read_obj(path: Path) -> tuple[MeshPart, ...]:
@@ -39,28 +40,29 @@ def read_obj(path: Path) -> tuple[MeshPart, ...]:
     place = np.array(vertices, dtype=np.float64).reshape(-1, 3)
     parts = []
     for name, found in faces.items():
-        corner = np.array(found.corner, dtype=np.int64)
-        triangles = triangles_of(place, np.array(found.size, dtype=np.int64), corner)
+        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in (found.size, found.corner))
+        triangles = triangles_of(place, sides, corner)
         used, index = np.unique(triangles, return_inverse=True)
         parts.append(MeshPart(name=name, vertices=place[used], faces=index.reshape(-1, 3)))
     return tuple(parts)
 
 
-def _read_lines(text: str) -> tuple[list[tuple[float, float, float]], dict[str, _Faces]]:
-    vertices: list[tuple[float, float, float]] = []
+def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
+    """Return the coordinates of all vertices, one after the other, and the polygons of each material."""
+    vertices = array("d")
     faces: dict[str, _Faces] = {}
     material = group = ""
-    for number, line in enumerate(text.split("\n"), 1):
-        word, _, rest = line.strip().partition(" ")
+    for number, line in enumerate(io.StringIO(text), 1):
+        word, _, rest = line.strip().replace("\t", " ").partition(" ")
         try:
             if word == "v":
                 x, y, z = rest.split()[:3]
-                vertices.append((float(x), float(y), float(z)))
+                vertices.extend((float(x), float(y), float(z)))
             elif word == "f":
                 part = faces.setdefault(material or group, _Faces())
                 corners = [int(c.partition("/")[0]) for c in rest.partition("#")[0].split()]
                 # Indices count from 1; negative ones count back from the vertex read last.
-                part.corner += [c - 1 if c > 0 else len(vertices) + c if c else -1 for c in corners]
+                part.corner.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
                 part.size.append(len(corners))
             elif word == "usemtl":
                 material = rest.strip()
@@ -69,7 +71,7 @@ def _read_lines(text: str) -> tuple[list[tuple[float, float, float]], dict[str, 
         except (ValueError, OverflowError) as error:
             message = f"line {number} reads {shown(line.strip())}; export the mesh again"
             raise MeshError(message) from error
-    check_count(len(vertices), MOST_VERTICES, "vertices")
+    check_count(len(vertices) // 3, MOST_VERTICES, "vertices")
     check_count(sum(len(f.size) for f in faces.values()), MOST_FACES, "polygons")
     check_count(len(faces), MOST_PARTS, "materials")
     return vertices, faces

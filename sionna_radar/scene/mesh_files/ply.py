@@ -9,7 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scene.mesh_files.part import MOST_FACES, MOST_VERTICES, MeshError, MeshPart, check_count
+from sionna_radar.scene.mesh_files.part import (
+    MOST_FACES,
+    MOST_TEXT_BYTES,
+    MOST_VERTICES,
+    MeshError,
+    MeshPart,
+    check_count,
+)
 from sionna_radar.scene.mesh_files.polygons import triangles_of
 
 MOST_HEADER_BYTES = 65_536
@@ -53,6 +60,9 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
     data = path.read_bytes()
     order, elements, start = _header(data)
     _check_counts(elements, len(data) - start, order)
+    if not order and len(data) > MOST_TEXT_BYTES:
+        message = f"has {len(data):,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as binary PLY"
+        raise MeshError(message)
     rows = _Text(data[start:]) if not order else _Binary(data, start, order)
     vertices, polygons = None, None
     for element in elements:
