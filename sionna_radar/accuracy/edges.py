@@ -90,11 +90,15 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     west, east, south, north = grid.extent_m
     low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)
     over = np.all((high >= [west, south]) & (low <= [east, north]), axis=1)
-    corner = corner[over & (np.ptp(corner[..., 2], axis=1) >= WALL_HEIGHT_M)]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    steep = np.abs(normal[:, 2]) < np.cos(np.deg2rad(WALL_SLOPE_DEG)) * np.linalg.norm(normal, axis=1)
-    start = corner[steep][..., :2].reshape(-1, 2)
-    edge = np.roll(corner[steep][..., :2], -1, axis=1).reshape(-1, 2) - start
+    if surface.divided:
+        corner = corner[over]
+        corner = corner[_steep(corner)]
+        corner = corner[_height_of_walls(corner, grid.spacing_m) >= WALL_HEIGHT_M]
+    else:
+        corner = corner[over & (np.ptp(corner[..., 2], axis=1) >= WALL_HEIGHT_M)]
+        corner = corner[_steep(corner)]
+    start = corner[..., :2].reshape(-1, 2)
+    edge = np.roll(corner[..., :2], -1, axis=1).reshape(-1, 2) - start
     step_m = grid.spacing_m / FOOT_POINTS_PER_CELL
     pieces = np.ceil(np.linalg.norm(edge, axis=1) / step_m).astype(int) + 1
     number = np.arange(pieces.sum()) - np.repeat(np.cumsum(pieces) - pieces, pieces)
@@ -103,3 +107,19 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
     # Triangles share edges, and the two of a wall lie over the same line.
     return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4
+
+
+def _steep(corner: Float[np.ndarray, "face 3 3"]) -> Bool[np.ndarray, " face"]:
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return np.abs(normal[:, 2]) < np.cos(np.deg2rad(WALL_SLOPE_DEG)) * np.linalg.norm(normal, axis=1)
+
+
+def _height_of_walls(corner: Float[np.ndarray, "face 3 3"], spacing_m: float) -> Float[np.ndarray, " face"]:
+    """Return for each steep face how high all of those over its cell of the map reach: a wall may be of many."""
+    cell = np.floor(corner[..., :2].mean(axis=1) / spacing_m).astype(np.int64)
+    _, number = np.unique(cell, axis=0, return_inverse=True)
+    number = number.ravel()
+    low, high = np.full(len(corner), np.inf), np.full(len(corner), -np.inf)
+    np.minimum.at(low, number, corner[..., 2].min(axis=1))
+    np.maximum.at(high, number, corner[..., 2].max(axis=1))
+    return (high - low)[number]

@@ -19,6 +19,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.build import BuiltScene
+from sionna_radar.scene.layers import Overhang, overhang
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.tracing.paths import VOLUME, Paths
 
@@ -36,6 +37,7 @@ class Comparison:
     dem_error: DemError
     lit_error: DemError
     off_wall_error: DemError | None
+    overhang: Overhang | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +63,13 @@ class GroundTruth:
         return truth_dem(self.built.caster, self.grid, top_m)
 
     @cached_property
+    def overhang(self) -> Overhang | None:
+        """Where there is more than one surface; None for scenes of ground and solid buildings, without a count."""
+        if not self.built.may_overhang:
+            return None
+        return overhang(self.built.caster, self.grid, float(self.built.scene.bounds_m[0, 2]) - CLEAR_M)
+
+    @cached_property
     def walls(self) -> Walls:
         """The walls within the map."""
         return walls_on(self.grid, self.built.scene, self.buildings)
@@ -77,6 +86,7 @@ class GroundTruth:
             dem_error=summarise(error, lit),
             lit_error=summarise(error.within(lit), lit),
             off_wall_error=summarise(error.within(off_wall), off_wall) if self.walls else None,
+            overhang=self.overhang,
         )
 
     def lit_error(self, dem: Raster, lit: Bool[np.ndarray, "row column"]) -> DemError:

@@ -91,11 +91,12 @@ def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -
 
 def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bool:
     """Whether the file's map metres are true metres with north up, unlike those of Web Mercator."""
-    return dataset.transform.b == 0 and dataset.transform.d == 0 and is_true_to_scale(crs, lon, lat)
+    transform = dataset.transform
+    return transform.b == 0 and transform.d == 0 and is_true_to_the_ground(crs, lon, lat)
 
 
-def is_true_to_scale(crs: CRS, lon: float, lat: float) -> bool:
-    """Whether the metres of a map are true metres about a place, with north up, unlike those of Web Mercator."""
+def is_true_to_the_ground(crs: CRS, lon: float, lat: float) -> bool:
+    """Whether metres of a projection are true metres at a place (WGS 84, degrees), and north is up."""
     if not (crs.is_projected and all(axis.unit_conversion_factor == 1 for axis in crs.axis_info)):
         return False
     step = 100.0

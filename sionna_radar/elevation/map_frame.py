@@ -8,7 +8,7 @@ from pyproj import CRS
 from pyproj.aoi import AreaOfInterest
 from pyproj.database import query_utm_crs_info
 
-from sionna_radar.elevation.placed_raster import reproject
+from sionna_radar.elevation.placed_raster import horizontal_part, reproject
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 
@@ -44,6 +44,13 @@ def frame_at(lon_deg: float, lat_deg: float) -> MapFrame:
     crs = metric_crs(lon_deg, lat_deg)
     x, y = reproject(CRS(4326), crs, np.array([lon_deg]), np.array([lat_deg]))
     return MapFrame(crs=crs, origin_m=(float(x[0]), float(y[0])))
+
+
+def frame_of(place: Georeference | None) -> MapFrame | None:
+    """Return the frame of a georeference; None for ground on no map."""
+    if place is None:
+        return None
+    return MapFrame(crs=horizontal_part(CRS.from_wkt(place.crs_wkt)), origin_m=place.origin_m[:2])
 
 
 def check_lonlat(lon_deg: float, lat_deg: float) -> None:

@@ -22,6 +22,8 @@ from .materials import SmallPerturbation as SmallPerturbation
 from .materials import UlabyDobson as UlabyDobson
 from .navigation import NavigationTable as NavigationTable
 from .objects import Building as Building
+from .objects import Footprints as Footprints
+from .objects import MeshObject as MeshObject
 from .objects import PointTarget as PointTarget
 from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable
@@ -42,6 +44,7 @@ from .terrain import CityTerrain as CityTerrain
 from .terrain import FlatTerrain as FlatTerrain
 from .terrain import FractalTerrain as FractalTerrain
 from .terrain import HillsTerrain as HillsTerrain
+from .terrain import MeshTerrain as MeshTerrain
 from .terrain import RasterTerrain as RasterTerrain
 from .terrain import SampleTerrain as SampleTerrain
 from .tracing import TracingTable as TracingTable
@@ -59,6 +62,7 @@ __all__ = [
     "DemTable",
     "ElectronicScanTable",
     "FlatTerrain",
+    "Footprints",
     "FractalTerrain",
     "HillsTerrain",
     "IntegralEquation",
@@ -67,6 +71,8 @@ __all__ = [
     "LidarTable",
     "MaterialParameters",
     "MeasuredTable",
+    "MeshObject",
+    "MeshTerrain",
     "NavigationParameters",
     "NavigationTable",
     "NonNegative",

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sionna_radar.scenario.cover import CoverPolygon, CoverRaster
+from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, CoverVector
 from sionna_radar.scenario.table import Point2, Real, Table
 
 # Products count places in whole millimetres, 32 bits of them; no navigation system errs by so much.
@@ -58,10 +58,14 @@ class TerrainParameters(Table):
 
 
 class CoveredTerrain(TerrainParameters):
-    """Ground of one material, with others over it: classes of a raster, then polygons in the order given."""
+    """Ground of one material, with others over it: classes of a raster, then of a vector file, then polygons.
+
+    Each covers those before it; polygons do in the order given.
+    """
 
     material: str = "ground"
     cover_raster: CoverRaster | None = None
+    cover_vector: CoverVector | None = None
     cover: tuple[CoverPolygon, ...] = ()
 
 

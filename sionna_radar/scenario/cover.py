@@ -47,3 +47,24 @@ class CoverRaster(Table):
     def material_of_class(self) -> dict[int, str]:
         """Materials by class value."""
         return {int(key): name for key, name in self.classes.items()}
+
+
+class CoverVector(Table):
+    """Polygons with a class, each class mapped to a material: GeoJSON, GeoPackage or Shapefile.
+
+    attribute: that which holds the class. classes: material by class; ground of any other class, and beyond all
+    polygons, keeps `terrain.material`. Where polygons overlap the later one in the file covers the earlier. They are
+    transformed from the file's CRS; over ground that is on no map their coordinates are local metres.
+    layer: of a GeoPackage with several.
+    """
+
+    path: InputPath
+    attribute: Annotated[str, Field(min_length=1)]
+    classes: dict[str, str]
+    layer: str | None = None
+
+    @model_validator(mode="after")
+    def _some_class(self) -> CoverVector:
+        if not self.classes:
+            raise refuse("classes", 'empty; map classes to materials, e.g. classes = { forest = "forest" }')
+        return self

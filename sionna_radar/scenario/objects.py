@@ -1,10 +1,13 @@
-"""Objects in a scene besides the ground: `[[buildings]]` and `[[targets]]`."""
+"""Objects in a scene besides the ground: `[[buildings]]`, `[[objects]]`, `[[footprints]]` and `[[targets]]`."""
+
+from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from sionna_radar.scenario.table import NonNegative, Point2, Positive, Real, Table
+from sionna_radar.scenario.mesh_file import MeshFile
+from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
 
 class Building(Table):
@@ -14,6 +17,55 @@ class Building(Table):
     size_m: tuple[Positive, Positive, Positive]
     heading_deg: Real = 0.0
     material: str = "building"
+
+
+class MeshObject(MeshFile):
+    """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang.
+
+    position_m: place of the file's origin. With `on_ground`, east and north, and the lowest point of the mesh stands on
+    the lowest ground in its outline; without it a third number, the height of the file's origin, in the heights of the
+    terrain (above its datum where it has one).
+    """
+
+    position_m: Annotated[tuple[Real, ...], Field(min_length=2, max_length=3)]
+    on_ground: bool = Field(default=True, strict=True)
+
+    @model_validator(mode="after")
+    def _height_given_once(self) -> MeshObject:
+        if self.on_ground and len(self.position_m) == 3:
+            raise refuse("position_m", "a third number is its height; remove it, or set on_ground = false")
+        if not self.on_ground and len(self.position_m) == 2:
+            raise refuse("position_m", "on_ground = false needs a third number, the height; add it")
+        return self
+
+
+class Footprints(Table):
+    """Buildings from the outlines of a vector file: GeoJSON, GeoPackage or Shapefile, such as OpenStreetMap's.
+
+    layer: of a GeoPackage with several. Outlines are transformed from the file's CRS; over ground that is on no map
+    their coordinates are local metres.
+    height: attribute with the height: metres, or text as in OpenStreetMap, such as "12", "12.5 m" or "40 ft".
+    levels: attribute with the number of storeys, where that is not known, of `level_height_m` each.
+    height_m: height of all outlines for which the attributes say nothing; without it these are left out.
+
+    Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
+    `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
+    beyond the terrain are left out with a warning.
+    """
+
+    path: InputPath
+    layer: str | None = None
+    height: str | None = None
+    levels: str | None = None
+    level_height_m: Positive = 3.0
+    height_m: Positive | None = None
+    material: str = "building"
+
+    @model_validator(mode="after")
+    def _some_height(self) -> Footprints:
+        if self.height is None and self.levels is None and self.height_m is None:
+            raise refuse("height_m", "not given; give metres, or the attribute that has them as height or levels")
+        return self
 
 
 class PointTarget(Table):

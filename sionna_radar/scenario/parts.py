@@ -74,6 +74,7 @@ TERRAINS = Registry(
         "jacksboro": "sionna_radar.scene.terrains.elevation",
         "raster": "sionna_radar.scene.terrains.elevation",
         "points": "sionna_radar.scene.terrains.points",
+        "mesh": "sionna_radar.scene.terrains.mesh",
         "sionna:san_francisco": "sionna_radar.scene.terrains.city",
         "sionna:munich": "sionna_radar.scene.terrains.city",
         "sionna:florence": "sionna_radar.scene.terrains.city",

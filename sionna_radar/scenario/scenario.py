@@ -17,7 +17,7 @@ from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
-from sionna_radar.scenario.objects import Building, PointTarget
+from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
 from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest
@@ -30,6 +30,7 @@ from sionna_radar.scenario.terrain import (
     FlatTerrain,
     FractalTerrain,
     HillsTerrain,
+    MeshTerrain,
     Terrain,
 )
 from sionna_radar.scenario.tracing import TracingTable
@@ -52,7 +53,7 @@ LONGEST_CRS = 100_000
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
 
-    coordinates: what the horizontal positions of the platform, of cover polygons, buildings and targets are given in:
+    coordinates: what horizontal positions of the platform, cover polygons, buildings, objects and targets are given in:
     "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
     CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
     Headings count from the grid north of the map.
@@ -79,6 +80,8 @@ class Scenario(Table):
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
     terrain: Terrain
     buildings: tuple[Building, ...] = ()
+    objects: tuple[MeshObject, ...] = ()
+    footprints: tuple[Footprints, ...] = ()
     targets: tuple[PointTarget, ...] = ()
     materials: dict[str, Material] = {}
     platform: Platform
@@ -103,6 +106,7 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _coordinates_have_a_place(self) -> Scenario:
         nowhere = isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain | CityTerrain)
+        nowhere = nowhere or (isinstance(self.terrain, MeshTerrain) and self.terrain.crs is None)
         if self.coordinates != "local" and nowhere and self.terrain.centre_lonlat_deg is None:
             raise refuse("coordinates", f"{shown(self.coordinates)} {NO_PLACE_ON_THE_MAP.format(self.terrain.kind)}")
         return self
@@ -193,6 +197,12 @@ class Scenario(Table):
 
     def _used_materials(self) -> list[tuple[str, str]]:
         used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
+        for number, thing in enumerate(self.objects):
+            used.append((f"objects.{number}.material", thing.material))
+            used += [(f"objects.{number}.materials.{key}", name) for key, name in thing.materials.items()]
+        used += [(f"footprints.{i}.material", f.material) for i, f in enumerate(self.footprints)]
+        if isinstance(self.terrain, MeshTerrain):
+            used += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
         if isinstance(self.terrain, CityTerrain):
             mapped = self.terrain.materials.items()
             used += [(f"terrain.materials.{key}", name) for key, name in mapped if name != KEEP_SIONNA]
@@ -202,6 +212,9 @@ class Scenario(Table):
             raster = self.terrain.cover_raster
             classes = raster.classes.items() if raster else ()
             used += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
+            vector = self.terrain.cover_vector
+            classes = vector.classes.items() if vector else ()
+            used += [(f"terrain.cover_vector.classes.{key}", name) for key, name in classes]
         if isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain):
             used += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
         return used

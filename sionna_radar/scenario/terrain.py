@@ -9,8 +9,9 @@ from pydantic import Field, model_validator
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.cover import MaterialField
+from sionna_radar.scenario.mesh_file import MeshFile
 from sionna_radar.scenario.parts import TERRAINS
-from sionna_radar.scenario.table import InputPath, InputSource, Positive, Real, Seed, Table, refuse
+from sionna_radar.scenario.table import InputPath, InputSource, Point3, Positive, Real, Seed, Table, refuse
 
 KEEP_SIONNA = "sionna"
 
@@ -109,6 +110,30 @@ class PointsTerrain(CoveredTerrain):
         usual = type(self).model_fields["percentile"].default
         if self.statistic != "percentile" and self.percentile != usual:
             raise refuse("percentile", f"{self.percentile:g} has no effect; set statistic = 'percentile', or remove it")
+        return self
+
+
+class MeshTerrain(CoveredTerrain, MeshFile):
+    """A mesh as the ground, with what stands on it: a site model, a photogrammetric mesh, a scene of Sionna.
+
+    position_m: local place and height of the file's origin.
+    crs: that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map.
+    Land cover lies on the faces of `material`, not on those that `materials` names.
+
+    The bare ground, that a flight's height counts from and objects stand on, is the lowest surface that faces up:
+    ground under a bridge, and not a bottom plate.
+    """
+
+    kind: Literal["mesh"] = "mesh"
+    material: str = "ground"
+    position_m: Point3 = (0.0, 0.0, 0.0)
+    crs: str | None = None
+
+    @model_validator(mode="after")
+    def _placed_once(self) -> MeshTerrain:
+        for key in ("position_m", "heading_deg", "scale"):
+            if self.crs is not None and getattr(self, key) != type(self).model_fields[key].default:
+                raise refuse(key, "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs")
         return self
 
 

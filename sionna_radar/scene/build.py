@@ -5,13 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.footprints import build_footprints
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
-from sionna_radar.scene.model import Scene, Target
+from sionna_radar.scene.model import Scene, Surface, Target
+from sionna_radar.scene.objects import build_objects
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
@@ -23,11 +26,13 @@ class BuiltScene:
 
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
+    may_overhang: there may be air under some of them.
     """
 
     scene: Scene
     ground_m: Heights
     caster: RayCaster
+    may_overhang: bool = False
 
 
 def build_scene(
@@ -70,13 +75,18 @@ def build_scene(
     _check_landscape(land, known)
     boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
-        surfaces=land.surfaces + boxes,
+        surfaces=land.surfaces + _objects(scenario, land) + _footprints(scenario, land, window_m) + boxes,
         materials=known | land.materials,
         targets=_targets(scenario, land),
         ground_material=land.ground_material,
         georeference=land.georeference,
     )
-    return BuiltScene(scene=scene, ground_m=land.ground_m, caster=RayCaster(scene.surfaces))
+    return BuiltScene(
+        scene=scene,
+        ground_m=land.ground_m,
+        caster=RayCaster(scene.surfaces),
+        may_overhang=land.may_overhang or bool(scenario.objects),
+    )
 
 
 def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
@@ -89,6 +99,21 @@ def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
     if missing:
         message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
         raise ScenarioError([Problem("terrain", message)])
+
+
+def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
+    datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
+    return build_objects(scenario.objects, land.ground_m, datum_m)
+
+
+def _footprints(
+    scenario: Scenario, land: Landscape, window_m: tuple[float, float, float, float]
+) -> tuple[Surface, ...]:
+    if not scenario.footprints:
+        return ()
+    frame = frame_of(land.georeference)
+    built = [build_footprints(f, i, frame, window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
+    return tuple(surface for surface in built if surface is not None)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

@@ -1,21 +1,27 @@
-"""Splitting the ground's mesh by land cover: rectangles, polygons, and a raster of classes.
+"""Splitting the ground's mesh by land cover: rectangles, polygons, and files of classes.
 
 A face belongs to the cover that contains its centre, so borders follow the mesh: its spacing is their accuracy.
-Later covers override earlier ones: the raster's classes, then `fields`, then `cover`, each in the order given.
+Later covers override earlier ones: the raster's classes, then those of the vector file, then `fields`, then `cover`,
+each in the order given.
 """
+
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.path import Path as Outline
 from rasterio.windows import Window
 
+from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain
-from sionna_radar.scenario.cover import CoverRaster
+from sionna_radar.scenario.cover import CoverRaster, CoverVector
 from sionna_radar.scene.model import Surface
+from sionna_radar.scene.vector_file import read_polygons
 
 NO_CLASS = -(2**31)
 MOST_CELLS_READ = 100_000_000
@@ -35,7 +41,8 @@ def cover_ground(
         A polygon covers no face; the raster of classes cannot be read or georeferenced.
 
     """
-    if terrain.cover_raster is None and not terrain.cover and not getattr(terrain, "fields", ()):
+    files = terrain.cover_raster is not None or terrain.cover_vector is not None
+    if not files and not terrain.cover and not getattr(terrain, "fields", ()):
         return (Surface(name="terrain-0", vertices_m=vertices_m, faces=faces, material=terrain.material),)
     middle = vertices_m[faces][:, :, :2].mean(axis=1)
     names = [terrain.material]
@@ -45,6 +52,11 @@ def cover_ground(
         for cover_class, name in terrain.cover_raster.material_of_class.items():
             owner[value == cover_class] = len(names)
             names.append(name)
+    if terrain.cover_vector is not None:
+        classes = list(terrain.cover_vector.classes)
+        value = vector_classes_at(terrain.cover_vector, middle, georeference)
+        owner = np.where(value >= 0, len(names) + value, owner)
+        names += [terrain.cover_vector.classes[name] for name in classes]
     for field in getattr(terrain, "fields", ()):
         owner[np.all(np.abs(middle - field.centre_m) <= np.array(field.size_m) / 2, axis=1)] = len(names)
         names.append(field.material)
@@ -78,6 +90,51 @@ def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, 
     low, high = corner_m.min(axis=0), corner_m.max(axis=0)
     near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
     return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near
+
+
+def vector_classes_at(
+    cover: CoverVector, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
+) -> Int[np.ndarray, " n"]:
+    """Return which of the classes lies at each horizontal position, by its number in the table; -1 where none does.
+
+    Of polygons over one another the last in the file counts, of whatever class: one that is not in the table keeps
+    what is under it.
+
+    Raises
+    ------
+    InputFileError
+        The file cannot be read, or none of its polygons of these classes lies over the points.
+    ScenarioError
+        Only one of the file and the terrain is georeferenced.
+
+    """
+    import shapely
+
+    key = "terrain.cover_vector"
+    (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
+    window_m = (float(west), float(south), float(east), float(north))
+    found = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
+    numbers = {name: number for number, name in enumerate(cover.classes)}
+    number = np.array([numbers.get(_class_name(v), -1) for v in found.values[cover.attribute]], dtype=np.int64)
+    shape, number = found.shape[number >= 0], number[number >= 0]
+    point, polygon = shapely.STRtree(shapely.points(point_m)).query(shape, predicate="covers")[::-1]
+    if len(point) == 0:
+        known = sorted({_class_name(v) for v in found.values[cover.attribute]})
+        message = (
+            f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.classes))} lies "
+            f"over the terrain; those over it are {', '.join(map(shown, known[:50])) or 'none'}"
+        )
+        raise InputFileError(message)
+    last = np.full(len(point_m), -1, dtype=np.int64)
+    np.maximum.at(last, point, polygon)  # polygons are in the order of the file
+    return np.where(last >= 0, number[last], -1)
+
+
+def _class_name(value: Any) -> str:
+    """Return the class that an attribute's value states: numbers as a table writes them, 3 for 3.0."""
+    if isinstance(value, float | np.floating) and float(value).is_integer():
+        return str(int(value))
+    return "" if value is None else str(value)
 
 
 def classes_at(

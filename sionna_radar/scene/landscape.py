@@ -53,6 +53,7 @@ class Landscape:
     georeference: None if the ground is not georeferenced.
     materials: those that come with the terrain.
     heights: the raster from which the triangles were made, if any.
+    may_overhang: there may be air under some of it.
     """
 
     surfaces: tuple[Surface, ...]
@@ -62,6 +63,7 @@ class Landscape:
     georeference: Georeference | None = None
     materials: dict[str, Backscatter] = field(default_factory=dict)
     heights: Raster | None = None
+    may_overhang: bool = False
 
 
 def landscape_of_heights(

@@ -45,10 +45,12 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         terrain = terrain.model_copy(update={"cover": cover})
     objects = {
         name: tuple(
-            entry.model_copy(update={"position_m": moving(f"{name}.{i}.position_m", entry.position_m)})
+            entry.model_copy(
+                update={"position_m": moving(f"{name}.{i}.position_m", entry.position_m[:2]) + entry.position_m[2:]}
+            )
             for i, entry in enumerate(getattr(scenario, name))
         )
-        for name in ("buildings", "targets")
+        for name in ("buildings", "objects", "targets")
     }
     if moving.problems:
         raise ScenarioError(moving.problems)

@@ -12,12 +12,18 @@ from sionna_radar.surfaces.backscatter import Backscatter
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """A triangle mesh of one material, world frame; triangles are counter-clockwise seen from outside."""
+    """A triangle mesh of one material, world frame; triangles are counter-clockwise seen from outside.
+
+    two_sided: it encloses nothing, so that both of its sides are an outside.
+    divided: its walls may be of triangles of any size, as in a mesh file; those of others are as high as they are.
+    """
 
     name: str
     vertices_m: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
     material: str
+    two_sided: bool = False
+    divided: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

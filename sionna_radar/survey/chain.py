@@ -127,6 +127,7 @@ def _run(scenario: Scenario | Prepared, custom: CustomParts, block_size: int, pr
         dem_error=comparison.dem_error,
         lit_error=comparison.lit_error,
         off_wall_error=comparison.off_wall_error,
+        overhang=comparison.overhang,
         chirp=chirp,
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),

@@ -12,6 +12,7 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
+from sionna_radar.scene.layers import Overhang
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import ChirpRecord
 
@@ -30,6 +31,7 @@ class Survey(Brief):
     chirp: the record of the chirp in the middle of the survey; None for a sensor without chirps.
     timing_s: seconds spent in each stage, and in all under `total`.
     warnings: what degrades the result.
+    overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
 
     Examples
     --------
@@ -55,6 +57,7 @@ class Survey(Brief):
     timing_s: dict[str, float]
     peak_memory_mb: float
     warnings: tuple[str, ...] = ()
+    overhang: Overhang | None = None
 
     @property
     def scenario(self) -> Scenario:

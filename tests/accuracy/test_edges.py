@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from sionna_radar.accuracy.edges import walls_on
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.model import Surface
 from worlds import make_scene, make_surface
 
 GRID = Grid(west_m=-40.0, south_m=-40.0, spacing_m=1.0, columns=81, rows=81)
@@ -42,3 +44,22 @@ def test_walls_beyond_the_map_are_none():
     far = Building(position_m=(200.0, 0.0), size_m=(20.0, 12.0, 6.0))
     mesh = build_box(far, 0, lambda point: np.zeros(len(point)))
     assert not walls_on(GRID, make_scene(make_surface(lambda x, y: 0 * x), mesh), ())
+
+
+def test_the_walls_of_a_mesh_are_the_same_however_finely_they_are_divided():
+    """A tower of triangles lower than any wall, and a kerb of the same that is none."""
+    tower = trimesh.creation.box(bounds=[(-6, -4, 0), (6, 4, 9)])
+    kerb = trimesh.creation.box(bounds=[(20, -20, 0), (22, 20, 0.6)])
+    ground = make_surface(lambda x, y: 0 * x)
+    found = []
+    for size_m in (100.0, 0.7):
+        fine = [mesh.subdivide_to_size(size_m) for mesh in (tower, kerb)]
+        surfaces = [
+            Surface(name="x", vertices_m=m.vertices, faces=m.faces, material="ground", divided=True) for m in fine
+        ]
+        found.append(walls_on(GRID, make_scene(ground, *surfaces), ()))
+    reach = np.full(len(GRID.centres_m), 2.9)  # no cell is so far from a wall but for rounding
+    near = [walls.near(GRID.centres_m, reach) for walls in found]
+    assert near[0].sum() == 200  # whole metres so near to the sides of an oblong of 12 x 8 m
+    assert np.count_nonzero(near[0] != near[1]) <= 4
+    assert not np.any(near[1] & (GRID.centres_m[:, 0] > 15))

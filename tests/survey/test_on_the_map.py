@@ -155,7 +155,7 @@ def test_positions_without_a_place_are_refused(tmp_path: Path, coordinates: str,
 
 @pytest.mark.parametrize("scene", ["hills", "san_francisco"])
 def test_a_world_that_lies_nowhere_takes_no_map_coordinates(scene: str) -> None:
-    with pytest.raises(ScenarioError, match=r"coordinates.*set coordinates = 'local'"):
+    with pytest.raises(ScenarioError, match=r"coordinates.*or coordinates = 'local'"):
         load_scenario(scene, {"coordinates": "lonlat"})
 
 

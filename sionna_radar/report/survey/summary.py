@@ -20,6 +20,8 @@ MEANING = {
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
+    "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest; null "
+    "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
     "le90_m": LE90_MEANING,
 }
@@ -45,6 +47,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
+        "overhang": asdict(survey.overhang) if survey.overhang else None,
         "meaning": MEANING,
         "timing_s": survey.timing_s,
         "peak_memory_mb": survey.peak_memory_mb,

@@ -53,6 +53,9 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    if survey.overhang is not None and survey.overhang.cells:
+        over = survey.overhang
+        rows["cells under an overhang"] = f"{over.cells:,} ({over.share:.1%}); the truth is the highest surface"
     rows["coordinates"] = crs_name(survey.georeference)
     start, end = survey.schedule.trajectory.cruise_s()
     rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"

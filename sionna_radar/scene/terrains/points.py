@@ -11,7 +11,7 @@ from pyproj import CRS
 from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.holes import treat_holes
-from sionna_radar.elevation.local_frame import is_true_to_scale
+from sionna_radar.elevation.local_frame import is_true_to_the_ground
 from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, metric_crs
 from sionna_radar.elevation.placed_raster import horizontal_part, reproject
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
@@ -101,7 +101,7 @@ def _frame(crs: CRS, middle: tuple[float, float], terrain: PointsTerrain) -> Map
         if not (math.isfinite(lon) and math.isfinite(lat)):
             message = f"{crs.name!r} does not contain the cloud's middle {middle}; give the CRS of the file"
             raise ScenarioError([Problem("terrain.crs", message)])
-    local = crs if is_true_to_scale(crs, lon, lat) else metric_crs(lon, lat)
+    local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
     if terrain.centre_lonlat_deg is None and local is crs:
         return MapFrame(crs=local, origin_m=middle)
     x, y = reproject(CRS(4326), local, np.array([lon]), np.array([lat]))

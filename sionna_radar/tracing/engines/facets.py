@@ -103,6 +103,7 @@ class GammaEngine:
     ) -> None:
         self._index = FacetIndex(facets_of(scene.surfaces))
         self._scene, self._footprint_db, self._beam_share = scene, footprint_db, beam_share
+        self._two_sided = np.array([surface.two_sided for surface in scene.surfaces])
         self._footprint = Footprint.of(antenna, footprint_db)
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
         self._side_per_metre = beam_share * min(antenna.beamwidths_rad)
@@ -150,6 +151,8 @@ class GammaEngine:
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         twice_area = np.sqrt(np.einsum("fi,fi->f", normal, normal))
         toward = -np.einsum("fi,fi->f", normal, away)
+        behind = (toward < 0) & self._two_sided[facets.surface]
+        normal[behind], toward[behind] = -normal[behind], -toward[behind]
         facing = np.flatnonzero(toward > 0)
         away, range_m, twice_area = away[facing], range_m[facing], twice_area[facing]
         direction = away / range_m[:, None]

@@ -37,6 +37,7 @@ KEYS = [
     "dem_error",
     "lit_error",
     "off_wall_error",
+    "overhang",
     "meaning",
     "timing_s",
     "peak_memory_mb",

@@ -1,0 +1,43 @@
+"""What `[terrain]` of kind "mesh" and `[[objects]]` share: a file of triangles, its axes, size and materials."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from sionna_radar.scenario.table import InputPath, Positive, Real, Table
+
+Unit = Literal["m", "cm", "mm", "km", "in", "ft", "ftUS", "yd"]
+METRES = {
+    "m": 1.0,
+    "cm": 0.01,
+    "mm": 0.001,
+    "km": 1000.0,
+    "in": 0.0254,
+    "ft": 0.3048,
+    "ftUS": 1200 / 3937,
+    "yd": 0.9144,
+}
+
+
+class MeshFile(Table):
+    """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
+
+    units: of its coordinates. up: its axis that points up; None takes y of GLB and glTF, whose standard says so, and z
+    of all others. scale: what it is enlarged by besides. heading_deg: clockwise turn of its y axis (of -z where y is
+    up) from north.
+    material: of all of it but what `materials` names: a table from the mesh's own material names (without Sionna's
+    "mat-"), or from the names of its objects where these have no material, to materials of the scenario.
+    """
+
+    path: InputPath
+    units: Unit = "m"
+    up: Literal["y", "z"] | None = None
+    scale: Positive = 1.0
+    heading_deg: Real = 0.0
+    material: str = "building"
+    materials: dict[str, str] = {}
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres of one unit of the file's coordinates, the scale included."""
+        return METRES[self.units] * self.scale

@@ -1,0 +1,90 @@
+"""Mesh files of all formats, by the ending of their names."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.scene.mesh_files.gltf import read_gltf
+from sionna_radar.scene.mesh_files.mitsuba_xml import read_mitsuba
+from sionna_radar.scene.mesh_files.obj import read_obj
+from sionna_radar.scene.mesh_files.part import MOST_BYTES, MeshError, MeshPart
+from sionna_radar.scene.mesh_files.ply import read_ply
+from sionna_radar.scene.mesh_files.stl import read_stl
+
+READERS = {
+    ".ply": read_ply,
+    ".obj": read_obj,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".xml": read_mitsuba,
+}
+REMEDY = f"give a mesh: {', '.join(READERS)} (.xml: a scene of Mitsuba 3 or Sionna RT)"
+# The axis that points up, where a format says so; others are z up as most CAD and survey exports are.
+UP = {".glb": "y", ".gltf": "y"}
+
+
+def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
+    """Return the triangles of a mesh file, in its own axes and units, as float64.
+
+    Parameters
+    ----------
+    path:
+        The file: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
+    key:
+        The scenario's key that names it, for messages.
+
+    Raises
+    ------
+    InputFileError
+        It is no such file, is too large, is broken, or names files beyond its own folder.
+
+    """
+    name = f"{key} ="
+    size = regular_file(path, name, REMEDY, MOST_BYTES)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        message = f"{name} {shown(path)} ends in {shown(path.suffix)}; {REMEDY}"
+        raise InputFileError(message)
+    if size == 0:
+        message = f"{name} {shown(path)} is empty; get the whole file"
+        raise InputFileError(message)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # numbers too large for float32 and the like
+            parts = reader(path)
+    except RadarError:
+        raise
+    except MeshError as error:
+        message = f"{name} {shown(path)}: {error}"
+        raise InputFileError(message) from error
+    except (
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        OverflowError,
+        OSError,
+        RecursionError,
+    ) as error:
+        # Numbers that are none, entries of the wrong kind: whatever a broken file holds in the place of a value.
+        reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
+        message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"
+        raise InputFileError(message) from error
+    if not any(len(part.faces) for part in parts):
+        message = f"{name} {shown(path)}: has no faces; give a mesh of triangles"
+        raise InputFileError(message)
+    return tuple(
+        MeshPart(name=part.name, vertices=np.asarray(part.vertices, dtype=np.float64), faces=part.faces)
+        for part in parts
+        if len(part.faces)
+    )
+
+
+def up_axis(path: Path) -> str:
+    """Return the axis that points up in a file of this name: "y" or "z"."""
+    return UP.get(path.suffix.lower(), "z")

@@ -1,0 +1,136 @@
+"""Ground from a mesh file: a site model, a photogrammetric mesh, a scene of Sionna."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from pyproj import CRS
+from pyproj.exceptions import ProjError
+
+from sionna_radar.elevation.local_frame import is_true_to_the_ground
+from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, frame_at, metric_crs
+from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.terrain import MeshTerrain
+from sionna_radar.scene.ground_cover import cover_ground
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, register_terrain
+from sionna_radar.scene.layers import bare_ground
+from sionna_radar.scene.mesh_files.part import MeshPart
+from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
+from sionna_radar.scene.model import Surface
+from sionna_radar.scene.objects import check_reach, corners_of, material_of_parts, surfaces_of, upright
+from sionna_radar.scene.raycast import RayCaster
+
+KEY = "terrain"
+
+
+def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
+    """Return the local frame of a mesh with map coordinates, or that about a stated place; None on no map.
+
+    Raises ScenarioError or InputFileError if it cannot be read or is not of its CRS.
+    """
+    if terrain.crs is None:
+        return frame_at(*terrain.centre_lonlat_deg) if terrain.centre_lonlat_deg else None
+    return _frame_of(terrain, _crs_of(terrain.crs), upright(terrain, KEY))
+
+
+@register_terrain("mesh", MeshTerrain, frame=mesh_frame)
+def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
+    """Return the ground of a mesh file, with what stands on it."""
+    parts = upright(terrain, KEY)
+    frame = None
+    if terrain.crs is not None:
+        crs = _crs_of(terrain.crs)
+        frame = _frame_of(terrain, crs, parts)
+        parts = tuple(_local(part, crs, frame) for part in parts)
+    elif terrain.centre_lonlat_deg:
+        frame = frame_at(*terrain.centre_lonlat_deg)
+    materials = material_of_parts(parts, terrain, KEY)
+    found = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
+    found = replace(found, vertices_m=found.vertices_m + np.array(terrain.position_m))
+    check_reach(found.vertices_m[np.unique(found.faces)], f"{KEY}.position_m", terrain.path)
+    georeference = frame.georeference() if frame else None
+    surfaces = _covered(found, materials, terrain, georeference)
+    caster = RayCaster(surfaces)
+    heights = np.concatenate([s.vertices_m[:, 2] for s in surfaces])
+    bottom, top = float(heights.min()) - 10.0, float(heights.max()) + 10.0
+
+    def ground_m(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        return bare_ground(caster, place_m, bottom, top)
+
+    return Landscape(
+        surfaces=tuple(surfaces),
+        ground_m=ground_m,
+        standing_m=ground_m,
+        ground_material=terrain.material,
+        georeference=georeference,
+        may_overhang=True,
+    )
+
+
+def _covered(
+    mesh: RepairedMesh, materials: list[str], terrain: MeshTerrain, place: Georeference | None
+) -> tuple[Surface, ...]:
+    """Return a mesh as surfaces, with land cover over the faces of the terrain's own material."""
+    if terrain.cover_raster is None and terrain.cover_vector is None and not terrain.cover:
+        return surfaces_of(mesh, materials, "terrain-mesh")
+    bare = np.array([name == terrain.material for name in materials])[mesh.owner]
+    if not bare.any():
+        message = f"no face is of terrain.material = {terrain.material!r}, which it covers; remove it"
+        raise ScenarioError([Problem(f"{KEY}.cover", message)])
+    used, index = np.unique(mesh.faces[bare], return_inverse=True)
+    ground = cover_ground(mesh.vertices_m[used], index.reshape(-1, 3), terrain, place)
+    two_sided = bool(mesh.two_sided[bare].any())
+    ground = tuple(replace(surface, two_sided=two_sided, divided=True) for surface in ground)
+    if bare.all():
+        return ground
+    rest = replace(mesh, faces=mesh.faces[~bare], owner=mesh.owner[~bare], two_sided=mesh.two_sided[~bare])
+    return ground + surfaces_of(rest, materials, "terrain-mesh")
+
+
+def _crs_of(name: str) -> CRS:
+    try:
+        crs = horizontal_part(CRS.from_user_input(name))
+    except ProjError as error:
+        message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32632'"
+        raise ScenarioError([Problem(f"{KEY}.crs", message)]) from error
+    if not crs.is_projected:
+        message = f"{crs.name!r} is not projected, and a mesh has no degrees; give one that is, such as 'EPSG:32632'"
+        raise ScenarioError([Problem(f"{KEY}.crs", message)])
+    return crs
+
+
+def _frame_of(terrain: MeshTerrain, crs: CRS, parts: Sequence[MeshPart]) -> MapFrame:
+    """Return the frame of a mesh with map coordinates: its own projection or UTM zone, about a whole metre."""
+    (west, south, _), (east, north, _) = corners_of(parts)
+    x, y = np.array([[west + east], [south + north]]) / 2 / _metres(crs)
+    lon, lat = (float(c[0]) for c in reproject(crs, CRS(4326), x, y))
+    if not (np.isfinite(lon) and np.isfinite(lat)):
+        message = f"{crs.name!r} does not contain the mesh's middle ({x[0]:g}, {y[0]:g}); give the CRS of the file"
+        raise ScenarioError([Problem(f"{KEY}.crs", message)])
+    if terrain.centre_lonlat_deg:
+        check_lonlat(*terrain.centre_lonlat_deg)
+        lon, lat = terrain.centre_lonlat_deg
+    local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
+    east_m, north_m = reproject(CRS(4326), local, np.array([lon]), np.array([lat]))
+    if terrain.centre_lonlat_deg:
+        return MapFrame(crs=local, origin_m=(float(east_m[0]), float(north_m[0])))
+    return MapFrame(crs=local, origin_m=(float(np.round(east_m[0])), float(np.round(north_m[0]))))
+
+
+def _local(part: MeshPart, crs: CRS, frame: MapFrame) -> MeshPart:
+    """Return a part in local metres; its map coordinates lose their offset while they are float64."""
+    x, y = part.vertices[:, :2].T / _metres(crs)
+    if frame.crs is crs:
+        east, north = x - frame.origin_m[0], y - frame.origin_m[1]
+    else:
+        east, north = frame.local_of(crs, x, y)
+    return MeshPart(name=part.name, vertices=np.column_stack([east, north, part.vertices[:, 2]]), faces=part.faces)
+
+
+def _metres(crs: CRS) -> float:
+    """Return metres of one unit of a projected CRS."""
+    return float(crs.axis_info[0].unit_conversion_factor)

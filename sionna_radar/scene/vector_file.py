@@ -1,0 +1,337 @@
+"""Reading of polygons from all vector files, of footprints and of land cover: GeoJSON, GeoPackage, Shapefile.
+
+GDAL opens far more than files, and follows small files to others, whatever their suffix. A file is therefore what its
+first bytes and its name both say. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
+"""
+
+import json
+import sqlite3
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from pyproj import CRS
+from pyproj.exceptions import ProjError
+
+from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.input_file import regular_file, shown
+
+MOST_BYTES = 20_000_000_000
+MOST_GEOJSON_BYTES = 200_000_000
+MOST_FEATURES = 2_000_000
+MOST_VERTICES = 50_000_000
+REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.shp), or convert it with ogr2ogr"
+SHAPE_MAGIC, SQLITE_MAGIC, GPKG_IDS = b"\0\0\x27\x0a", b"SQLite format 3\0", (b"GPKG", b"GP10", b"GP11")
+SIDE_CARS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".sbn", ".sbx")
+WGS84 = CRS(4326)
+# Polygons of a map in metres are wider than this, and those of one in degrees narrower.
+DEGREES = 0.01
+# Places along each side of a window that bound it in another projection.
+WINDOW_SAMPLES = 21
+
+
+@dataclass(frozen=True, kw_only=True)
+class Polygons:
+    """The polygons of a vector file that touch a window, in local metres.
+
+    number: running number of the feature that each polygon is of.
+    values: of the attributes asked for, each with one value for each polygon; None where it has none.
+    repaired, dropped: how many were not valid and were made so, and how many are no polygons.
+    """
+
+    shape: Any
+    number: np.ndarray
+    values: dict[str, np.ndarray]
+    repaired: int
+    dropped: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Features:
+    """Geometries of a file (shapely) with some attributes.
+
+    crs: that the file states, or None. default: what it is by its format where it states none.
+    """
+
+    geometry: np.ndarray
+    values: dict[str, np.ndarray]
+    crs: CRS | None
+    default: CRS | None = None
+
+
+def read_polygons(
+    path: Path,
+    key: str,
+    attributes: Sequence[str],
+    frame: MapFrame | None,
+    window_m: tuple[float, float, float, float],
+    layer: str | None = None,
+) -> Polygons:
+    """Return the polygons of a vector file that touch a window.
+
+    Parameters
+    ----------
+    path, layer:
+        The file, and its layer, which one of several must name.
+    key:
+        The scenario's table that names them, for messages.
+    attributes:
+        Names of the attributes to read.
+    frame:
+        Place of the local frame on the map; None for ground on no map: coordinates are then local metres.
+    window_m:
+        West, south, east and north of what is of interest.
+
+    Raises
+    ------
+    InputFileError
+        It is no such file, is too large or broken, or has no such attribute or layer.
+    ScenarioError
+        Only one of file and terrain has a place on the map.
+
+    """
+    name = f"{key}.path = {shown(path)}"
+    kind = _kind(path, f"{key}.path =")
+    try:
+        with warnings.catch_warnings():
+            # Of lines with measures, and of numbers that overflow where a projection ends: neither is a polygon.
+            warnings.simplefilter("ignore")
+            if kind == "geojson":
+                features = _read_geojson(path, name, attributes)
+            else:
+                features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
+            return _local(features, name, key, frame, window_m)
+    except RadarError:
+        raise
+    except Exception as error:
+        from pyogrio.errors import DataSourceError
+        from shapely.errors import ShapelyError
+
+        known = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, OSError, RuntimeError)
+        if not isinstance(error, (*known, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
+            raise
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        message = f"{name} cannot be read as a vector file ({reason}); {REMEDY}"
+        raise InputFileError(message) from error
+
+
+def _kind(path: Path, name: str) -> str:
+    """Return what a file is by its name and its first bytes, which must agree."""
+    size = regular_file(path, name, REMEDY, MOST_BYTES)
+    with path.open("rb") as file:
+        head = file.read(4096)
+    suffix = path.suffix.lower()
+    if suffix in (".geojson", ".json") and head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
+        if size > MOST_GEOJSON_BYTES:
+            message = (
+                f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MOST_GEOJSON_BYTES:,}; convert it to "
+                "a GeoPackage with ogr2ogr"
+            )
+            raise InputFileError(message)
+        return "geojson"
+    if suffix == ".gpkg" and head.startswith(SQLITE_MAGIC) and head[68:72] in GPKG_IDS:
+        return "gpkg"
+    if suffix == ".shp" and head.startswith(SHAPE_MAGIC):
+        stem = path.stem.lower()
+        for beside in path.parent.iterdir():
+            if beside.stem.lower() == stem and beside.suffix.lower() in SIDE_CARS:
+                regular_file(beside, name, "remove it", MOST_BYTES)
+        return "shp"
+    message = f"{name} {shown(path)} is no GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
+    raise InputFileError(message)
+
+
+def _read_geojson(path: Path, name: str, attributes: Sequence[str]) -> _Features:
+    import shapely
+
+    try:
+        document = json.loads(path.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        message = f"{name} is not GeoJSON ({str(error)[:100] or 'nested too deeply'}); correct it, or export it again"
+        raise InputFileError(message) from error
+    features: Any = [document]
+    if not isinstance(document, dict) or document.get("type") == "FeatureCollection":
+        features = document.get("features") if isinstance(document, dict) else None
+    if not isinstance(features, list) or not all(isinstance(f, dict) for f in features):
+        message = f"{name} has no list of features; give a FeatureCollection of GeoJSON"
+        raise InputFileError(message)
+    _check_count(len(features), name)
+    if len(features) == 1 and "coordinates" in features[0]:
+        features = [{"geometry": features[0], "properties": {}}]
+    texts = [json.dumps(f.get("geometry")) for f in features]
+    geometry = shapely.from_geojson(np.array(texts, dtype=object), on_invalid="ignore")
+    found = [f.get("properties") if isinstance(f.get("properties"), dict) else {} for f in features]
+    values = {}
+    for attribute in attributes:
+        if not any(attribute in given for given in found):
+            _refuse_attribute(name, attribute, sorted({key for given in found[:1000] for key in given}))
+        values[attribute] = np.array([given.get(attribute) for given in found], dtype=object)
+    return _Features(geometry=np.atleast_1d(geometry), values=values, crs=_stated_crs(document, name), default=WGS84)
+
+
+def _stated_crs(document: dict[str, Any], name: str) -> CRS | None:
+    """Return the CRS that a GeoJSON document names, as its standard of 2008 had it; that of 2016 knows WGS 84 alone."""
+    stated = document.get("crs")
+    if stated is None:
+        return None
+    try:
+        return CRS.from_user_input(str(stated["properties"]["name"]))
+    except (ProjError, TypeError, KeyError) as error:
+        message = f"{name} names the CRS {shown(stated)}, which is none; remove its crs, or give one like 'EPSG:25832'"
+        raise InputFileError(message) from error
+
+
+def _read_by_gdal(
+    path: Path,
+    name: str,
+    attributes: Sequence[str],
+    layer: str | None,
+    frame: MapFrame | None,
+    window_m: tuple[float, float, float, float],
+) -> _Features:
+    import pyogrio
+    import shapely
+
+    if path.suffix.lower() == ".gpkg":
+        _check_tables(path, name)
+    source = str(path.absolute())
+    known = [str(entry[0]) for entry in pyogrio.list_layers(source)]
+    if layer is None and len(known) != 1:
+        message = f"{name} has {len(known)} layers; name one as layer: {', '.join(map(shown, known[:50]))}"
+        raise InputFileError(message)
+    if layer is not None and layer not in known:
+        message = f"{name} has no layer {shown(layer)}; it has {', '.join(map(shown, known[:50]))}"
+        raise InputFileError(message)
+    info = pyogrio.read_info(source, layer=layer, force_feature_count=True)
+    for attribute in attributes:
+        if attribute not in info["fields"]:
+            _refuse_attribute(name, attribute, [str(field) for field in info["fields"]])
+    crs = CRS.from_user_input(info["crs"]) if info["crs"] else None
+    bounds = _window_in(crs, frame, window_m)
+    _, _, blobs, columns = pyogrio.raw.read(
+        source, layer=layer, columns=list(attributes), bbox=bounds, force_2d=True, max_features=MOST_FEATURES + 1
+    )
+    _check_count(len(blobs), name)
+    geometry = shapely.from_wkb(blobs, on_invalid="ignore")
+    fields = [field for field in info["fields"] if field in attributes]
+    return _Features(geometry=geometry, values=dict(zip(fields, columns, strict=True)), crs=crs)
+
+
+def _check_tables(path: Path, name: str) -> None:
+    """Refuse a GeoPackage whose layers are not plain tables: a view may take for ever, or reach other files."""
+    with sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True) as database:
+        layers = [row[0] for row in database.execute("SELECT table_name FROM gpkg_contents LIMIT 1000")]
+        made = dict(database.execute("SELECT name, type || ' ' || coalesce(sql, '') FROM sqlite_master"))
+    database.close()
+    for layer in layers:
+        how = str(made.get(layer, "nothing"))
+        if not how.lower().startswith("table create table"):
+            message = f"{name} has the layer {shown(layer)}, which is no plain table; copy the layer with ogr2ogr"
+            raise InputFileError(message)
+
+
+def _window_in(
+    crs: CRS | None, frame: MapFrame | None, window_m: tuple[float, float, float, float]
+) -> tuple[float, float, float, float] | None:
+    """Return the bounds of a window in a file's CRS; None where it has none there."""
+    west, south, east, north = window_m
+    if crs is None or frame is None:
+        return window_m
+    x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
+    found = reproject(frame.crs, horizontal_part(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
+    if not np.isfinite(found).all() or (crs.is_geographic and np.ptp(found[0]) > 180):
+        return None
+    (low_x, low_y), (high_x, high_y) = np.min(found, axis=1), np.max(found, axis=1)
+    # The sides of a window are curves in another projection: a little more than the sampled places.
+    over_x, over_y = 0.02 * (high_x - low_x), 0.02 * (high_y - low_y)
+    return float(low_x - over_x), float(low_y - over_y), float(high_x + over_x), float(high_y + over_y)
+
+
+def _local(
+    features: _Features, name: str, key: str, frame: MapFrame | None, window_m: tuple[float, float, float, float]
+) -> Polygons:
+    """Return valid polygons in local metres, those of multipolygons one by one, that touch a window."""
+    import shapely
+
+    flat = shapely.force_2d(features.geometry)
+    solid = np.isin(shapely.get_type_id(flat), (3, 6)) & ~shapely.is_empty(flat)
+    shape, number = shapely.get_parts(flat[solid], return_index=True)
+    number = np.flatnonzero(solid)[number]
+    vertices = int(shapely.get_num_coordinates(shape).sum())
+    if vertices > MOST_VERTICES:
+        message = f"{name} has {vertices:,} vertices over the survey, more than {MOST_VERTICES:,}; simplify it"
+        raise InputFileError(message)
+    place, owner = shapely.get_coordinates(shape, return_index=True)
+    local = _transformed(place, features, frame, name, key)
+    if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
+        message = "its polygons measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
+        raise ScenarioError([Problem(f"{key}.path", message)])
+    broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
+    shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
+    window = shapely.box(*window_m)
+    wrong = ~shapely.is_valid(shape)
+    near = wrong.copy()
+    near[~wrong] = shapely.intersects(shape[~wrong], window)
+    near &= ~broken
+    shape, number, wrong = shape[near], number[near], wrong[near]
+    if wrong.any():
+        shape[wrong] = shapely.make_valid(shape[wrong])
+        shape, part = shapely.get_parts(shape, return_index=True)
+        shape, again = shapely.get_parts(shape, return_index=True)  # collections hold multipolygons
+        number = number[part][again]
+        kept = (shapely.get_type_id(shape) == 3) & shapely.intersects(shape, window)
+        shape, number = shape[kept], number[kept]
+    return Polygons(
+        shape=shape,
+        number=number,
+        values={attribute: column[number] for attribute, column in features.values.items()},
+        repaired=int(wrong.sum()),
+        dropped=int(np.count_nonzero(~solid)) + int(broken.sum()),
+    )
+
+
+def _transformed(
+    place: Float[np.ndarray, "n 2"], features: _Features, frame: MapFrame | None, name: str, key: str
+) -> Float[np.ndarray, "n 2"]:
+    if frame is None:
+        if features.crs is None:
+            return place
+        message = (
+            f"the file is in {features.crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or "
+            "remove the file's CRS, so that its coordinates are local metres"
+        )
+        raise ScenarioError([Problem(f"{key}.path", message)])
+    crs = features.crs or features.default
+    if crs is None:
+        message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
+        raise ScenarioError([Problem(f"{key}.path", message)])
+    own = horizontal_part(crs)
+    if not (own.is_projected or own.is_geographic):
+        message = f"{name} is in {own.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"
+        raise InputFileError(message)
+    try:
+        return np.column_stack(frame.local_of(own, *place.T))
+    except ProjError as error:
+        message = (
+            f"{name} is in {own.name!r}, which cannot be transformed to {frame.crs.name!r} ({error}); convert it with "
+            "ogr2ogr -t_srs"
+        )
+        raise InputFileError(message) from error
+
+
+def _check_count(count: int, name: str) -> None:
+    if count > MOST_FEATURES:
+        message = f"{name} has {count:,} features, more than {MOST_FEATURES:,}; cut out the part that is flown"
+        raise InputFileError(message)
+
+
+def _refuse_attribute(name: str, attribute: str, known: list[str]) -> None:
+    given = ", ".join(known[:50]) or "none"
+    message = f"{name} has no attribute {shown(attribute)}; it has {given[:1000]}"
+    raise InputFileError(message)

@@ -1,0 +1,80 @@
+"""A survey over a site of the user's own: a bridge whose underside nobody maps, and what is said of it."""
+
+import json
+import tomllib
+
+import pytest
+import trimesh
+
+from sionna_radar import load_scenario, run
+from sionna_radar.report.survey.summary import summary
+from sionna_radar.report.survey.table import survey_table
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.scenario.loading import to_toml
+from vector_files import rectangle, write_geojson
+
+SCENARIO = """
+[terrain]
+kind = "flat"
+size_m = [200.0, 200.0]
+
+[platform]
+altitude_m = 40.0
+speed_mps = 10.0
+start_m = [-46.0, 0.0]
+heading_deg = 90.0
+length_m = 12.0
+
+[radar]
+snr_db = 30.0
+scan.half_swath_deg = 30.0
+
+[tracing]
+paths_per_pulse = 64
+
+[[objects]]
+path = "bridge.glb"
+up = "z"
+position_m = [0.3, 0.2]
+
+[[footprints]]
+path = "town.json"
+height_m = 3.0
+"""
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    spans = [[(-4, -12, 5), (4, 12, 6)], [(-4, -12, 0), (4, -10, 5)], [(-4, 10, 0), (4, 12, 5)]]
+    trimesh.util.concatenate([trimesh.creation.box(bounds=span) for span in spans]).export(folder / "bridge.glb")
+    write_geojson(folder / "town.json", [([rectangle(-12, 14, -6, 20)], {})])
+    (folder / "site.toml").write_text(SCENARIO)
+    return run(load_scenario(folder / "site.toml"))
+
+
+def test_the_truth_is_the_highest_surface_and_the_cells_below_another_are_counted(survey):
+    """The deck is 8 x 24 m, of which 4 m stand on piers; every cell of 1 m under it counts."""
+    grid = survey.truth.grid
+    inside = survey.truth.height_m[(abs(grid.centres_m - [0.3, 0.2]) < [4.0, 12.0]).all(axis=1).reshape(grid.shape)]
+    assert inside == pytest.approx(6.0, abs=1e-4)
+    under = (abs(grid.centres_m - [0.3, 0.2]) < [4.0, 10.0]).all(axis=1)
+    assert under.sum() > 100
+    assert survey.overhang.cells == under.sum()
+    document = json.loads(json.dumps(summary(survey)))
+    assert document["overhang"] == {"cells": survey.overhang.cells, "share": pytest.approx(survey.overhang.share)}
+    assert "highest" in document["meaning"]["overhang"]
+    rows = dict(zip(*(list(column.cells) for column in survey_table(survey).columns), strict=True))
+    assert rows["cells under an overhang"].startswith(f"{survey.overhang.cells} (")
+
+
+def test_errors_off_walls_leave_out_those_of_objects_and_footprints(survey):
+    assert survey.off_wall_error.count < survey.lit_error.count
+    assert survey.off_wall_error.rms_m < survey.lit_error.rms_m
+
+
+def test_paths_beside_the_scenario_are_found_and_written_whole(survey):
+    scenario = survey.scenario
+    assert scenario.objects[0].path.is_absolute()
+    assert scenario.footprints[0].path.is_absolute()
+    assert parse_scenario(tomllib.loads(to_toml(scenario))) == scenario
