@@ -18,11 +18,13 @@ class ChosenBy:
     """Validation of a table of parameters by the registered part that one of its keys names.
 
     tag: the key; default: the part without it, None where it must be given.
+    by_name: a name alone stands for the table of that part without parameters.
     """
 
     tag: str
     registry: Registry
     default: str | None = None
+    by_name: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
@@ -31,6 +33,8 @@ class ChosenBy:
 
     def _check(self, value: Any) -> Table:
         base = self.registry.base
+        if self.by_name and isinstance(value, str):
+            value = {self.tag: value}
         if isinstance(value, base):
             name = getattr(value, self.tag)
         elif isinstance(value, Mapping):

@@ -43,7 +43,11 @@ SCANS = Registry(
     ScanParameters,
 )
 ANTENNAS = Registry("antenna", {"taylor": "sionna_radar.radar.taylor_array"}, AntennaParameters)
-NAVIGATIONS = Registry("navigation", {"errors": "sionna_radar.flight.navigation"}, NavigationParameters)
+NAVIGATIONS = Registry(
+    "navigation",
+    {"errors": "sionna_radar.flight.navigation", "from_log": "sionna_radar.flight.logged_errors"},
+    NavigationParameters,
+)
 SENSORS = Registry(
     "sensor",
     {"radar": "sionna_radar.survey.sensors.radar", "lidar": "sionna_radar.survey.sensors.lidar"},
