@@ -79,7 +79,7 @@ def course_attitudes(positions: Positions) -> Attitudes:
     return Attitudes(
         source="course of the positions",
         time_s=positions.time_s,
-        quaternion=Rotation.from_euler("z", course[held]).as_quat(),
+        quaternion=Rotation.from_euler("z", course[held][:, None]).as_quat(),
     )
 
 

@@ -102,7 +102,10 @@ def _in_order(
     back = np.maximum.accumulate(time_s) - time_s if len(time_s) else time_s
     if np.any(back > MOST_OUT_OF_ORDER_S):
         row = int(np.argmax(back > MOST_OUT_OF_ORDER_S))
-        message = f"time runs back by {back[row]:.3g} s in row {row + 1} of the {name}; keep one flight in the file"
+        message = (
+            f"time runs back by {back[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
+            f"{time_s[row] + back[row] + 0.01:.2f}, or keep one flight in the file"
+        )
         findings.append(Finding(time_s=float(time_s[row]), message=message))
     elif np.any(back > 0):
         notes.append(f"{np.sum(back > 0):,} {name} are out of order by up to {back.max():.2g} s, and sorted")
@@ -119,21 +122,22 @@ def _taken(stream: Stream, rows: Int[np.ndarray, " m"]) -> Stream:
 
 
 def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[Finding]:
+    """Return the first gap, with how many there are."""
     step = np.diff(time_s)
-    return [
-        Finding(
-            time_s=float(time_s[row]),
-            message=(
-                f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}; end before it with "
-                f"log_stop_s, begin behind it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
-            ),
-        )
-        for row in np.flatnonzero(step > longest_s)
-    ]
+    gaps = np.flatnonzero(step > longest_s)
+    if not len(gaps):
+        return []
+    row = gaps[0]
+    others = f" ({len(gaps) - 1:,} more, the longest of all {step.max():.3g} s)" if len(gaps) > 1 else ""
+    message = (
+        f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}{others}; end before it with "
+        f"log_stop_s, begin behind it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
+    )
+    return [Finding(time_s=float(time_s[row]), message=message)]
 
 
 def _jumps(positions: Positions) -> list[Finding]:
-    """Return steps that no flight takes."""
+    """Return the first step that no flight takes, with how many there are."""
     step_s = np.diff(positions.time_s)
     step = np.diff(positions.place, axis=0)
     if positions.velocity_mps is None:
@@ -144,17 +148,16 @@ def _jumps(positions: Positions) -> list[Finding]:
         velocity = (positions.velocity_mps[1:] + positions.velocity_mps[:-1]) / 2
         off_m = np.linalg.norm(step - velocity * step_s[:, None], axis=1)
         excess = off_m / step_s - 2 * np.linalg.norm(velocity, axis=1)
-    # Heights are drawn from slower sensors; what counts is the whole.
-    return [
-        Finding(
-            time_s=float(positions.time_s[row + 1]),
-            message=(
-                f"the position jumps by {np.linalg.norm(step[row]):.1f} m in {step_s[row]:.2g} s (a reset of the "
-                f"receiver or the filter); end before it with log_stop_s, or begin behind it with log_start_s"
-            ),
-        )
-        for row in np.flatnonzero((excess > JUMP_MPS) & (off_m > JUMP_M))
-    ]
+    jumps = np.flatnonzero((excess > JUMP_MPS) & (off_m > JUMP_M))
+    if not len(jumps):
+        return []
+    row = jumps[0]
+    others = f" ({len(jumps) - 1:,} more)" if len(jumps) > 1 else ""
+    message = (
+        f"the position jumps by {np.linalg.norm(step[row]):.1f} m in {step_s[row]:.2g} s, a reset of the receiver or "
+        f"the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
+    )
+    return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
 
 
 def _standstill(positions: Positions) -> list[Finding]:
@@ -185,10 +188,12 @@ def _attitude_findings(
     findings += _gaps(time_s[inside], "attitude", longest_gap_s)
     turned = Rotation.from_quat(attitudes.quaternion)
     angle = (turned[:-1].inv() * turned[1:]).magnitude()
-    for row in np.flatnonzero((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(time_s)) & inside[1:]):
+    resets = np.flatnonzero((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(time_s)) & inside[1:])
+    for row in resets[:1]:
+        others = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
         message = (
-            f"the attitude turns by {np.rad2deg(angle[row]):.0f} deg within {time_s[row + 1] - time_s[row]:.2g} s (a "
-            "reset of the filter); end before it with log_stop_s, or begin behind it with log_start_s"
+            f"the attitude turns by {np.rad2deg(angle[row]):.0f} deg within {time_s[row + 1] - time_s[row]:.2g} s, a "
+            f"reset of the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
         )
         findings.append(Finding(time_s=float(time_s[row + 1]), message=message))
     return findings

@@ -32,10 +32,10 @@ MAGIC = b"\xa3\x95"
 FMT, FMT_LENGTH = 0x80, 89
 # Characters of a format: NumPy's type, and the factor to the unit (degrees for L).
 CHARACTERS: dict[str, tuple[str, float]] = {
-    "a": ("V64", 1), "b": ("<i1", 1), "B": ("<u1", 1), "h": ("<i2", 1), "H": ("<u2", 1), "i": ("<i4", 1),
-    "I": ("<u4", 1), "f": ("<f4", 1), "d": ("<f8", 1), "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1),
+    "a": ("V64", 1.0), "b": ("<i1", 1.0), "B": ("<u1", 1.0), "h": ("<i2", 1.0), "H": ("<u2", 1.0), "i": ("<i4", 1.0),
+    "I": ("<u4", 1.0), "f": ("<f4", 1.0), "d": ("<f8", 1.0), "n": ("S4", 1.0), "N": ("S16", 1.0), "Z": ("S64", 1.0),
     "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7),
-    "M": ("<u1", 1), "q": ("<i8", 1), "Q": ("<u8", 1), "g": ("<f2", 1),
+    "M": ("<u1", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0), "g": ("<f2", 1.0),
 }  # fmt: skip
 # Messages that are used, the first of each that is there.
 WANTED = ("POS", "GPS", "AHR2", "ATT", "XKF1", "NKF1", "EKF1", "XKF3", "NKF3", "EKF3", "GPA", "XKQ")
@@ -134,8 +134,9 @@ def _format(body: bytes) -> tuple[int, _Format] | None:
 def _columns(content: bytes, form: _Format, places: list[int]) -> Columns:
     rows = np.frombuffer(b"".join(content[at + 3 : at + form.length] for at in places), dtype=form.types)
     columns = {key: rows[key].astype(np.float64) * scale for key, scale in form.scales.items()}
-    if "TimeUS" not in columns:  # before 2015
-        columns["TimeUS"] = columns["TimeMS"] * 1000.0
+    if "TimeUS" not in columns:
+        # Before 2015; TimeMS of a GPS is the week's, and T the autopilot's.
+        columns["TimeUS"] = columns["T" if form.name == "GPS" and "T" in columns else "TimeMS"] * 1000.0
     # Of several receivers or filters the first is used.
     instance = next((columns[key] for key in ("I", "C") if key in columns and form.name != "ATT"), None)
     if instance is None or not len(instance):

@@ -1,7 +1,7 @@
 """Telemetry logs (`.tlog`): MAVLink packets, each behind eight bytes of time (microseconds of Unix time, big-endian).
 
 The frames are found here and decoded by pymavlink, which checks their sums. Of several vehicles the one with most
-positions is used. Times are those of the vehicle (`time_boot_ms`), unless its clock began anew in the log.
+positions is used. Times are those of the vehicle (`time_boot_ms`), set to the station's clock.
 """
 
 import struct
@@ -40,6 +40,8 @@ FIELDS = {
 }
 V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01
+# The vehicle's clock steps back by less where messages overtake each other.
+LEAST_RESTART_S = 1.0
 Columns = Mapping[str, Float[np.ndarray, " n"]]
 
 
@@ -145,17 +147,30 @@ def _of_one_vehicle(
 
 
 def _on_one_clock(tables: dict[int, Columns], notes: list[str]) -> tuple[dict[int, Columns], tuple[str, ...]]:
-    """Return messages by the vehicle's clock; by the station's where the former began anew."""
+    """Return messages by the vehicle's clock, each of its runs set to the station's clock by the median difference."""
     boot = [table for table in tables.values() if "time_boot_ms" in table]
-    if any(np.any(np.diff(table["time_boot_ms"]) < -1000) for table in boot):
-        notes.append("the vehicle's clock began anew; times are those of reception")
+    if not boot:
         return tables, tuple(notes)
+    received_s, boot_s = (
+        np.concatenate(parts)
+        for parts in (
+            [table["time_s"] for table in boot],
+            [table["time_boot_ms"] * 1e-3 for table in boot],
+        )
+    )
+    order = np.argsort(received_s, kind="stable")
+    received_s, boot_s = received_s[order], boot_s[order]
+    again = np.flatnonzero(np.diff(boot_s) < -LEAST_RESTART_S) + 1
+    if len(again):
+        notes.append(f"the vehicle's clock began anew {len(again)} times; the time between is the station's")
+    starts_s = np.concatenate([[-np.inf], received_s[again]])
+    offsets_s = np.array([np.median(part) for part in np.split(received_s - boot_s, again)])
     clocked: dict[int, Columns] = {}
-    offsets = [float(np.median(table["time_s"] - table["time_boot_ms"] * 1e-3)) for table in boot]
-    offset_s = float(np.median(offsets)) if offsets else 0.0
     for number, table in tables.items():
-        own = table["time_boot_ms"] * 1e-3 if "time_boot_ms" in table else table["time_s"] - offset_s
-        clocked[number] = {**table, "time_s": own}
+        if "time_boot_ms" in table:
+            run = np.searchsorted(starts_s, table["time_s"], side="right") - 1
+            table = {**table, "time_s": table["time_boot_ms"] * 1e-3 + offsets_s[run]}
+        clocked[number] = table
     return clocked, tuple(notes)
 
 
