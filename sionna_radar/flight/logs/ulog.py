@@ -8,7 +8,7 @@ in local metres. Where the filter resets its position it logs by how much, and w
 import re
 from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +41,8 @@ TOPICS = (
 )
 # More elements than a message of 64 kB has bytes; pyulog names each of them before it looks at the data.
 MOST_ELEMENTS = 65_535
+# A sound file is read once; a read costs as much as some bytes.
+MOST_READINGS, MOST_EXTRA, READ_COST = 20, 1_000_000, 20
 LARGE_ARRAY = re.compile(rb"\w\[(\d{5,})\] ?\w")
 LEAST_FIX = 3
 Columns = Mapping[str, Float[np.ndarray, " n"]]
@@ -68,17 +70,35 @@ def read_ulog(path: Path, name: str) -> FlightLog:
     )
 
 
+class _Patient(BytesIO):
+    """Bytes that are read a few times over, and no more: pyulog goes back in some damaged files for ever."""
+
+    def __init__(self, content: bytes) -> None:
+        super().__init__(content)
+        self._left = MOST_READINGS * len(content) + MOST_EXTRA
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return some of the bytes; RuntimeError once they have been read too often."""
+        found = super().read(size)
+        self._left -= len(found) + READ_COST
+        if self._left < 0:
+            message = "read over and over without an end"
+            raise RuntimeError(message)
+        return found
+
+
 def _tables(path: Path, where: str) -> tuple[dict[str, Columns], bool]:
     from pyulog import ULog
 
     try:
-        large = [count for count in LARGE_ARRAY.findall(path.read_bytes()) if int(count[:9]) > MOST_ELEMENTS]
+        content = path.read_bytes()
+        large = [count for count in LARGE_ARRAY.findall(content) if int(count[:9]) > MOST_ELEMENTS]
         if large:
             count = shown(large[0].decode())
             message = f"{where}: declares an array of {count} elements, which no message holds; give a ULog of PX4"
             raise InputFileError(message)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            log = ULog(str(path), list(TOPICS))
+            log = ULog(_Patient(content), list(TOPICS))
     except InputFileError:
         raise
     except (Exception, RecursionError) as error:  # pyulog raises whatever its parsing comes upon
@@ -87,7 +107,8 @@ def _tables(path: Path, where: str) -> tuple[dict[str, Columns], bool]:
     tables: dict[str, Columns] = {}
     for data in sorted(log.data_list, key=lambda data: data.multi_id):
         if data.name not in tables and len(data.data.get("timestamp", ())):
-            tables[data.name] = {key: np.asarray(column, dtype=np.float64) for key, column in data.data.items()}
+            with np.errstate(invalid="ignore"):  # a damaged NaN says so when it is converted
+                tables[data.name] = {key: np.asarray(column, dtype=np.float64) for key, column in data.data.items()}
     return tables, bool(log.file_corruption)
 
 
