@@ -120,7 +120,7 @@ def _format(body: bytes) -> tuple[int, _Format] | None:
     kind, length, name, characters, columns = struct.unpack("<BB4s16s64s", body)
     text = [part.split(b"\0")[0].decode("ascii", "replace") for part in (name, characters, columns)]
     keys = text[2].split(",")
-    if len(keys) != len(text[1]) or len(set(keys)) != len(keys) or not set(text[1]) <= set(CHARACTERS):
+    if not all(keys) or len(keys) != len(text[1]) or len(set(keys)) != len(keys) or not set(text[1]) <= set(CHARACTERS):
         types, scales = np.dtype([]), {}
     else:
         types = np.dtype([(key, CHARACTERS[c][0]) for key, c in zip(keys, text[1], strict=True)])
@@ -133,7 +133,8 @@ def _format(body: bytes) -> tuple[int, _Format] | None:
 
 def _columns(content: bytes, form: _Format, places: list[int]) -> Columns:
     rows = np.frombuffer(b"".join(content[at + 3 : at + form.length] for at in places), dtype=form.types)
-    columns = {key: rows[key].astype(np.float64) * scale for key, scale in form.scales.items()}
+    with np.errstate(invalid="ignore"):  # a damaged NaN says so when it is converted
+        columns = {key: rows[key].astype(np.float64) * scale for key, scale in form.scales.items()}
     if "TimeUS" not in columns:
         # Before 2015; TimeMS of a GPS is the week's, and T the autopilot's.
         columns["TimeUS"] = columns["T" if form.name == "GPS" and "T" in columns else "TimeMS"] * 1000.0

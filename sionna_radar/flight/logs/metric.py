@@ -69,7 +69,8 @@ def grid_from_ground(frame: MapFrame, lon_deg: float, lat_deg: float) -> Float[n
     """Return grid metres east and north (rows) for metres on the ground, east and north (columns)."""
     lon, lat, _ = Geod(ellps="WGS84").fwd([lon_deg] * 2, [lat_deg] * 2, [90.0, 0.0], [STEP_M] * 2)
     east, north = frame.local_of(CRS(4326), np.array([lon_deg, *lon]), np.array([lat_deg, *lat]))
-    steps: Float[np.ndarray, "2 2"] = np.array([east[1:] - east[0], north[1:] - north[0]]) / STEP_M
+    with np.errstate(invalid="ignore"):
+        steps: Float[np.ndarray, "2 2"] = np.array([east[1:] - east[0], north[1:] - north[0]]) / STEP_M
     return steps if np.isfinite(steps).all() else np.eye(2)
 
 
