@@ -79,7 +79,9 @@ class RecordedRoute:
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
         """Return the extent within a reach of it: west, south, east, north."""
-        place = np.vstack([self._path(self._looks_s)[:, :2], self.takeoff_m[:2]])
+        place = self._path(self._looks_s)[:, :2]
+        if self.height == "above_takeoff":  # the ground there is asked for
+            place = np.vstack([place, self.takeoff_m[:2]])
         (west, south), (east, north) = place.min(axis=0) - reach_m, place.max(axis=0) + reach_m
         return float(west), float(south), float(east), float(north)
 

@@ -53,6 +53,9 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    record = survey.prepared.flown.record
+    if record is not None:
+        rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"
     rows["coordinates"] = crs_name(survey.georeference)
     start, end = survey.schedule.trajectory.cruise_s()
     rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"
