@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.navigation import NavigationTable
@@ -13,6 +14,10 @@ from sionna_radar.scenario.overrides import PLANNED_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
 from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
+WORDS_OR_NUMBERS = {
+    "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
+    "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
+}
 OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s")
 Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
 
@@ -115,6 +120,15 @@ class Platform(Table):
         if value is None and "log" in info.data and info.data["log"] is None:
             raise refuse("", "required, but not given; add it, or the log of a flight")
         return value
+
+    @field_validator("log_shift", "log_height", mode="wrap")
+    @classmethod
+    def _word_or_number(cls, value: Any, check: Any, info: Any) -> Any:
+        """Say of a value that is neither a word nor a number once what it may be, and not once for each."""
+        try:
+            return check(value)
+        except ValidationError as error:
+            raise refuse("", f"{shown(value)} is refused: give {WORDS_OR_NUMBERS[info.field_name]}") from error
 
     @model_validator(mode="after")
     def _one_flight(self) -> Platform:

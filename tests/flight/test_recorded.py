@@ -218,6 +218,12 @@ def test_a_plain_shift_moves_the_flight(tmp_path):
         ({"log_start_s": 30.0}, ScenarioError, r"30 is behind the end of the log, at 20\.0 s"),
         ({"log_start_s": 19.9}, InputFileError, r"has 3 positions between 19\.9 and inf s"),
         ({"log_shift": (5e6, 0.0, 0.0)}, ScenarioError, r"5,000 km from the terrain's middle"),
+        (
+            {"log_shift": (1.0, 2.0)},
+            ScenarioError,
+            r"log_shift: \(1\.0, 2\.0\) is refused: give 'none', 'to_terrain' or",
+        ),
+        ({"log_height": "sea"}, ScenarioError, r"log_height: 'sea' is refused: give 'datum', 'above_takeoff' or the"),
         ({"log_start_s": 4.0, "log_stop_s": 3.0}, ScenarioError, r"3 is not after log_start_s = 4"),
         ({"altitude_m": 50.0, "heading_deg": 3.0}, ScenarioError, r"log: contradicts altitude_m, heading_deg"),
         ({"wind": {"speed_mps": 3.0}}, ScenarioError, r"log: contradicts wind"),

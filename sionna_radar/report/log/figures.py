@@ -25,15 +25,15 @@ def draw_log(found: LogInspection) -> Figure:
     extent = found.ground.grid.extent_m if found.ground else (*_ends(place[:, 0]), *_ends(place[:, 1]))
     bounds = map_bounds(extent, place)
     width, height = map_size(bounds, MAP_IN)
-    figure = ReportFigure(figsize=(width + 6.4, max(height + 1.2, 5.2)), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=[width + 1.9, 4.5])
+    figure = ReportFigure(figsize=(width + 7.0, max(height + 1.2, 5.2)), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=[width + 2.5, 4.5])
     _draw_map(left.subplots(), found, frame, bounds, width)
     heights, speeds, angles = right.subplots(3, 1, sharex=True)
     _draw_heights(heights, found, frame)
     time_s = found.clean.positions.time_s
     step = _thin(len(time_s))
     speeds.plot(time_s[step], found.speed_mps[step], color=BLUE, lw=1.0)
-    speeds.set(ylabel="Speed (m/s)")
+    speeds.set(ylabel="Speed (m/s)", ylim=(0.0, 1.05 * max(float(found.speed_mps.max()), 0.1)))
     step = _thin(len(found.attitude_s))
     for column, (name, colour) in enumerate((("roll", ORANGE), ("pitch", PURPLE))):
         angles.plot(found.attitude_s[step], found.euler_deg[step, column], color=colour, lw=0.8, label=name)
