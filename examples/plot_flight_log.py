@@ -22,11 +22,11 @@ from sionna_radar import Survey, load_scenario, run
 from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 small = os.environ.get("SIONNA_RADAR_SMALL") == "1"
-COARSE = {"terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64, "radar.chirp_rate_hz": 180.0} if small else {}
+COARSE = {"tracing.paths_per_pulse": 64, "radar.chirp_rate_hz": 90.0} if small else {}
 
 # %%
 # The log: a wide turn over the hills, the aircraft banked into it and shaken by 2 deg in roll and pitch.
-RATE_HZ, SECONDS, RADIUS_M, SPEED_MPS = 20.0, 3.0 if small else 14.0, 70.0, 10.0
+RATE_HZ, SECONDS, RADIUS_M, SPEED_MPS = 20.0, 2.0 if small else 14.0, 70.0, 10.0
 time_s = np.arange(round(RATE_HZ * SECONDS) + 1) / RATE_HZ
 course = np.deg2rad(30.0) + SPEED_MPS / RADIUS_M * time_s
 east, north = -60.0 - RADIUS_M * (np.cos(course) - np.cos(course[0])), RADIUS_M * (np.sin(course) - np.sin(course[0]))
@@ -60,7 +60,7 @@ Path("flight.gpx").write_text(
 
 # %%
 # The same log, flown in four ways. The GPX is of a flight elsewhere: it is moved to the middle of the hills.
-COARSE |= {"terrain.size_m": [440.0, 440.0]}
+COARSE |= {"terrain.size_m": [440.0, 440.0], "terrain.spacing_m": 4.0 if small else 0.5}
 LOG = {"platform.log": "flight.csv"}
 WAYS = {
     "stabilised antenna": LOG,
@@ -74,7 +74,7 @@ for name, survey in flights.items():
 
 # %%
 # Several lines over one area, in one survey: turns at a bank of 30 deg, in which the radar is silent.
-LENGTH_M = 30.0 if small else 190.0
+LENGTH_M = 20.0 if small else 190.0
 TABLE = {"count": 2 if small else 3, "spacing_m": 25.0, "length_m": LENGTH_M, "centre_m": [5.0, 0.0]}
 CITY = {"terrain.size_m": [460.0, 460.0], "platform.altitude_m": 40.0, "platform.bank_deg": 30.0, "dem.max_gap_m": 3.0}
 LINES = {

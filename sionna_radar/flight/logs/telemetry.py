@@ -101,18 +101,20 @@ def _tables(content: bytes, where: str) -> tuple[dict[int, Columns], tuple[str, 
     decoder.robust_parsing = False
     rows: dict[tuple[int, int], list[list[float]]] = {}
     damaged = count = 0
-    for time_us, system, number, frame in frames(content):
-        if number not in NAMES:
-            continue
-        count += 1
-        if count > MOST_MESSAGES:
-            message = f"{where}: has more than {MOST_MESSAGES:,} messages; cut it"
-            raise InputFileError(message)
-        decoded = _decoded(decoder, frame, number)
-        if decoded is None:
-            damaged += 1
-        else:
-            rows.setdefault((system, number), []).append([time_us * 1e-6, *decoded])
+    # pymavlink may print what it thinks of a damaged message.
+    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        for time_us, system, number, frame in frames(content):
+            if number not in NAMES:
+                continue
+            count += 1
+            if count > MOST_MESSAGES:
+                message = f"{where}: has more than {MOST_MESSAGES:,} messages; cut it"
+                raise InputFileError(message)
+            decoded = _decoded(decoder, frame, number)
+            if decoded is None:
+                damaged += 1
+            else:
+                rows.setdefault((system, number), []).append([time_us * 1e-6, *decoded])
     if not rows:
         message = f"{where}: holds no MAVLink position or attitude; give a telemetry log (.tlog) of a flight"
         raise InputFileError(message)
@@ -122,8 +124,7 @@ def _tables(content: bytes, where: str) -> tuple[dict[int, Columns], tuple[str, 
 def _decoded(decoder: Any, frame: bytes, number: int) -> list[float] | None:
     """Return the fields of a frame; None if its sum is wrong."""
     try:
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            message = decoder.decode(bytearray(frame))
+        message = decoder.decode(bytearray(frame))
         return [float(getattr(message, field)) for field in FIELDS[number]]
     except Exception:  # pymavlink raises whatever its parsing comes upon
         return None
