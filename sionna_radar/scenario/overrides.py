@@ -243,9 +243,6 @@ def resolve_paths(data: dict[str, Any], folder: Path) -> None:
     for table in tables:
         if isinstance(table, dict) and isinstance(table.get("path"), str):
             table["path"] = _resolved(table["path"], folder)
-    platform = data.get("platform")
-    if isinstance(platform, dict) and isinstance(platform.get("log"), str):
-        platform["log"] = _resolved(platform["log"], folder)
 
 
 def _resolved(text: str, folder: Path) -> str:
