@@ -232,17 +232,19 @@ def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:
     return set()
 
 
+# Keys that name input files, in whatever table they stand.
+PATH_KEYS = ("path", "log", "pattern", "receive_pattern")
+
+
 def resolve_paths(data: dict[str, Any], folder: Path) -> None:
     """Take relative paths of input files as relative to a folder, or else to the working folder."""
-    terrain = data.get("terrain")
-    tables = [terrain, terrain.get("cover_raster")] if isinstance(terrain, dict) else []
-    processing = data.get("processing")
-    tables += [processing.get("expected_ground")] if isinstance(processing, dict) else []
-    materials = data.get("materials")
-    tables += materials.values() if isinstance(materials, dict) else []
-    for table in tables:
-        if isinstance(table, dict) and isinstance(table.get("path"), str):
-            table["path"] = _resolved(table["path"], folder)
+    waiting: list[Any] = [data]
+    while waiting:
+        node = waiting.pop()
+        waiting += node.values() if isinstance(node, dict) else node if isinstance(node, list) else []
+        for key in PATH_KEYS:
+            if isinstance(node, dict) and isinstance(node.get(key), str):
+                node[key] = _resolved(node[key], folder)
 
 
 def _resolved(text: str, folder: Path) -> str:
