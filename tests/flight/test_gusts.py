@@ -83,11 +83,11 @@ def test_they_begin_in_their_stationary_state():
     first = np.array(
         [
             Gusts(axes=(ALONG, ACROSS, ACROSS), end_s=0.1, attitude_s=0.4, position_s=1.0, seed=s).states
-            for s in range(250)
+            for s in range(100)
         ]
     )
-    np.testing.assert_allclose(first[:, :, 0, 0].std(axis=0), 1.5, rtol=0.15)
-    np.testing.assert_allclose(first[:, :, -1, 0].std(axis=0), 1.5, rtol=0.15)
+    np.testing.assert_allclose(first[:, :, 0, 0].std(axis=0), 1.5, rtol=0.22)
+    np.testing.assert_allclose(first[:, :, -1, 0].std(axis=0), 1.5, rtol=0.22)
 
 
 def test_the_displacement_s_rate_is_its_derivative_and_velocity_that_of_position():
