@@ -74,7 +74,7 @@ class ExpectedGround:
 
 
 def build_expected_ground(
-    scenario: Scenario, antenna: Antenna, grid: Grid, place: Georeference | None
+    scenario: Scenario, altitude_m: float, antenna: Antenna, grid: Grid, place: Georeference | None
 ) -> ExpectedGround | None:
     """Return the expected ground of a scenario; None if it has none.
 
@@ -82,6 +82,8 @@ def build_expected_ground(
     ----------
     scenario:
         The survey, with its `[processing.expected_ground]`.
+    altitude_m:
+        Nominal height of the flight above ground.
     antenna:
         The antenna, for its beam width.
     grid:
@@ -103,7 +105,7 @@ def build_expected_ground(
     azimuth, elevation = antenna.beamwidths_rad
     return ExpectedGround(
         surface=None if table.path is None else _rough_surface(table, grid, place),
-        altitude_m=scenario.platform.altitude_m,
+        altitude_m=altitude_m,
         tolerance_m=table.tolerance_m,
         half_beam_rad=(azimuth, elevation),
     )

@@ -284,12 +284,18 @@ def schedule_pulses(
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
     navigation: Navigation | None = None,
 ) -> PulseSchedule:
-    """Return the pulses of the cruise at the chirp rate, without those outside the scan sector."""
+    """Return the pulses of the cruise at the chirp rate, without those outside the scan sector.
+
+    A trajectory may say that the radar transmits in parts of the cruise only.
+    """
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
     # Block by block: the pointing of all chirps together would take far more memory than their times.
     active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
+    if trajectory.transmits_s is not None and active:
+        edges = np.array(trajectory.transmits_s).ravel()
+        active = [np.concatenate(active) & (np.searchsorted(edges, time_s, side="right") % 2 == 1)]
     return PulseSchedule(
         trajectory=trajectory,
         scan=scan,

@@ -1,14 +1,15 @@
 """Flights of straight legs with constant acceleration, known at any time.
 
-The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous, and so are
-the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and descent (vertical,
-to and from the cruise height), cruise (along the track).
+The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous (arcs and banks are in
+`turns`), and so are the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and
+descent (vertical, to and from the cruise height), cruise (along the track).
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,12 +30,19 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
-    """A flight: position and velocity in the world frame and Euler angles (roll, pitch, heading)."""
+    """A flight: position and velocity in the world frame and Euler angles (roll, pitch, heading).
+
+    transmits_s: intervals in which the radar transmits; None for the whole cruise.
+    logged_sigma: standard deviations that a log states: position (m), velocity (m/s) and attitude (rad; roll, pitch,
+    heading) by three axes each, NaN where unknown; None for a flight without them.
+    """
 
     position: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
     velocity: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
     euler: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
     phases: tuple[tuple[Phase, float, float], ...]
+    transmits_s: tuple[tuple[float, float], ...] | None = None
+    logged_sigma: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3 3"]] | None = None
 
     @property
     def end_s(self) -> float:
@@ -44,6 +52,32 @@ class Trajectory:
     def cruise_s(self) -> tuple[float, float]:
         """Return the start and end of the cruise."""
         return next((start, end) for phase, start, end in self.phases if phase is Phase.CRUISE)
+
+
+@runtime_checkable
+class Course(Protocol):
+    """A horizontal track, by the distance along it.
+
+    waypoints_m: its first and its last point, and in between what its extent can be told from.
+    """
+
+    @property
+    def waypoints_m(self) -> Float[np.ndarray, "k 2"]:
+        """See the class."""
+        ...
+
+    @property
+    def length_m(self) -> float:
+        """Length of the track."""
+        ...
+
+    def point(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the points at distances along the track."""
+        ...
+
+    def direction(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the unit vectors along the track."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -90,7 +124,7 @@ def plan_track(platform: Platform, centre_m: tuple[float, float] = (0.0, 0.0)) -
 
 def plan_trajectory(
     platform: Platform,
-    track: Track,
+    track: Course,
     ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
 ) -> Trajectory:
     """Plan the flight along a track.
@@ -115,12 +149,13 @@ def plan_trajectory(
         end_ground = float(ground_m(track.waypoints_m[-1:])[0])
         end_height = float(height(np.array([track.length_m]))[0])
         after = _mirrored(_vertical_phases(platform, end_ground, end_height, landing=True))
+    _, speed_mps = platform.planned
     legs = _Legs(
         track=track,
-        speed_mps=platform.speed_mps,
+        speed_mps=speed_mps,
         cruise_height=height,
         before=tuple(before),
-        cruise_duration_s=track.length_m / platform.speed_mps,
+        cruise_duration_s=track.length_m / speed_mps,
         after=tuple(after),
     )
     return Trajectory(position=legs.position, velocity=legs.velocity, euler=legs.euler, phases=legs.phases)
@@ -139,7 +174,7 @@ class _VerticalPhase:
 class _Legs:
     """The whole flight: vertical phases, the cruise along the track, vertical phases."""
 
-    track: Track
+    track: Course
     speed_mps: float
     cruise_height: PPoly
     before: tuple[_VerticalPhase, ...]
@@ -204,10 +239,11 @@ class _Legs:
                 yield part, inside, time_s[inside] - self.phases[index][1]
 
 
-def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_ground: float) -> PPoly:
+def _cruise_height(platform: Platform, track: Course, ground_m: Callable, start_ground: float) -> PPoly:
     """Return the height of the cruise against the distance along the track."""
+    altitude_m, _ = platform.planned
     if platform.height == "level":
-        level = start_ground + platform.altitude_m
+        level = start_ground + altitude_m
         return PPoly(np.array([[0.0], [level]]), [0.0, max(track.length_m, 1.0)])
     # The ground is averaged over follow_length_m, as by a flight controller, then splined. Toward the ends of the
     # track the average narrows and stays centred: a one-sided one would be biased on a slope.
@@ -216,7 +252,7 @@ def _cruise_height(platform: Platform, track: Track, ground_m: Callable, start_g
     half = np.minimum(platform.follow_length_m / 2, np.minimum(distance, track.length_m - distance))
     inside = distance[:, None] + half[:, None] * np.linspace(-1.0, 1.0, 11)
     ground = ground_m(track.point(inside.ravel())).reshape(inside.shape)
-    return CubicSpline(distance, ground.mean(axis=1) + platform.altitude_m)
+    return CubicSpline(distance, ground.mean(axis=1) + altitude_m)
 
 
 def _vertical_phases(

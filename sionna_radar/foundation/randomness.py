@@ -26,6 +26,7 @@ class Stream(IntEnum):
     WANDER = 51
     LIDAR = 52
     LIDAR_DROPS = 53
+    GUSTS = 54
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

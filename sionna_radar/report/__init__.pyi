@@ -2,6 +2,8 @@ from .budget.products import write_budget as write_budget
 from .coordinates import Coordinates as Coordinates
 from .crosscheck.products import write_crosscheck as write_crosscheck
 from .imagery.products import write_imagery as write_imagery
+from .log.figures import draw_log as draw_log
+from .log.products import write_log as write_log
 from .maps import colour_bar as colour_bar
 from .maps import empty_patch as empty_patch
 from .maps import finish_map as finish_map
@@ -21,6 +23,7 @@ __all__ = [
     "draw_dem",
     "draw_environment",
     "draw_error",
+    "draw_log",
     "draw_power",
     "empty_patch",
     "finish_map",
@@ -28,6 +31,7 @@ __all__ = [
     "write_budget",
     "write_crosscheck",
     "write_imagery",
+    "write_log",
     "write_survey",
     "write_sweep",
 ]

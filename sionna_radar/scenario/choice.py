@@ -19,12 +19,14 @@ class ChosenBy:
 
     tag: the key; default: the part without it, None where it must be given.
     implied: parts that another key, given without the tag, stands for.
+    by_name: a name alone stands for the table of that part without parameters.
     """
 
     tag: str
     registry: Registry
     default: str | None = None
     implied: Mapping[str, str] = field(default_factory=dict)
+    by_name: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
@@ -33,6 +35,8 @@ class ChosenBy:
 
     def _check(self, value: Any) -> Table:
         base = self.registry.base
+        if self.by_name and isinstance(value, str):
+            value = {self.tag: value}
         if isinstance(value, base):
             name = getattr(value, self.tag)
         elif isinstance(value, Mapping):

@@ -13,6 +13,20 @@ Axes = Offset | tuple[Offset, Offset, Offset]
 SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
+class LoggedErrorsTable(NavigationParameters):
+    """Errors as large as the log of the flight states: `navigation = "from_log"`.
+
+    Standard deviations come from the covariance of the log's filter, or else from its innovations; what errs in the
+    flight is a first-order Gauss-Markov process of that size, drawn from the seed. A part of the pose that the
+    log says nothing of is known exactly.
+
+    correlation_s: correlation times of position, velocity and attitude; those of `NavigationTable`.
+    """
+
+    kind: Literal["from_log"] = "from_log"
+    correlation_s: tuple[Positive, Positive, Positive] = (60.0, 10.0, 60.0)
+
+
 class NavigationTable(NavigationParameters):
     """Errors of the measured pose; one number for all three axes, or one for each.
 

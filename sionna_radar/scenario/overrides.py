@@ -18,10 +18,18 @@ from sionna_radar.scenario.registry import Registry
 UNSET_WORD = "none"
 LONGEST_ASSIGNMENT = 100_000
 
+# What a recorded flight takes from its log.
+PLANNED_KEYS = (
+    *("altitude_m", "speed_mps", "start_m", "heading_deg", "length_m", "waypoints_m", "height", "profile"),
+    *("bank_deg", "turn_radius_m", "wind", "lines"),
+)
 # Of each pair the keys on one side contradict those on the other.
 EITHER_OR = (
     (("radar.transmit_power_dbm", "radar.noise_figure_db"), ("radar.snr_db",)),
     (("platform.waypoints_m",), ("platform.start_m", "platform.length_m", "platform.heading_deg")),
+    (("platform.lines",), ("platform.start_m", "platform.length_m", "platform.waypoints_m")),
+    (("platform.bank_deg",), ("platform.turn_radius_m",)),
+    (("platform.log",), tuple(f"platform.{key}" for key in PLANNED_KEYS)),
     (("weather.fog",), ("weather.liquid_water_g_per_m3", "weather.fog_visibility_m")),
 )
 EITHER_OR_OF_A_MATERIAL = ((("gamma_db",), ("terrain_class",)), (("permittivity",), ("medium",)))

@@ -52,7 +52,11 @@ ANTENNAS = Registry(
     },
     AntennaParameters,
 )
-NAVIGATIONS = Registry("navigation", {"errors": "sionna_radar.flight.navigation"}, NavigationParameters)
+NAVIGATIONS = Registry(
+    "navigation",
+    {"errors": "sionna_radar.flight.navigation", "from_log": "sionna_radar.flight.logged_errors"},
+    NavigationParameters,
+)
 SENSORS = Registry(
     "sensor",
     {"radar": "sionna_radar.survey.sensors.radar", "lidar": "sionna_radar.survey.sensors.lidar"},

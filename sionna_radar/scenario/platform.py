@@ -2,22 +2,93 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.overrides import PLANNED_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
-from sionna_radar.scenario.table import Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+
+WORDS_OR_NUMBERS = {
+    "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
+    "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
+}
+OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s")
+Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
+
+
+class WindTable(Table):
+    """Wind and its gusts: `[platform.wind]`.
+
+    The flight keeps its ground speed and its track. With `crab` the nose points along the motion through the air, as
+    that of an aeroplane; without, along the track, as that of a multirotor.
+
+    speed_mps, from_deg: mean wind, and where it comes from, clockwise from grid north.
+    gust_mps: standard deviation of the vertical gusts; without it a tenth of the wind at 20 feet (MIL-F-8785C), taken
+        as the mean wind. Horizontal ones follow from the height.
+    attitude_response_s: time constant with which the attitude follows the angle of the gusts.
+    position_response_s: period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns.
+    """
+
+    speed_mps: Annotated[NonNegative, Field(le=100.0)] = 0.0
+    from_deg: Real = 0.0
+    gust_mps: Annotated[NonNegative, Field(le=50.0)] | None = None
+    crab: bool = Field(default=True, strict=True)
+    attitude_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 0.5
+    position_response_s: Annotated[Positive, Field(ge=0.05, le=100.0)] = 1.0
+
+
+class LinesTable(Table):
+    """Several parallel lines over one area, flown to and fro: `lines = { ... }`.
+
+    They run along `platform.heading_deg`, side by side about centre_m. With bank_deg or turn_radius_m the
+    aircraft turns outside of them, in a bulb where they are nearer than two radii.
+
+    count, spacing_m, length_m: of the lines.
+    centre_m: middle of the area; without it the local origin.
+    crossing: a second set, at right angles to the first, is flown after it.
+    transmit_in_turns: the radar also transmits on the way from one line to the next.
+    """
+
+    count: Annotated[int, Field(strict=True, ge=1, le=1000)]
+    spacing_m: Positive
+    length_m: Positive
+    centre_m: Point2 | None = None
+    crossing: bool = Field(default=False, strict=True)
+    transmit_in_turns: bool = Field(default=False, strict=True)
 
 
 class Platform(Table):
-    """The flight: straight legs, level or following the terrain, with or without take-off and landing."""
+    """The flight: straight legs, level or following the terrain, with or without take-off and landing; or a log.
 
-    altitude_m: Annotated[Positive, Field(le=1e5)]
-    speed_mps: Annotated[Positive, Field(le=1e4)]
+    Planned flights
+    ---------------
+    altitude_m, speed_mps: height above the ground under the start, and speed over the ground.
+    bank_deg or turn_radius_m: turns at waypoints are arcs, flown at this bank; without either they are instantaneous.
+    roll_in_s: how long the aircraft takes to roll into a turn, and out of it.
+    wind, lines: see their tables.
+
+    Recorded flights
+    ----------------
+    log: PX4 ULog, ArduPilot DataFlash or telemetry log, GPX, or CSV; see `sionna_radar.flight.logs.csv_log`.
+    log_start_s, log_stop_s: part of it that is flown, in seconds from its first position.
+    log_shift: "to_terrain" moves its middle to the local origin; or metres east, north and up.
+    log_height: what heights are taken for. "datum": heights in the vertical datum of the terrain, without any change of
+        datum (metres of a log that is on no map: local ones); "above_takeoff": above the ground under the first
+        position of the log; a number: the first position that is flown is this high above the ground. Without it
+        "above_takeoff" for a log that is moved to the terrain, or whose heights count from its take-off, and "datum"
+        otherwise.
+    log_gap_s: longest time without a position or an attitude that is interpolated.
+    """
+
+    log: InputPath | None = None
+    altitude_m: Annotated[Positive, Field(le=1e5)] | None = None
+    speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
     start_m: Point2 | None = None
     heading_deg: Real = 90.0
     length_m: Positive = 100.0
@@ -29,22 +100,77 @@ class Platform(Table):
     descent_rate_mps: Positive = 2.0
     acceleration_mps2: Positive = 2.0
     takeoff_height_m: Positive = 5.0
-    navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors")] = NavigationTable()
+    bank_deg: Annotated[Positive, Field(le=80.0)] | None = None
+    turn_radius_m: Positive | None = None
+    roll_in_s: Annotated[NonNegative, Field(le=60.0)] = 1.0
+    wind: WindTable | None = None
+    lines: LinesTable | None = None
+    log_start_s: NonNegative = 0.0
+    log_stop_s: Positive | None = None
+    log_shift: Literal["none", "to_terrain"] | tuple[Shift, Shift, Shift] = "none"
+    log_height: Literal["datum", "above_takeoff"] | Annotated[Positive, Field(le=1e5)] | None = None
+    log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
+    navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors", by_name=True)] = (
+        NavigationTable()
+    )
+
+    @field_validator("altitude_m", "speed_mps")
+    @classmethod
+    def _planned_or_recorded(cls, value: float | None, info: Any) -> float | None:
+        if value is None and "log" in info.data and info.data["log"] is None:
+            raise refuse("", "required, but not given; add it, or the log of a flight")
+        return value
+
+    @field_validator("log_shift", "log_height", mode="wrap")
+    @classmethod
+    def _word_or_number(cls, value: Any, check: Any, info: Any) -> Any:
+        """Say of a value that is neither a word nor a number once what it may be, and not once for each."""
+        try:
+            return check(value)
+        except ValidationError as error:
+            raise refuse("", f"{shown(value)} is refused: give {WORDS_OR_NUMBERS[info.field_name]}") from error
+
+    @model_validator(mode="after")
+    def _one_flight(self) -> Platform:
+        planned, recorded = self._given(*PLANNED_KEYS), self._given(*OF_A_LOG)
+        if self.log is not None and planned:
+            raise refuse("log", f"contradicts {', '.join(planned)}; give the one or the other")
+        if self.log is None and recorded:
+            raise refuse(recorded[0], "means nothing without log; remove it")
+        if self.log_stop_s is not None and self.log_stop_s <= self.log_start_s:
+            raise refuse("log_stop_s", f"{self.log_stop_s:g} is not after log_start_s = {self.log_start_s:g}; raise it")
+        return self
 
     @model_validator(mode="after")
     def _one_track(self) -> Platform:
-        fields = type(self).model_fields
-        given = [k for k in ("start_m", "length_m", "heading_deg") if getattr(self, k) != fields[k].default]
+        given = self._given("start_m", "length_m", "heading_deg")
         if self.waypoints_m and given:
             raise refuse("waypoints_m", f"contradicts {', '.join(given)}; give the one or the other")
+        along = self._given("start_m", "length_m", "waypoints_m")
+        if self.lines is not None and along:
+            raise refuse("lines", f"contradicts {', '.join(along)}; give the one or the other")
         if len(self.waypoints_m) == 1:
             raise refuse("waypoints_m", "one point makes no leg; give at least two")
         for a, b in zip(self.waypoints_m[:-1], self.waypoints_m[1:], strict=True):
             if a == b:
                 raise refuse("waypoints_m", f"{a} follows itself; remove the repeated point")
-        if self.profile == "full" and self.takeoff_height_m >= self.altitude_m:
+        if self.bank_deg is not None and self.turn_radius_m is not None:
+            raise refuse("turn_radius_m", "contradicts bank_deg: speed and bank give the radius; remove the one")
+        if self.profile == "full" and self.altitude_m is not None and self.takeoff_height_m >= self.altitude_m:
             raise refuse(
                 "takeoff_height_m",
                 f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it",
             )
         return self
+
+    def _given(self, *keys: str) -> list[str]:
+        """Return the keys among some that do not have their defaults."""
+        fields: dict[str, Any] = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != fields[key].default]
+
+    @property
+    def planned(self) -> tuple[float, float]:
+        """Altitude and speed of a planned flight, m and m/s."""
+        assert self.altitude_m is not None  # checked with the table
+        assert self.speed_mps is not None
+        return self.altitude_m, self.speed_mps

@@ -34,6 +34,9 @@ def in_local_frame(scenario: Scenario) -> Scenario:
     platform = scenario.platform
     waypoints = [moving(f"platform.waypoints_m.{i}", point) for i, point in enumerate(platform.waypoints_m)]
     start = platform.start_m and moving("platform.start_m", platform.start_m)
+    lines = platform.lines
+    if lines is not None and lines.centre_m is not None:
+        lines = lines.model_copy(update={"centre_m": moving("platform.lines.centre_m", lines.centre_m)})
     terrain = scenario.terrain
     if isinstance(terrain, CoveredTerrain):
         cover = tuple(
@@ -57,7 +60,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
     return scenario.model_copy(
         update={
             "coordinates": "local",
-            "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints)}),
+            "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints), "lines": lines}),
             "terrain": terrain,
             **objects,
         }

@@ -5,6 +5,8 @@ from .crosscheck_result import Tolerances as Tolerances
 from .gamma_fit import fit_material as fit_material
 from .images import Imagery as Imagery
 from .images import fly_images as fly_images
+from .log_inspection import LogInspection as LogInspection
+from .log_inspection import inspect_log as inspect_log
 from .plan_check import check_plan as check_plan
 from .planning import FlightPlan as FlightPlan
 from .planning import Wanted as Wanted
@@ -26,6 +28,7 @@ __all__ = [
     "CrossCheck",
     "FlightPlan",
     "Imagery",
+    "LogInspection",
     "Sweep",
     "Tolerances",
     "Trial",
@@ -34,6 +37,7 @@ __all__ = [
     "fit_material",
     "fly_images",
     "fly_sweep",
+    "inspect_log",
     "label",
     "navigation_budget",
     "parse_axes",

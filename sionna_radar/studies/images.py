@@ -151,6 +151,10 @@ def _check(scenario: Scenario) -> None:
         problems.append(Problem("sensor", f"{scenario.sensor!r} makes no radar image; set sensor = 'radar'"))
     if radar.sweep == "triangular":
         problems.append(Problem("radar.sweep", "'triangular' is not imaged; set radar.sweep = 'up' or 'down'"))
+    curved = [key for key in ("log", "lines", "wind") if getattr(platform, key) is not None]
+    if curved:
+        message = f"makes no straight track at one speed; remove {', '.join(curved)}, and give start_m and length_m"
+        problems.append(Problem(f"platform.{curved[0]}", message))
     if len(platform.waypoints_m) > 2:
         message = f"{len(platform.waypoints_m)} points make no straight track; give two, or start_m and length_m"
         problems.append(Problem("platform.waypoints_m", message))
@@ -257,7 +261,7 @@ def _strip(prepared: Prepared) -> Strip:
     return lit_strip(
         prepared.flight.pulses(ends).measured,
         scan.side,
-        prepared.local.platform.altitude_m,
+        prepared.flown.altitude_m,
         scan.incidence_rad,
         prepared.antenna.beamwidths_rad[1],
         prepared.receiver.chirp.max_range_m,
@@ -267,5 +271,5 @@ def _strip(prepared: Prepared) -> Strip:
 def _stretch_m(prepared: Prepared, strip: Strip) -> float:
     """Return the length of track that the slant-range image averages over."""
     width = real_aperture_resolution_m(prepared.antenna.azimuth, strip.slant_range_m(strip.near_m))
-    spacing = prepared.local.platform.speed_mps / prepared.local.radar.chirp_rate_hz
+    spacing = prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz
     return max(width / STRETCHES_PER_WIDTH, LEAST_PULSES * spacing)

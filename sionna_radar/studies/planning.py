@@ -175,8 +175,9 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
     size = plan.wanted.size_m
     data["description"] = f"{size[0]:g} m x {size[1]:g} m planned at {plan.wanted.sampling_m:g} m"
     platform: dict[str, Any] = data["platform"]
-    for key in ("start_m", "heading_deg", "length_m"):
-        platform.pop(key, None)
+    for key in list(platform):
+        if key.startswith("log") or key in ("start_m", "heading_deg", "length_m", "lines"):
+            platform.pop(key)
     platform |= {
         "altitude_m": plan.altitude_m,
         "speed_mps": plan.speed_mps,

@@ -137,7 +137,7 @@ def _run(scenario: Scenario | Prepared, custom: CustomParts, block_size: int, pr
 
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     """Return, and log, what degrades a survey's result."""
-    warnings = warnings_of(
+    warnings = prepared.flown.warnings + warnings_of(
         len(recording.echoes),
         recording.rain_echoes,
         recording.lost_to_rain,

@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import Scan
-from sionna_radar.flight.trajectory import Track
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid
@@ -44,32 +43,19 @@ def look(schedule: PulseSchedule, built: BuiltScene) -> Looks:
     return Looks(pose.position_m, pose.boresight, hits.distance_m)
 
 
-def check_nominal_range(scenario: Scenario, scan: Scan, chirp: Chirp, duration_s: float) -> None:
+def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:
     """Refuse a scan that looks farther over level ground than the radar reaches, before anything is built."""
     pointing = scan.point(np.linspace(0.0, duration_s, SAMPLED_PULSES))
     down = pointing.R_mount_antenna[pointing.active, 2, 0]
     down = down[down > 0]
-    slant_m = scenario.platform.altitude_m / float(down.min()) if len(down) else 0.0
+    slant_m = altitude_m / float(down.min()) if len(down) else 0.0
     if slant_m > chirp.max_range_m:
         message = (
-            f"at {scenario.platform.altitude_m:g} m the beam meets level ground {slant_m:.1f} m away, beyond the "
+            f"at {altitude_m:g} m the beam meets level ground {slant_m:.1f} m away, beyond the "
             f"{chirp.max_range_m:.1f} m of unambiguous range; raise radar.samples_per_chirp, or lower "
             "platform.altitude_m, radar.bandwidth_hz or the scan angles"
         )
         raise ScenarioError([Problem("radar.samples_per_chirp", message)])
-
-
-def check_track(track: Track, built: BuiltScene) -> None:
-    """Refuse a track that leaves the terrain."""
-    along = track.point(np.linspace(0.0, track.length_m, 200))
-    outside = np.isnan(built.ground_m(along))
-    if outside.any():
-        x, y = along[outside][0]
-        message = (
-            f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; move platform.start_m, shorten "
-            "platform.length_m, or enlarge the terrain"
-        )
-        raise ScenarioError([Problem("platform.start_m", message)])
 
 
 def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:

@@ -6,6 +6,7 @@ What only the finished scene shows is bounded where it is built: cells of terrai
 
 import math
 
+from sionna_radar.flight.route import Route
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
@@ -22,7 +23,7 @@ FARTHEST_M = 100_000.0
 
 
 def check_limits(
-    scenario: Scenario, chirp: Chirp, track_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
+    scenario: Scenario, chirp: Chirp, route: Route, beamwidths_rad: tuple[float, float], incidence_rad: float
 ) -> None:
     """Refuse a survey that would not fit into memory, with every reason.
 
@@ -30,8 +31,8 @@ def check_limits(
     ----------
     scenario, chirp:
         The survey and its sweep.
-    track_m:
-        Length of the flight's track.
+    route:
+        Where it flies.
     beamwidths_rad, incidence_rad:
         Of the antenna in azimuth and elevation, and of the scan from nadir.
 
@@ -41,24 +42,32 @@ def check_limits(
         With the field, its value and a value that works.
 
     """
-    checks = [_chirps(scenario, track_m), _spectrum(scenario), _ranked(scenario), _steps(scenario, track_m)]
+    checks = [_chirps(scenario, route), _spectrum(scenario), _ranked(scenario), _steps(scenario, route.length_m)]
     checks += [
         _reach(chirp),
-        _shift(scenario, chirp),
-        _paths(scenario, footprint_m2(scenario, chirp, beamwidths_rad, incidence_rad)),
+        _shift(route.speed_mps, chirp),
     ]
+    if route.altitude_m is not None:
+        area_m2 = footprint_m2(scenario, chirp, route.altitude_m, beamwidths_rad, incidence_rad)
+        checks.append(_paths(scenario, area_m2))
     problems = [problem for problem in checks if problem is not None]
     if problems:
         raise ScenarioError(problems)
 
 
-def _chirps(scenario: Scenario, track_m: float) -> Problem | None:
-    platform, rate_hz = scenario.platform, scenario.radar.chirp_rate_hz
-    chirps = track_m / platform.speed_mps * rate_hz
+def _chirps(scenario: Scenario, route: Route) -> Problem | None:
+    rate_hz, track_m = scenario.radar.chirp_rate_hz, route.length_m
+    chirps = route.duration_s * rate_hz
     if chirps <= MOST_CHIRPS:
         return None
+    if scenario.platform.log is not None:
+        message = (
+            f"{route.duration_s:.0f} s of the log take {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
+            f"{MOST_CHIRPS:,}; choose a shorter part, or lower radar.chirp_rate_hz"
+        )
+        return Problem("platform.log_stop_s", message)
     message = (
-        f"{platform.speed_mps:g} m/s over {track_m:g} m takes {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
+        f"{route.speed_mps:g} m/s over {track_m:g} m takes {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
         f"{MOST_CHIRPS:,}; raise it to {1.01 * track_m * rate_hz / MOST_CHIRPS:.3g}, shorten the track, or lower "
         "radar.chirp_rate_hz"
     )
@@ -88,6 +97,15 @@ def _ranked(scenario: Scenario) -> Problem | None:
     return Problem("processing.cfar.training", message)
 
 
+def check_paths(
+    scenario: Scenario, chirp: Chirp, height_m: float, beamwidths_rad: tuple[float, float], incidence_rad: float
+) -> None:
+    """Refuse more persistent scatterers than fit into memory, for a flight whose height only the ground told."""
+    problem = _paths(scenario, footprint_m2(scenario, chirp, height_m, beamwidths_rad, incidence_rad))
+    if problem is not None:
+        raise ScenarioError([problem])
+
+
 def _steps(scenario: Scenario, track_m: float) -> Problem | None:
     platform = scenario.platform
     steps = 10 * track_m / platform.follow_length_m
@@ -110,13 +128,13 @@ def _reach(chirp: Chirp) -> Problem | None:
     return Problem("radar.bandwidth_hz", message)
 
 
-def _shift(scenario: Scenario, chirp: Chirp) -> Problem | None:
+def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:
     """Refuse sweeps so slow that motion moves echoes farther than the radar reaches."""
-    shift_m = chirp.carrier_hz * scenario.platform.speed_mps / (chirp.bandwidth_hz * chirp.rate_hz)
+    shift_m = chirp.carrier_hz * speed_mps / (chirp.bandwidth_hz * chirp.rate_hz)
     if shift_m <= chirp.max_range_m:
         return None
     message = (
-        f"{chirp.rate_hz:g} Hz lets {scenario.platform.speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than "
+        f"{chirp.rate_hz:g} Hz lets {speed_mps:g} m/s shift echoes by {shift_m:.3g} m, farther than "
         f"the {chirp.max_range_m:.3g} m of unambiguous range; raise it to "
         f"{1.01 * chirp.rate_hz * shift_m / chirp.max_range_m:.3g}"
     )
@@ -138,12 +156,14 @@ def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
     return Problem("tracing.scatterers_per_m2", message)
 
 
-def footprint_m2(scenario: Scenario, chirp: Chirp, beamwidths_rad: tuple[float, float], incidence_rad: float) -> float:
+def footprint_m2(
+    scenario: Scenario, chirp: Chirp, height: float, beamwidths_rad: tuple[float, float], incidence_rad: float
+) -> float:
     """Return the area of level ground within a half-power width of the axis on each side, as far as the radar reaches.
 
-    Less than a thousandth of the two-way power falls outside it. The ground is no larger than a terrain of given size.
+    height: of the radar over it, m. Less than a thousandth of the two-way power falls outside the area. The ground is
+    no larger than a terrain of given size.
     """
-    height = scenario.platform.altitude_m
     azimuth, elevation = beamwidths_rad
     incidence = incidence_rad
     horizon = math.acos(min(height / chirp.max_range_m, 1.0))

@@ -10,9 +10,11 @@ from sionna_radar.accuracy.truth import GroundTruth
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.flight.flight import Flight
 from sionna_radar.flight.pulses import Navigation, Pose, PulseSchedule, build_navigation, schedule_pulses
+from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
-from sionna_radar.flight.trajectory import Track, Trajectory, plan_track, plan_trajectory
+from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
@@ -26,7 +28,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.build import BuiltScene, build_scene
-from sionna_radar.scene.landscape import Landscape, TerrainInputs
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.noise import noise_power, transmit_power_w
@@ -38,11 +40,10 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
-    check_track,
     dem_grid,
     look,
 )
-from sionna_radar.survey.limits import check_limits
+from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
 from sionna_radar.survey.warnings import described
 from sionna_radar.tracing.engine import Engine, EngineInputs
@@ -117,6 +118,7 @@ class Prepared(Brief):
     scenario: as it was given; local: with all positions in local metres.
     scene: what the radar can see.
     antenna, flight, receiver: the radar, its pulses, and its receiver.
+    flown: the trajectory with its nominal height and speed, and what a log gave for it.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
@@ -134,6 +136,7 @@ class Prepared(Brief):
     local: Scenario
     scene: BuiltScene
     antenna: Antenna
+    flown: Flight
     flight: PulseSchedule
     receiver: Receiver
     detector: Detector
@@ -236,35 +239,39 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     """
     custom = custom or CustomParts()
     local = in_local_frame(scenario)
-    chirp, track = build_chirp(local.radar), plan_track(local.platform)
+    chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
     scan = custom.scan or build_scan(local.radar.scan)
     antenna = custom.antenna or build_antenna(local.radar.antenna)
     beams = beams_of(antenna, scan)
-    check_limits(local, chirp, track.length_m, antenna.beamwidths_rad, scan.incidence_rad)
+    check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
-    check_nominal_range(local, scan, chirp, track.length_m / local.platform.speed_mps)
-    scene = build_scene(local, _window(track, chirp.max_range_m), custom.terrain, custom.materials)
-    check_track(track, scene)
-    trajectory = plan_trajectory(local.platform, track, scene.ground_m)
-    flight = _schedule(local, trajectory, scan, custom.navigation)
+    if route.altitude_m is not None:
+        check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
+    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
+    place = scene.scene.georeference
+    flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
+    if route.altitude_m is None:
+        check_paths(local, chirp, flown.altitude_m, antenna.beamwidths_rad, scan.incidence_rad)
+    flight = _schedule(local, flown.trajectory, scan, custom.navigation)
     check_pulses(flight, local)
     looks = look(flight, scene)
     check_geometry(looks, flight, scene, chirp)
     if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
         check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
-    max_gap_m = local.dem.max_gap_m or _sampling_gap(local, scan)
+    max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
     grid = dem_grid(local, looks, max_gap_m, scene.scene.georeference)
     method = custom.dem_method or build_dem_method(local.dem)
     method_name = type(method).__name__ if custom.dem_method else local.dem.method
     _check_profiles(local, method, method_name, custom)
-    echo = _reference_echo(local, antenna, chirp, scene, scan.incidence_rad)
+    echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     return Prepared(
         scenario=scenario,
         local=local,
         scene=scene,
         antenna=antenna,
         beams=beams,
+        flown=flown,
         flight=flight,
         receiver=Receiver(
             sweeps=build_sweeps(local.radar),
@@ -274,7 +281,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
             high_pass=high_pass,
         ),
         detector=detector,
-        expected_ground=build_expected_ground(local, antenna, grid, scene.scene.georeference),
+        expected_ground=build_expected_ground(local, flown.altitude_m, antenna, grid, scene.scene.georeference),
         mapper=Mapper(
             method=method,
             name=method_name,
@@ -302,10 +309,9 @@ def _check_profiles(scenario: Scenario, method: DemMethod, name: str, custom: Cu
         raise ScenarioError([Problem("dem.method", message)])
 
 
-def _sampling_gap(scenario: Scenario, scan: Scan) -> float:
+def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    platform = scenario.platform
-    spacing_m = scan.spacing_m(platform.altitude_m, platform.speed_mps, scenario.radar.chirp_rate_hz)
+    spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, scenario.radar.chirp_rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
         raise PluginError(message)
@@ -313,7 +319,7 @@ def _sampling_gap(scenario: Scenario, scan: Scan) -> float:
 
 
 def _reference_echo(
-    scenario: Scenario, antenna: Antenna, chirp: Chirp, built: BuiltScene, incidence_rad: float
+    altitude_m: float, antenna: Antenna, chirp: Chirp, built: BuiltScene, incidence_rad: float
 ) -> float:
     """Return the echo of level ground at the flight's height, over the sent power: what `radar.snr_db` counts from."""
     return plane_echo(
@@ -321,7 +327,7 @@ def _reference_echo(
         # The noise is set against the co-polar echo, whatever the receiver's polarization.
         as_radar_material(built.scene.materials[built.scene.ground_material]).co_polar,
         chirp.wavelength_m,
-        scenario.platform.altitude_m,
+        altitude_m,
         incidence_rad,
     )
 
@@ -335,12 +341,6 @@ def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation
         lever_arm_m=errors.lever_arm_m,
         navigation=navigation or build_navigation(errors, trajectory, rate_hz, scenario.seed),
     )
-
-
-def _window(track: Track, reach_m: float) -> tuple[float, float, float, float]:
-    west, south = track.waypoints_m.min(axis=0) - reach_m
-    east, north = track.waypoints_m.max(axis=0) + reach_m
-    return float(west), float(south), float(east), float(north)
 
 
 def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray, "2 3"]:

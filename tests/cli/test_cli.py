@@ -12,6 +12,8 @@ import pytest
 import rasterio
 from rasterio import Affine
 
+from flight_logs import flown, regular, write_csv
+
 
 def bad_dem(tmp_path):
     path = tmp_path / "broken.tif"
@@ -38,8 +40,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
-        "scenario", "replaced", "warnings", "seed", "georeference", "engine", "pulses", "paths", "echoes",
-        "dem_error", "lit_error", "off_wall_error", "meaning", "timing_s", "peak_memory_mb",
+        "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
+        "flight_log", "dem_error", "lit_error", "off_wall_error", "meaning", "timing_s", "peak_memory_mb",
         "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
@@ -331,3 +333,29 @@ def test_another_run_leaves_the_user_s_files_and_refuses_edited_ones(cli, small,
     assert done.returncode == 2
     assert "scenario.toml" in done.stderr
     assert json.loads((out / "summary.json").read_text())["seed"] == 8
+
+
+def test_a_log_is_shown_and_drawn_before_any_scenario_exists(cli, tmp_path):
+    flight = flown(regular(10.0, 5.0))
+    path = write_csv(tmp_path / "flight.csv", flight)
+    done = cli("log", path, "-o", tmp_path / "shown")
+    assert done.returncode == 0
+    assert "east_m,north_m,up_m, with velocities" in done.stdout
+    assert "nothing in it would be refused" in done.stdout
+    numbers = json.loads((tmp_path / "shown" / "log.json").read_text())
+    assert numbers["speed_mps"][1] == pytest.approx(10.0, abs=0.2)
+    assert numbers["sources"][0] == {"name": "east_m,north_m,up_m", "rows": 51, "rate_hz": pytest.approx(10.0)}
+    assert (tmp_path / "shown" / "figures" / "flight.png").stat().st_size > 20_000
+
+
+def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(cli, tmp_path):
+    flight = flown(np.delete(regular(10.0, 9.0), slice(30, 60)))
+    path = write_csv(tmp_path / "flight.csv", flight, on_map=True)
+    done = cli("log", path, "--over", "hills", "-o", tmp_path / "shown")
+    assert done.returncode == 0
+    assert "would be refused at 2.90 s: no position for 3.1 s" in done.stdout
+    assert "moved to the terrain" in done.stdout
+    assert cli("log", path, "--over", "hills", "--terrain", "dem.tif").stderr.count("contradicts --over") == 1
+    missing = cli("log", tmp_path / "none.csv")
+    assert (missing.returncode, missing.stdout) == (2, "")
+    assert "does not exist; give a log of a flight" in missing.stderr

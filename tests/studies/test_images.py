@@ -174,6 +174,9 @@ def test_a_bent_track_and_a_lidar_are_refused_at_once():
     with pytest.raises(ScenarioError) as error:
         fly_images(parse_scenario(SMALL | {"platform": platform, "sensor": "lidar"}))
     assert {problem.field for problem in error.value.problems} == {"platform.waypoints_m", "sensor"}
+    gusty = scenario_of(platform={"altitude_m": 28.0, "speed_mps": 5.0, "wind": {"speed_mps": 3.0}})
+    with pytest.raises(ScenarioError, match=r"platform\.wind: makes no straight track at one speed; remove wind"):
+        fly_images(gusty)
 
 
 def point_at(along_m: float, slant_range_m: float) -> Point:

@@ -2,17 +2,14 @@
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
-from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.colours import BLUE, EMPTY, HEIGHTS, ORANGE, RED
+from sionna_radar.report.colours import BLUE, ORANGE, RED
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, shift_ticks
 from sionna_radar.report.figure_files import ReportFigure
 from sionna_radar.report.maps import (
@@ -24,10 +21,10 @@ from sionna_radar.report.maps import (
     map_bounds,
     map_size,
 )
+from sionna_radar.report.shading import shaded
 from sionna_radar.survey.result import Survey
 
 MAX_OVERLAY = 3_000
-MAX_SHADED_CELLS = 1_000
 
 
 def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
@@ -40,7 +37,7 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
     limits, frame = height_limits(survey.truth), frame_of(survey.georeference, coordinates)
-    plan.imshow(_shaded(survey.truth, limits), origin="lower", extent=survey.truth.grid.extent_m)
+    plan.imshow(shaded(survey.truth, limits), origin="lower", extent=survey.truth.grid.extent_m)
     halo = [withStroke(linewidth=3.0, foreground="white")]
     size = dot_size((width, height), len(hits))
     plan.plot(hits[:, 0], hits[:, 1], ls="", marker="o", ms=size, mew=0, color="white", alpha=0.7)
@@ -133,21 +130,3 @@ def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
     distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
     distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     return pose.position_m + distance_m[:, None] * pose.boresight
-
-
-def _shaded(raster: Raster, limits: tuple[float, float]) -> Float[np.ndarray, "row column 4"]:
-    """Return the colours of heights, lit from the north-west; relief is exaggerated where it is faint."""
-    step = max(1, int(np.ceil(max(raster.grid.shape) / MAX_SHADED_CELLS)))
-    height = raster.height_m[::step, ::step]
-    colours: Float[np.ndarray, "row column 4"]
-    colours = colormaps[HEIGHTS].with_extremes(bad=EMPTY)(Normalize(*limits)(np.ma.masked_invalid(height)))
-    if min(height.shape) < 2:
-        return colours
-    north, east = np.gradient(height, raster.grid.spacing_m * step)
-    filled = np.isfinite(north) & np.isfinite(east)
-    slope = np.sqrt(np.mean((north**2 + east**2)[filled])) if filled.any() else 0.0
-    exaggeration = min(0.5 / slope, 10.0) if slope > 0 else 1.0
-    toward_light = (exaggeration * (east - north) / np.sqrt(2) + 1.0) / np.sqrt(2)
-    light = toward_light / np.sqrt(1 + exaggeration**2 * (north**2 + east**2))
-    colours[filled, :3] *= np.clip(0.55 + 0.55 * light[filled], 0.4, 1.0)[:, None]
-    return colours

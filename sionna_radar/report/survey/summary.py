@@ -15,6 +15,7 @@ from sionna_radar.survey.result import Survey
 MEANING = {
     "replaced": "parts of the scenario that were replaced from Python, and what replaced them",
     "crs": "that of the map coordinates; local where the ground is on no map",
+    "flight_log": "the recorded flight: its sources and rates, and what was done to fly it; null for a planned one",
     "georeference": "map coordinates are local ones plus the origin; null if the scene is not georeferenced",
     "convergence_deg": "true azimuth of grid north at the origin: add it to a heading to refer it to true north",
     "dem_error": "all cells that the DEM fills",
@@ -40,6 +41,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "seed": survey.scenario.seed,
         "crs": crs_name(survey.georeference),
         "georeference": georeference(survey.georeference),
+        "flight_log": survey.prepared.flown.record,
         "engine": survey.scenario.tracing.engine,
         "pulses": survey.pulses,
         "paths": survey.paths,

@@ -56,6 +56,9 @@ def _notes(survey: Survey) -> dict[str, str]:
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
         rows["cells under an overhang"] = f"{over.cells:,} ({over.share:.1%}); the truth is the highest surface"
+    record = survey.prepared.flown.record
+    if record is not None:
+        rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"
     rows["coordinates"] = crs_name(survey.georeference)
     start, end = survey.schedule.trajectory.cruise_s()
     rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"

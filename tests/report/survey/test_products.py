@@ -30,6 +30,7 @@ KEYS = [
     "seed",
     "crs",
     "georeference",
+    "flight_log",
     "engine",
     "pulses",
     "paths",

@@ -1,0 +1,1 @@
+"""Recorded flights: one file a format, what they have in common, and whether it can be flown."""

@@ -1,0 +1,199 @@
+"""What is wrong with a log: some of it is put right and noted, the rest keeps it from being flown.
+
+Put right: values that are no numbers, double time stamps (the last one counts), rows out of order by less than a
+second, quaternions of either sign, attitudes that begin later or end earlier than the positions.
+Not flown: a clock that runs back, gaps, jumps, turns that no aircraft makes, a vehicle that never moves.
+"""
+
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.flight.logs.log import Attitudes, Positions, Spreads
+from sionna_radar.flight.logs.metric import MetricLog
+
+# Rows of a log are written in blocks, a little out of order at times.
+MOST_OUT_OF_ORDER_S = 1.0
+# A step beyond what twice the reported velocity explains, by this much, is a jump: of the receiver or the filter.
+JUMP_MPS, JUMP_M = 20.0, 3.0
+# Without velocities: a step this many times as fast as the flight usually is.
+JUMP_RATIO = 10.0
+TURN_RAD_S, TURN_RAD = np.deg2rad(1500.0), np.deg2rad(20.0)
+# What GPS at rest wanders over.
+STANDSTILL_M = 5.0
+LEAST_ROWS = 4
+Stream = TypeVar("Stream", Positions, Attitudes, Spreads)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What keeps a part of a log from being flown: when, and what with its remedy."""
+
+    time_s: float
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CleanLog:
+    """A part of a log, put right where it can be.
+
+    positions, attitudes, spreads: sorted, each time once; attitudes are None where there are none.
+    findings: what keeps it from being flown, in the order of time; notes: what was put right.
+    """
+
+    positions: Positions
+    attitudes: Attitudes | None
+    spreads: Spreads | None
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time that has a position and, where there are attitudes, an attitude."""
+        start, stop = float(self.positions.time_s[0]), float(self.positions.time_s[-1])
+        if self.attitudes is not None:
+            start = max(start, float(self.attitudes.time_s[0]))
+            stop = min(stop, float(self.attitudes.time_s[-1]))
+        return start, stop
+
+
+def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> CleanLog:
+    """Return the part of a log between two times, put right, with what keeps it from being flown."""
+    findings: list[Finding] = []
+    notes: list[str] = []
+    finite = np.isfinite(log.positions.place).all(axis=1)
+    if log.positions.velocity_mps is not None:
+        finite &= np.isfinite(log.positions.velocity_mps).all(axis=1)
+    positions = _in_order(log.positions.rows(finite), start_s, stop_s, "positions", findings, notes)
+    if not finite.all():
+        notes.append(f"{np.sum(~finite):,} positions are no numbers, and left out")
+    attitudes = spreads = None
+    if log.attitudes is not None:
+        wanted = np.isfinite(log.attitudes.time_s)
+        # One on each side, so that the part's ends have an attitude.
+        attitudes = _in_order(
+            log.attitudes.rows(wanted), start_s - longest_gap_s, stop_s + longest_gap_s, "attitudes", findings, notes
+        )
+        if len(attitudes.time_s) < 2:
+            attitudes = None
+    if log.spreads is not None:
+        wanted = np.isfinite(log.spreads.time_s)
+        spreads = _in_order(log.spreads.rows(wanted), -np.inf, np.inf, "", [], [])
+    if len(positions.time_s) < LEAST_ROWS:
+        message = f"has {len(positions.time_s)} positions between {start_s:.3g} and {stop_s:.6g} s; widen log_start_s "
+        findings.append(Finding(time_s=max(start_s, 0.0), message=f"{message}and log_stop_s"))
+    else:
+        findings += _gaps(positions.time_s, "position", longest_gap_s) + _jumps(positions) + _standstill(positions)
+    if attitudes is not None and len(positions.time_s) >= LEAST_ROWS:
+        findings += _attitude_findings(attitudes, positions.time_s, longest_gap_s)
+    ordered = tuple(sorted(findings, key=lambda finding: finding.time_s))
+    return CleanLog(positions=positions, attitudes=attitudes, spreads=spreads, findings=ordered, notes=tuple(notes))
+
+
+def _in_order(
+    stream: Stream, start_s: float, stop_s: float, name: str, findings: list[Finding], notes: list[str]
+) -> Stream:
+    """Return the rows between two times, sorted and each time once."""
+    stream = stream.rows((stream.time_s >= start_s) & (stream.time_s <= stop_s))
+    time_s = stream.time_s
+    back = np.maximum.accumulate(time_s) - time_s if len(time_s) else time_s
+    if np.any(back > MOST_OUT_OF_ORDER_S):
+        row = int(np.argmax(back > MOST_OUT_OF_ORDER_S))
+        message = (
+            f"time runs back by {back[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
+            f"{time_s[row] + back[row] + 0.01:.2f}, or keep one flight in the file"
+        )
+        findings.append(Finding(time_s=float(time_s[row]), message=message))
+    elif np.any(back > 0):
+        notes.append(f"{np.sum(back > 0):,} {name} are out of order by up to {back.max():.2g} s, and sorted")
+    order = np.argsort(time_s, kind="stable")
+    last: Bool[np.ndarray, " n"] = np.append(np.diff(time_s[order]) > 0, True)[: len(order)]
+    if not last.all() and name:
+        notes.append(f"{np.sum(~last):,} {name} have the time of the next one, and are left out")
+    return _taken(stream, order[last])
+
+
+def _taken(stream: Stream, rows: Int[np.ndarray, " m"]) -> Stream:
+    changed = {key: value[rows] for key, value in vars(stream).items() if isinstance(value, np.ndarray)}
+    return replace(stream, **changed)
+
+
+def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[Finding]:
+    """Return the first gap, with how many there are."""
+    step = np.diff(time_s)
+    gaps = np.flatnonzero(step > longest_s)
+    if not len(gaps):
+        return []
+    row = gaps[0]
+    others = f" ({len(gaps) - 1:,} more, the longest of all {step.max():.3g} s)" if len(gaps) > 1 else ""
+    message = (
+        f"no {name} for {step[row]:.3g} s, longer than log_gap_s = {longest_s:g}{others}; end before it with "
+        f"log_stop_s, begin behind it with log_start_s = {time_s[row + 1]:.2f}, or raise log_gap_s"
+    )
+    return [Finding(time_s=float(time_s[row]), message=message)]
+
+
+def _jumps(positions: Positions) -> list[Finding]:
+    """Return the first step that no flight takes, with how many there are."""
+    step_s = np.diff(positions.time_s)
+    step = np.diff(positions.place, axis=0)
+    if positions.velocity_mps is None:
+        speed = np.linalg.norm(step, axis=1) / step_s
+        excess = speed - JUMP_RATIO * np.median(speed)
+        off_m = np.linalg.norm(step, axis=1)
+    else:
+        velocity = (positions.velocity_mps[1:] + positions.velocity_mps[:-1]) / 2
+        off_m = np.linalg.norm(step - velocity * step_s[:, None], axis=1)
+        excess = off_m / step_s - 2 * np.linalg.norm(velocity, axis=1)
+    jumps = np.flatnonzero((excess > JUMP_MPS) & (off_m > JUMP_M))
+    if not len(jumps):
+        return []
+    row = jumps[0]
+    others = f" ({len(jumps) - 1:,} more)" if len(jumps) > 1 else ""
+    message = (
+        f"the position jumps by {np.linalg.norm(step[row]):.1f} m in {step_s[row]:.2g} s, a reset of the receiver or "
+        f"the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
+    )
+    return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
+
+
+def _standstill(positions: Positions) -> list[Finding]:
+    reach = np.ptp(positions.place[:, :2], axis=0)
+    if float(np.hypot(*reach)) > STANDSTILL_M:
+        return []
+    message = (
+        f"the vehicle never moves: it stays within {np.hypot(*reach):.2g} m from here to "
+        f"{positions.time_s[-1]:.2f} s; give a log of a flight, or another part of it"
+    )
+    return [Finding(time_s=float(positions.time_s[0]), message=message)]
+
+
+def _attitude_findings(
+    attitudes: Attitudes, position_s: Float[np.ndarray, " n"], longest_gap_s: float
+) -> list[Finding]:
+    time_s = attitudes.time_s
+    findings = []
+    for late, at, word in (
+        (time_s[0] - position_s[0], position_s[0], "begin"),
+        (position_s[-1] - time_s[-1], time_s[-1], "end"),
+    ):
+        if late > longest_gap_s:
+            message = f"attitudes {word} {late:.3g} s {'after' if word == 'begin' else 'before'} the positions; "
+            remedy = f"set log_start_s = {time_s[0]:.2f}" if word == "begin" else f"set log_stop_s = {time_s[-1]:.2f}"
+            findings.append(Finding(time_s=float(at), message=message + remedy))
+    inside = (time_s >= position_s[0] - longest_gap_s) & (time_s <= position_s[-1] + longest_gap_s)
+    findings += _gaps(time_s[inside], "attitude", longest_gap_s)
+    turned = Rotation.from_quat(attitudes.quaternion)
+    angle = (turned[:-1].inv() * turned[1:]).magnitude()
+    resets = np.flatnonzero((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(time_s)) & inside[1:])
+    for row in resets[:1]:
+        others = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
+        message = (
+            f"the attitude turns by {np.rad2deg(angle[row]):.0f} deg within {time_s[row + 1] - time_s[row]:.2g} s, a "
+            f"reset of the filter{others}; end before it with log_stop_s, or begin behind it with log_start_s"
+        )
+        findings.append(Finding(time_s=float(time_s[row + 1]), message=message))
+    return findings

@@ -1,0 +1,88 @@
+"""Reading a log whatever its format, which is told by its first bytes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from sionna_radar.flight.logs.csv_log import read_csv
+from sionna_radar.flight.logs.dataflash import MAGIC, read_dataflash
+from sionna_radar.flight.logs.gpx import read_gpx
+from sionna_radar.flight.logs.log import FlightLog
+from sionna_radar.flight.logs.telemetry import V1, V2, read_telemetry
+from sionna_radar.flight.logs.ulog import read_ulog
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import regular_file, shown
+
+MOST_BYTES = 1_000_000_000
+FORMATS = "PX4 .ulg, ArduPilot .bin, MAVLink .tlog, .gpx or .csv"
+Reader = Callable[[Path, str], FlightLog]
+# The package that a format needs.
+READERS: dict[str, tuple[Reader, str | None]] = {
+    "ulog": (read_ulog, "pyulog"),
+    "dataflash": (read_dataflash, None),
+    "telemetry": (read_telemetry, "pymavlink"),
+    "gpx": (read_gpx, "gpxpy"),
+    "csv": (read_csv, None),
+}
+
+
+def read_log(path: Path, name: str = "log") -> FlightLog:
+    """Return the flight in a log, its times counted from the first position.
+
+    Parameters
+    ----------
+    path:
+        The file.
+    name:
+        What requested it, as error messages begin.
+
+    Raises
+    ------
+    InputFileError
+        It is no log of a flight, is damaged beyond use, or its format needs a package that is not installed.
+
+    """
+    regular_file(path, name, f"give a log of a flight: {FORMATS}", MOST_BYTES)
+    kind = _kind(path, name)
+    read, package = READERS[kind]
+    if package is not None and find_spec(package) is None:
+        message = f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'"
+        raise InputFileError(message)
+    log = read(path, name)
+    log = replace(log, positions=log.positions.rows(np.isfinite(log.positions.time_s)))
+    if len(log.positions.time_s) < 2:
+        message = f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more"
+        raise InputFileError(message)
+    start = float(log.positions.time_s[0])
+    attitudes, spreads = log.attitudes, log.spreads
+    return replace(
+        log,
+        positions=replace(log.positions, time_s=log.positions.time_s - start),
+        attitudes=None if attitudes is None else replace(attitudes, time_s=attitudes.time_s - start),
+        spreads=None if spreads is None else replace(spreads, time_s=spreads.time_s - start),
+    )
+
+
+def _kind(path: Path, name: str) -> str:
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+    except OSError as error:
+        message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
+        raise InputFileError(message) from error
+    if head.startswith(b"ULog"):
+        return "ulog"
+    if head.startswith(MAGIC):
+        return "dataflash"
+    if len(head) > 8 and head[8] in (V1, V2):
+        return "telemetry"
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if text.startswith(b"<") or b"<\0" in text[:6]:
+        return "gpx"
+    if path.suffix.lower() in (".csv", ".txt") or b"time_s" in text:
+        return "csv"
+    message = f"{name} {shown(path)} is none of the known logs; give {FORMATS}"
+    raise InputFileError(message)

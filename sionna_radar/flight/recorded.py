@@ -1,0 +1,300 @@
+"""A recorded flight: a part of a log, put over the ground of a scenario."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from pyproj.exceptions import ProjError
+
+from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.flight.flight import Flight, Heights
+from sionna_radar.flight.interpolation import attitude_spline, course_attitudes, position_spline, sigma_at
+from sionna_radar.flight.logs.cleaning import CleanLog, Finding, clean
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions
+from sionna_radar.flight.logs.metric import MetricLog, in_metres
+from sionna_radar.flight.logs.reader import read_log
+from sionna_radar.flight.trajectory import Phase, Trajectory
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.platform import Platform
+
+KEY = "platform.log"
+# Heights and speeds are looked at this often at most.
+MOST_LOOKS = 5000
+# Gaps between echoes are widest where the flight is fast.
+FAST_SHARE = 0.95
+FARTHEST_M = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedRoute:
+    """A part of a log in the metres of a scenario, before it is put over its ground; a `Route`.
+
+    clean: the part; its times count from the log's first position, and its heights are those of the log.
+    takeoff_m: the log's first position, in the same metres.
+    height: as `platform.log_height`, with its default resolved.
+    """
+
+    platform: Platform
+    log: FlightLog
+    clean: CleanLog
+    attitudes: Attitudes
+    takeoff_m: tuple[float, float, float]
+    height: str | float
+
+    altitude_m: float | None = None
+
+    @property
+    def _span_s(self) -> tuple[float, float]:
+        start, stop = self.clean.span_s
+        return max(start, float(self.attitudes.time_s[0])), min(stop, float(self.attitudes.time_s[-1]))
+
+    @property
+    def duration_s(self) -> float:
+        """How long it is flown."""
+        start, stop = self._span_s
+        return stop - start
+
+    @cached_property
+    def _looks_s(self) -> Float[np.ndarray, " n"]:
+        return np.linspace(0.0, self.duration_s, min(MOST_LOOKS, max(int(self.duration_s * 10), 50)))
+
+    @cached_property
+    def _path(self) -> Any:
+        return position_spline(self.clean.positions, self._span_s[0])
+
+    @cached_property
+    def speed_mps(self) -> float:
+        """Ground speed that the flight exceeds in a twentieth of its time."""
+        velocity = self._path(self._looks_s, 1)
+        return max(float(np.quantile(np.hypot(velocity[:, 0], velocity[:, 1]), FAST_SHARE)), 1e-3)
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of the way over the ground."""
+        return float(np.linalg.norm(np.diff(self._path(self._looks_s)[:, :2], axis=0), axis=1).sum())
+
+    def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
+        """Return the extent within a reach of it: west, south, east, north."""
+        place = self._path(self._looks_s)[:, :2]
+        if self.height == "above_takeoff":  # the ground there is asked for
+            place = np.vstack([place, self.takeoff_m[:2]])
+        (west, south), (east, north) = place.min(axis=0) - reach_m, place.max(axis=0) + reach_m
+        return float(west), float(south), float(east), float(north)
+
+    def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
+        """Return the flight over ground of given heights.
+
+        Raises ScenarioError, with the time in the log, where it leaves the ground or flies under it.
+        """
+        del seed  # nothing of a log is drawn
+        start_s, _ = self._span_s
+        place = self._path(self._looks_s)
+        ground = ground_m(place[:, :2])
+        if np.isnan(ground).any():
+            first = int(np.argmax(np.isnan(ground)))
+            x, y, _ = place[first]
+            message = (
+                f"has no ground under it {start_s + self._looks_s[first]:.1f} s into the log, at ({x:.1f}, {y:.1f}) m; "
+                "choose a part with log_start_s and log_stop_s, move it with log_shift, or enlarge the terrain"
+            )
+            raise ScenarioError([Problem(KEY, message)])
+        raised_m, how = self._raised(ground_m, place, ground, origin_height_m)
+        clearance = place[:, 2] + raised_m - ground
+        if clearance.min() <= 0:
+            lowest = int(np.argmin(clearance))
+            message = (
+                f"is {-clearance[lowest]:.1f} m under the ground {start_s + self._looks_s[lowest]:.1f} s into the log "
+                f"({how}); check the datum of its heights: set log_height, or raise it with log_shift; take-off and "
+                "landing are left out with log_start_s and log_stop_s"
+            )
+            raise ScenarioError([Problem(KEY, message)])
+        altitude_m = float(np.median(clearance))
+        return Flight(
+            trajectory=self._trajectory(raised_m),
+            altitude_m=altitude_m,
+            speed_mps=self.speed_mps,
+            record=self._record(altitude_m, clearance, how),
+            warnings=self._warnings(how),
+        )
+
+    def _raised(
+        self,
+        ground_m: Heights,
+        place: Float[np.ndarray, "n 3"],
+        ground: Float[np.ndarray, " n"],
+        origin_height_m: float,
+    ) -> tuple[float, str]:
+        """Return what is added to the heights of the log, and in words what they are taken for."""
+        shift = self.platform.log_shift
+        own_m = 0.0 if isinstance(shift, str) else shift[2]
+        if isinstance(self.height, float):
+            return float(ground[0] - place[0, 2]) + self.height, f"its first place {self.height:g} m up"
+        if self.height == "datum":
+            # Metres of a log without a map are the scenario's own.
+            return (
+                own_m - origin_height_m * self.log.on_map,
+                "its heights taken as in the vertical datum of the terrain",
+            )
+        below = float(ground_m(np.array([self.takeoff_m[:2]]))[0])
+        if np.isnan(below):
+            message = (
+                "'above_takeoff' needs ground under the first position of the log, which is at "
+                f"({self.takeoff_m[0]:.1f}, {self.takeoff_m[1]:.1f}) m; give the height in metres of the first place "
+                "that is flown, or enlarge the terrain"
+            )
+            raise ScenarioError([Problem("platform.log_height", message)])
+        return below - self.takeoff_m[2] + own_m, "its first position taken as on the ground"
+
+    def _trajectory(self, raised_m: float) -> Trajectory:
+        start_s, _ = self._span_s
+        path, turned = self._path, attitude_spline(self.attitudes, start_s)
+        up = np.array([0.0, 0.0, raised_m])
+
+        def position(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+            return path(time_s) + up
+
+        def velocity(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+            return path(time_s, 1)
+
+        return Trajectory(
+            position=position,
+            velocity=velocity,
+            euler=turned.euler,
+            phases=((Phase.CRUISE, 0.0, self.duration_s),),
+            logged_sigma=None if self.clean.spreads is None else sigma_at(self.clean.spreads, start_s),
+        )
+
+    def _warnings(self, how: str) -> tuple[str, ...]:
+        found = []
+        if self.height == "datum" and self.log.on_map:
+            found.append(
+                f"{KEY}: {how}, without a change of datum (they count from {_from(self.log)}); set log_height or "
+                "log_shift if the summary's heights above ground are not those flown"
+            )
+        if self.log.attitudes is None:
+            found.append(f"{KEY}: it has no attitude; the aircraft is level, and heads where it moves")
+        return tuple(found)
+
+    def _record(self, altitude_m: float, clearance: Float[np.ndarray, " n"], how: str) -> dict[str, Any]:
+        start_s, stop_s = self._span_s
+        velocity = self._path(self._looks_s, 1)
+        speed = np.hypot(velocity[:, 0], velocity[:, 1])
+        derived = self.log.positions.velocity_mps is None
+        return {
+            "path": str(self.platform.log),
+            "format": self.log.kind,
+            "start_s": start_s,
+            "stop_s": stop_s,
+            "positions": self.log.positions.source,
+            "velocities": "of the positions' spline" if derived else self.log.positions.source,
+            "attitudes": self.attitudes.source,
+            "errors": None if self.clean.spreads is None else self.clean.spreads.source,
+            "sources": [{"name": s.name, "rows": s.rows, "rate_hz": s.rate_hz} for s in self.log.sources],
+            "heights": how,
+            "height_above_ground_m": {
+                "least": float(clearance.min()), "median": altitude_m, "greatest": float(clearance.max())
+            },
+            "speed_mps": {"least": float(speed.min()), "mean": float(speed.mean()), "greatest": float(speed.max())},
+            "length_m": self.length_m,
+            "longest_step_s": float(np.diff(self.clean.positions.time_s).max()),
+            "notes": [*self.log.notes, *self.clean.notes],
+        }  # fmt: skip
+
+
+def _from(log: FlightLog) -> str:
+    return "an unknown level" if log.datum == "unknown" else log.datum
+
+
+def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> RecordedRoute:
+    """Return the recorded flight of a scenario.
+
+    Parameters
+    ----------
+    platform:
+        With its log.
+    frame:
+        Returns the local frame on the map, if the terrain has one.
+
+    Raises
+    ------
+    InputFileError
+        The log cannot be read, or the part of it cannot be flown: with the time, and what to do.
+    ScenarioError
+        It is on the map and the terrain is not, or the part begins behind its end.
+
+    """
+    assert platform.log is not None
+    log = read_log(platform.log, KEY)
+    last_s = float(np.nanmax(log.positions.time_s))
+    if platform.log_start_s >= last_s:
+        message = f"{platform.log_start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
+        raise ScenarioError([Problem("platform.log_start_s", message)])
+    moved = platform.log_shift == "to_terrain"
+    metric = _placed(log, None if moved else frame, platform)
+    stop_s = np.inf if platform.log_stop_s is None else platform.log_stop_s
+    part = clean(metric, platform.log_start_s, stop_s, platform.log_gap_s)
+    _refuse(part.findings, platform)
+    attitudes = part.attitudes or course_attitudes(part.positions)
+    finite = np.isfinite(metric.positions.place).all(axis=1)
+    takeoff = metric.positions.place[int(np.argmax(finite))]
+    shift = _shift(platform, part.positions)
+    height = platform.log_height or ("above_takeoff" if moved or log.datum == "take-off" else "datum")
+    route = RecordedRoute(
+        platform=platform,
+        log=log,
+        clean=replace(part, positions=replace(part.positions, place=part.positions.place + shift)),
+        attitudes=attitudes,
+        takeoff_m=(float(takeoff[0] + shift[0]), float(takeoff[1] + shift[1]), float(takeoff[2])),
+        height=height,
+    )
+    farthest = float(np.abs(route.clean.positions.place).max())
+    if farthest > FARTHEST_M:
+        message = (
+            f"is {farthest / 1000:,.0f} km from the terrain's middle; is it a log of this place? Move it with "
+            "log_shift = 'to_terrain'"
+        )
+        raise ScenarioError([Problem(KEY, message)])
+    if route.duration_s <= 0:
+        message = f"{KEY} {shown(platform.log)}: its positions and attitudes have no time in common; give another part"
+        raise InputFileError(message)
+    return route
+
+
+def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, platform: Platform) -> MetricLog:
+    if not log.on_map or frame is None:
+        return in_metres(log)
+    place = frame()
+    if place is None:
+        message = (
+            "has longitude and latitude, and the terrain is on no map; set log_shift = 'to_terrain', or "
+            "terrain.centre_lonlat_deg"
+        )
+        raise ScenarioError([Problem(KEY, message)])
+    try:
+        return in_metres(log, place)
+    except ProjError as error:
+        message = (
+            f"{KEY} {shown(platform.log)} cannot be put into {place.crs.name!r} ({error}); check the terrain's CRS"
+        )
+        raise InputFileError(message) from error
+
+
+def _refuse(findings: tuple[Finding, ...], platform: Platform) -> None:
+    if findings:
+        more = f" (and {len(findings) - 1:,} more)" if len(findings) > 1 else ""
+        message = f"{KEY} {shown(platform.log)}: at {findings[0].time_s:.2f} s: {findings[0].message}{more}"
+        raise InputFileError(message)
+
+
+def _shift(platform: Platform, positions: Positions) -> Float[np.ndarray, " 3"]:
+    """Return by how much the flight is moved over the ground; upward it is moved when the ground is known."""
+    if platform.log_shift == "to_terrain":
+        low, high = positions.place.min(axis=0), positions.place.max(axis=0)
+        return np.array([*(-(low + high)[:2] / 2), 0.0])
+    if isinstance(platform.log_shift, str):
+        return np.zeros(3)
+    return np.array([*platform.log_shift[:2], 0.0])

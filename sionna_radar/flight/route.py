@@ -1,0 +1,157 @@
+"""Where a survey flies: planned, or recorded. What is known before the ground is, and the flight over it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.flight.flight import Flight, Heights
+from sionna_radar.flight.gusts import in_wind
+from sionna_radar.flight.lines import lines_track
+from sionna_radar.flight.recorded import read_route
+from sionna_radar.flight.trajectory import Course, plan_track, plan_trajectory
+from sionna_radar.flight.turns import CurvedTrack, banked, rounded_track, turn_radius_m
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.scenario.platform import Platform
+
+PLACES_CHECKED = 200
+# Gusts displace the aircraft by metres.
+WIND_MARGIN_M = 20.0
+
+
+@runtime_checkable
+class Route(Protocol):
+    """A flight as it is known before the ground under it is.
+
+    altitude_m: nominal height above ground; None where only the ground will tell.
+    speed_mps, duration_s, length_m: nominal speed over the ground, and how long the radar may transmit.
+    """
+
+    @property
+    def altitude_m(self) -> float | None:
+        """See the class."""
+        ...
+
+    @property
+    def speed_mps(self) -> float:
+        """See the class."""
+        ...
+
+    @property
+    def length_m(self) -> float:
+        """See the class."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """See the class."""
+        ...
+
+    def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
+        """Return the extent within a reach of it: west, south, east, north."""
+        ...
+
+    def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
+        """Return the flight over ground of given heights.
+
+        seed: of what is random in it. origin_height_m: height on the map of the local frame's zero. Raises
+        ScenarioError where the flight leaves the ground, or a log flies under it.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRoute:
+    """A flight from a scenario's own table; a `Route`."""
+
+    platform: Platform
+    track: Course
+
+    @property
+    def altitude_m(self) -> float:
+        """Height above the ground under the start."""
+        return self.platform.planned[0]
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed over the ground."""
+        return self.platform.planned[1]
+
+    @property
+    def length_m(self) -> float:
+        """Length of the track."""
+        return self.track.length_m
+
+    @property
+    def duration_s(self) -> float:
+        """How long the cruise takes."""
+        return self.track.length_m / self.speed_mps
+
+    def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
+        """Return the extent within a reach of it: west, south, east, north."""
+        if self.platform.wind is not None:
+            reach_m += WIND_MARGIN_M
+        west, south = self.track.waypoints_m.min(axis=0) - reach_m
+        east, north = self.track.waypoints_m.max(axis=0) + reach_m
+        return float(west), float(south), float(east), float(north)
+
+    def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
+        """Return the flight over ground of given heights; ScenarioError where the track leaves it."""
+        del origin_height_m  # its heights count from the ground
+        self._check(ground_m)
+        trajectory = plan_trajectory(self.platform, self.track, ground_m)
+        altitude_m, speed_mps = self.platform.planned
+        if isinstance(self.track, CurvedTrack):
+            trajectory = banked(trajectory, self.track, speed_mps, self.platform.roll_in_s)
+            lines = self.platform.lines
+            if lines is not None and not lines.transmit_in_turns:
+                start_s = trajectory.cruise_s()[0]
+                along = self.track.lines_m()
+                within = tuple((start_s + a / speed_mps, start_s + b / speed_mps) for a, b in along)
+                trajectory = replace(trajectory, transmits_s=within)
+        if self.platform.wind is not None:
+            trajectory = in_wind(trajectory, self.platform.wind, altitude_m, speed_mps, seed)
+        return Flight(trajectory=trajectory, altitude_m=altitude_m, speed_mps=speed_mps)
+
+    def _check(self, ground_m: Heights) -> None:
+        along = self.track.point(np.linspace(0.0, self.track.length_m, PLACES_CHECKED))
+        outside = np.isnan(ground_m(along))
+        if outside.any():
+            x, y = along[outside][0]
+            message = (
+                f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; move platform.start_m, shorten "
+                "platform.length_m, or enlarge the terrain"
+            )
+            raise ScenarioError([Problem("platform.start_m", message)])
+
+
+def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Route:
+    """Return the route of a scenario.
+
+    Parameters
+    ----------
+    platform:
+        The flight, in local metres.
+    frame:
+        Returns the local frame on the map, if there is one; asked for only by logs that are on the map.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        Turns do not fit the track; the log cannot be read or flown, or has no place on the ground.
+
+    """
+    if platform.log is not None:
+        return read_route(platform, frame)
+    return PlannedRoute(platform=platform, track=_course(platform))
+
+
+def _course(platform: Platform) -> Course:
+    radius_m = turn_radius_m(platform)
+    if platform.lines is not None:
+        lead_m = platform.roll_in_s * platform.planned[1] / 2 if radius_m is not None else 0.0
+        return lines_track(platform.lines, float(np.deg2rad(platform.heading_deg)), radius_m, lead_m)
+    track = plan_track(platform)
+    return track if radius_m is None else rounded_track(track.waypoints_m, radius_m)

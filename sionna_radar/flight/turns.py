@@ -1,0 +1,249 @@
+"""Tracks with curved turns: straight legs and arcs, by the distance along them, and the bank flown in the arcs.
+
+In a coordinated turn at speed v the radius r and the bank satisfy tan(bank) = v^2 / (g r). The bank changes at a
+steady rate while the aircraft rolls in and out, half of it before and half of it after the arc begins or ends; the arc
+itself is a circle from its start (an aircraft's own would be a clothoid, which differs by v^2 t^2 / (24 r) m
+for a roll-in of t, 0.2 m at 10 m/s, 1 s and 20 m).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.constants import g as gravity
+
+from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.scenario.platform import Platform
+
+# A turn back on itself has no arc between its legs.
+MOST_TURN_RAD = np.deg2rad(175.0)
+LEAST_TURN_RAD = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A straight leg or an arc: where it starts, its heading there (clockwise from north), curvature and length.
+
+    curvature_per_m: heading per metre; positive turns right. on_line: whether it is a line to be surveyed.
+    """
+
+    start_m: tuple[float, float]
+    heading_rad: float
+    length_m: float
+    curvature_per_m: float = 0.0
+    on_line: bool = True
+
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """East, north and heading at its end."""
+        east, north = _along(np.array([self.length_m]), self)[0]
+        return float(east), float(north), self.heading_rad + self.curvature_per_m * self.length_m
+
+
+def _along(distance_m: Float[np.ndarray, " n"], segment: Segment) -> Float[np.ndarray, "n 2"]:
+    """Return points of a segment: the integral of (sin, cos) of the heading."""
+    half = segment.curvature_per_m * distance_m / 2
+    chord = distance_m * np.sinc(half / np.pi)
+    heading = segment.heading_rad + half
+    return np.array(segment.start_m) + chord[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvedTrack:
+    """Segments one after the other; a `Course`."""
+
+    segments: tuple[Segment, ...]
+
+    @cached_property
+    def _starts_m(self) -> Float[np.ndarray, " leg"]:
+        return np.concatenate([[0.0], np.cumsum([segment.length_m for segment in self.segments])])
+
+    @property
+    def length_m(self) -> float:
+        """Length of all segments."""
+        return float(self._starts_m[-1])
+
+    @cached_property
+    def waypoints_m(self) -> Float[np.ndarray, "k 2"]:
+        """Points all along, close enough to tell the extent from."""
+        inside = np.concatenate(
+            [np.linspace(a, b, 9) for a, b in zip(self._starts_m[:-1], self._starts_m[1:], strict=True)]
+        )
+        return self.point(inside)
+
+    def _leg(self, distance_m: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        return np.minimum(np.searchsorted(self._starts_m[1:], distance_m, side="right"), len(self.segments) - 1)
+
+    def point(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the points at distances along the track."""
+        leg = self._leg(distance_m)
+        points = np.empty((len(distance_m), 2))
+        for number in np.unique(leg):
+            rows = leg == number
+            points[rows] = _along(distance_m[rows] - self._starts_m[number], self.segments[number])
+        return points
+
+    def direction(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """Return the unit vectors along the track."""
+        leg = self._leg(distance_m)
+        curvature, first = (
+            np.array([getattr(segment, key) for segment in self.segments]) for key in ("curvature_per_m", "heading_rad")
+        )
+        heading = first[leg] + curvature[leg] * (distance_m - self._starts_m[leg])
+        return np.column_stack([np.sin(heading), np.cos(heading)])
+
+    def mean_curvature(self, distance_m: Float[np.ndarray, " n"], over_m: float) -> Float[np.ndarray, " n"]:
+        """Return the curvature averaged over a length of track about each distance; straight beyond its ends."""
+        return (self._turned(distance_m + over_m / 2) - self._turned(distance_m - over_m / 2)) / over_m
+
+    def _turned(self, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        steps = [segment.curvature_per_m * segment.length_m for segment in self.segments]
+        return np.interp(distance_m, self._starts_m, np.concatenate([[0.0], np.cumsum(steps)]))
+
+    def lines_m(self) -> tuple[tuple[float, float], ...]:
+        """Return from where to where the lines to be surveyed lie along the track."""
+        edges = zip(self._starts_m[:-1], self._starts_m[1:], self.segments, strict=True)
+        return tuple((float(start), float(end)) for start, end, segment in edges if segment.on_line)
+
+
+def turn_radius_m(platform: Platform) -> float | None:
+    """Return the radius of a planned flight's turns; None for instantaneous ones."""
+    if platform.turn_radius_m is not None or platform.bank_deg is None:
+        return platform.turn_radius_m
+    _, speed_mps = platform.planned
+    return float(speed_mps**2 / (gravity * np.tan(np.deg2rad(platform.bank_deg))))
+
+
+def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> CurvedTrack:
+    """Return a polyline whose corners are arcs of a radius, tangent to both legs.
+
+    Raises ScenarioError for a leg too short for the arcs at its ends, and for a turn back.
+    """
+    step = np.diff(waypoints_m, axis=0)
+    length, heading = np.linalg.norm(step, axis=1), np.arctan2(step[:, 0], step[:, 1])
+    turn = np.mod(np.diff(heading) + np.pi, 2 * np.pi) - np.pi
+    if np.any(np.abs(turn) > MOST_TURN_RAD):
+        corner = int(np.argmax(np.abs(turn))) + 1
+        message = f"waypoint {corner} turns back, which no arc does; add a waypoint beside it"
+        raise ScenarioError([Problem("platform.waypoints_m", message)])
+    tangent = np.concatenate([[0.0], radius_m * np.tan(np.abs(turn) / 2), [0.0]])
+    left = length - tangent[:-1] - tangent[1:]
+    if np.any(left < 0):
+        leg = int(np.argmin(left))
+        fits = radius_m * length[leg] / (tangent[leg] + tangent[leg + 1])
+        message = (
+            f"a radius of {radius_m:.3g} m needs {tangent[leg] + tangent[leg + 1]:.3g} m for the turns at the ends of "
+            f"leg {leg + 1}, which has {length[leg]:.3g}; give at most {0.99 * fits:.3g} m (bank more, or fly slower), "
+            "or move the waypoints"
+        )
+        raise ScenarioError([Problem("platform.turn_radius_m", message)])
+    segments: list[Segment] = []
+    at = (float(waypoints_m[0, 0]), float(waypoints_m[0, 1]))
+    for leg in range(len(length)):
+        segments.append(Segment(start_m=at, heading_rad=float(heading[leg]), length_m=float(left[leg])))
+        at = segments[-1].end[:2]
+        if leg < len(turn) and abs(turn[leg]) > LEAST_TURN_RAD:
+            curvature = float(np.sign(turn[leg])) / radius_m
+            segments.append(
+                Segment(
+                    start_m=at,
+                    heading_rad=float(heading[leg]),
+                    length_m=float(abs(turn[leg])) * radius_m,
+                    curvature_per_m=curvature,
+                )
+            )
+            at = segments[-1].end[:2]
+    return CurvedTrack(segments=tuple(segment for segment in segments if segment.length_m > 0))
+
+
+def shortest_way(
+    start: tuple[float, float, float], end: tuple[float, float, float], radius_m: float
+) -> Sequence[Segment]:
+    """Return the shortest way between two places with headings (east, north, rad) whose turns have a radius.
+
+    It has at most three parts, arcs and a straight one or three arcs (Dubins 1957). None of it is a line to survey.
+    """
+    best: list[tuple[float, float]] | None = None
+    for turns in ((1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1), (-1, 1, -1)):
+        lengths = _dubins(start, end, radius_m, turns)
+        if lengths is not None and (best is None or sum(lengths) < sum(length for _, length in best)):
+            best = [(turn / radius_m, length) for turn, length in zip(turns, lengths, strict=True)]
+    assert best is not None  # two turns the same way always have a way
+    segments: list[Segment] = []
+    at = start
+    for curvature, length in best:
+        if length > 1e-9:
+            segments.append(
+                Segment(start_m=at[:2], heading_rad=at[2], length_m=length, curvature_per_m=curvature, on_line=False)
+            )
+            at = segments[-1].end
+    return segments
+
+
+def _dubins(
+    start: tuple[float, float, float], end: tuple[float, float, float], radius_m: float, turns: tuple[int, int, int]
+) -> tuple[float, float, float] | None:
+    """Return the lengths of three parts, which turn right (1), left (-1) or not (0); None if there is no such way."""
+    first, middle, last = turns
+    # Centres of the first and the last circle: to the right of the heading for a right turn.
+    centres = [
+        np.array(place[:2]) + turn * radius_m * np.array([np.cos(place[2]), -np.sin(place[2])])
+        for place, turn in ((start, first), (end, last))
+    ]
+    step = centres[1] - centres[0]
+    distance, bearing = float(np.hypot(*step)), float(np.arctan2(step[0], step[1]))
+    if middle == 0:
+        if first == last:
+            heading, straight = bearing, distance
+        elif distance < 2 * radius_m:
+            return None
+        else:
+            heading = bearing + first * float(np.arcsin(2 * radius_m / distance))
+            straight = float(np.sqrt(distance**2 - 4 * radius_m**2))
+        arcs = _turned(heading - start[2], first), _turned(end[2] - heading, last)
+        return arcs[0] * radius_m, straight, arcs[1] * radius_m
+    if distance > 4 * radius_m:
+        return None
+    # The middle circle touches both; its centre lies to one side of the line between theirs.
+    lean = float(np.arccos(distance / (4 * radius_m)))
+    best = None
+    for side in (1.0, -1.0):
+        out = bearing + side * lean  # from the first centre to the middle one
+        back = bearing - side * lean  # from the middle centre to the last
+        # Where two circles touch, the heading is at right angles to the line between their centres.
+        touch = out + first * np.pi / 2, back + middle * np.pi / 2
+        arcs3 = (
+            _turned(touch[0] - start[2], first),
+            _turned(touch[1] - touch[0], middle),
+            _turned(end[2] - touch[1], last),
+        )
+        if best is None or sum(arcs3) < sum(best):
+            best = arcs3
+    assert best is not None
+    return best[0] * radius_m, best[1] * radius_m, best[2] * radius_m
+
+
+def _turned(angle: float, turn: int) -> float:
+    """Return by how much one turns, in a given sense, to change heading by an angle."""
+    around = float(np.mod(turn * angle, 2 * np.pi))
+    return 0.0 if 2 * np.pi - around < 1e-9 else around
+
+
+def banked(trajectory: Trajectory, track: CurvedTrack, speed_mps: float, roll_in_s: float) -> Trajectory:
+    """Return a flight along a curved track with its bank."""
+    start_s, end_s = trajectory.cruise_s()
+    over_m = max(roll_in_s, 1e-6) * speed_mps
+    # All arcs have one curvature. The roll is steady in time, hence the bank is averaged, not the curvature behind it.
+    peak = max(abs(segment.curvature_per_m) for segment in track.segments)
+    bank_m = float(np.arctan(speed_mps**2 * peak / gravity)) / peak if peak > 0 else 0.0
+
+    def euler(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        angles = trajectory.euler(time_s)
+        curvature = track.mean_curvature((np.clip(time_s, start_s, end_s) - start_s) * speed_mps, over_m)
+        angles[:, 0] += curvature * bank_m
+        return angles
+
+    return replace(trajectory, euler=euler)
