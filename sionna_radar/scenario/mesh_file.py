@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import model_validator
 
 from sionna_radar.scenario.table import InputPath, Positive, Real, Table
 
@@ -26,7 +29,8 @@ class MeshFile(Table):
     of all others. scale: what it is enlarged by besides. heading_deg: clockwise turn of its y axis (of -z where y is
     up) from north.
     material: of all of it but what `materials` names: a table from the mesh's own material names (without Sionna's
-    "mat-"), or from the names of its objects where these have no material, to materials of the scenario.
+    "mat-"), or from the names of its objects where these have no material, to materials of the scenario. A table as
+    `material` is the same as one as `materials`.
     """
 
     path: InputPath
@@ -36,6 +40,16 @@ class MeshFile(Table):
     heading_deg: Real = 0.0
     material: str = "building"
     materials: dict[str, str] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _table_of_materials(cls, values: Any) -> Any:
+        if isinstance(values, Mapping) and isinstance(values.get("material"), Mapping) and "materials" not in values:
+            return {
+                **{key: value for key, value in values.items() if key != "material"},
+                "materials": values["material"],
+            }
+        return values
 
     @property
     def metres_per_unit(self) -> float:

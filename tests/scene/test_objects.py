@@ -9,6 +9,7 @@ from pyproj import Transformer
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene import objects
 from sionna_radar.scene.build import build_scene
 from sionna_radar.scene.landscape import map_frame
@@ -253,3 +254,9 @@ def test_a_scene_of_sionna_read_as_a_mesh_is_that_city():
         built.caster.from_above(place, 100.0), RayCaster(surfaces).from_above(place, 100.0), atol=1e-4
     )
     assert sum(len(s.faces) for s in built.scene.surfaces) == sum(len(s.faces) for s in surfaces)
+
+
+def test_a_table_of_materials_may_be_the_material():
+    given = {"path": "pylon.glb", "position_m": (0.0, 0.0)}
+    assert MeshObject(**given, material={"steel": "metal"}) == MeshObject(**given, materials={"steel": "metal"})
+    assert MeshObject(**given, material="metal").materials == {}
