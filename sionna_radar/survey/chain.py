@@ -22,7 +22,7 @@ from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place, record
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
-from sionna_radar.survey.warnings import warnings_of
+from sionna_radar.survey.warnings import steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
@@ -146,6 +146,8 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         None if prepared.expected_ground is None else "processing.expected_ground",
         stepped_behind_volume=prepared.mapper.name == "stepped" and recording.behind_volume,
     )
+    mapper = prepared.mapper
+    warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings

@@ -68,6 +68,16 @@ def warnings_of(
     return lost
 
 
+def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
+    """Return what a DEM method that models the beam takes the beams of an electronic scan for, if there are any."""
+    if not beams or profiles == "unused":
+        return ()
+    return (
+        f"dem.method = {method!r} takes every beam of the scan for that of broadside, narrower than the steered ones; "
+        "'linear' takes none for another",
+    )
+
+
 def _name(made: object) -> str:
     """Return the module and name of a class or function; of anything else, those of its class."""
     name = getattr(made, "__qualname__", None)

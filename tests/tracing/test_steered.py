@@ -9,6 +9,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.main_lobe import in_main_lobe
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import prepare
+from sionna_radar.survey.warnings import steered_warnings
 
 SCAN = {"mode": "electronic", "beams": 3, "half_swath_deg": 40.0, "scans_per_s": 40.0, "incidence_deg": 30.0}
 OVERRIDES = {
@@ -56,6 +57,11 @@ def test_most_power_comes_from_the_beam_itself(prepared):
     for number, beam in enumerate(prepared.beams):
         own = pulses.beam[row] == number
         assert power[own & in_main_lobe(beam, ahead)].sum() > 0.7 * power[own].sum()
+
+
+def test_maps_of_whole_echoes_say_what_they_take_a_beam_for():
+    assert steered_warnings(0, "refined", "required") == steered_warnings(45, "linear", "unused") == ()
+    assert "takes every beam of the scan for that of broadside" in steered_warnings(45, "refined", "required")[0]
 
 
 def test_an_engine_that_cannot_be_steered_is_refused():
