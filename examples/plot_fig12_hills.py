@@ -21,7 +21,7 @@ from sionna_radar.accuracy import shadowed
 from sionna_radar.report import colour_bar, empty_patch, finish_map, show_raster
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
-METHOD = {"processing.ranging": "peak", "platform.length_m": 15.0 if SMALL else 100.0}
+METHOD = {"processing.ranging": "peak", "platform.length_m": 8.0 if SMALL else 100.0}
 STEEPER = {"terrain.filter_sigma_m": 12.0, "terrain.height_m": 30.0}
 SHADOW = ListedColormap(["#cc79a7"])
 

@@ -18,7 +18,7 @@ from sionna_radar.scenario import NavigationTable
 from sionna_radar.survey import record_survey
 
 small = os.environ.get("SIONNA_RADAR_SMALL") == "1"
-size = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if small else {}
+size = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if small else {}
 steps, draws = (3, 1) if small else (9, 4)
 scenario = load_scenario("hills", size)
 survey = record_survey(scenario)

@@ -86,17 +86,14 @@ def _outside(place_m: Float[np.ndarray, "n 2"], building: Building) -> Float[np.
 
 def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     """Return horizontal positions along the edges of a surface's steep faces within a map."""
-    corner = surface.vertices_m[surface.faces]
+    faces = surface.faces if surface.divided else surface.faces[_rise(surface) >= WALL_HEIGHT_M]
+    corner = surface.vertices_m[faces]
     west, east, south, north = grid.extent_m
     low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)
-    over = np.all((high >= [west, south]) & (low <= [east, north]), axis=1)
+    corner = corner[np.all((high >= [west, south]) & (low <= [east, north]), axis=1)]
+    corner = corner[_steep(corner)]
     if surface.divided:
-        corner = corner[over]
-        corner = corner[_steep(corner)]
         corner = corner[_height_of_walls(corner, grid.spacing_m) >= WALL_HEIGHT_M]
-    else:
-        corner = corner[over & (np.ptp(corner[..., 2], axis=1) >= WALL_HEIGHT_M)]
-        corner = corner[_steep(corner)]
     start = corner[..., :2].reshape(-1, 2)
     edge = np.roll(corner[..., :2], -1, axis=1).reshape(-1, 2) - start
     step_m = grid.spacing_m / FOOT_POINTS_PER_CELL
@@ -107,6 +104,12 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     on_map = np.all((point >= [west, south]) & (point <= [east, north]), axis=1)
     # Triangles share edges, and the two of a wall lie over the same line.
     return np.unique(np.round(point[on_map] / step_m * 4).astype(np.int64), axis=0) * step_m / 4
+
+
+def _rise(surface: Surface) -> Float[np.ndarray, " face"]:
+    """Return the height of each face; corner by corner, which is far faster than over an axis of three."""
+    a, b, c = (surface.vertices_m[surface.faces[:, corner], 2] for corner in range(3))
+    return np.maximum(np.maximum(a, b), c) - np.minimum(np.minimum(a, b), c)
 
 
 def _steep(corner: Float[np.ndarray, "face 3 3"]) -> Bool[np.ndarray, " face"]:

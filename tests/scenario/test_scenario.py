@@ -78,7 +78,7 @@ def test_the_least_scenario_takes_the_papers_radar():
         ({"platform__altitude_m": None}, "platform.altitude_m", "required"),
         ({"radar": None}, "radar", "required"),
         ({"terrain__kind": None}, "terrain.kind", "required"),
-        ({"terrain__kind": "moon"}, "terrain.kind", "flat, hills, fractal, jacksboro, raster, mesh, sionna:"),
+        ({"terrain__kind": "moon"}, "terrain.kind", "flat, hills, fractal, jacksboro, raster, points, mesh, sionna:"),
         ({"terrain__kind": "sionna:atlantis"}, "terrain.kind", "'sionna:atlantis' is unknown"),
         ({"terrain__kind": 3}, "terrain.kind", "flat"),
         ({"terrain__kind": "raster"}, "terrain.path", "required"),

@@ -110,7 +110,9 @@ def test_rain_without_ground_makes_no_echo():
     assert above.mean() == pytest.approx(1e-3, rel=0.3)
 
 
-@pytest.mark.parametrize("rate", [1.0, 10.0, 25.0])
+@pytest.mark.parametrize(
+    "rate", [pytest.param(1.0, marks=pytest.mark.study), pytest.param(10.0, marks=pytest.mark.study), 25.0]
+)
 def test_hills_are_mapped_in_rain(rate):
     clear, wet = flown(0.0), flown(rate)
     assert wet.lit_error.coverage > 0.95 * clear.lit_error.coverage
