@@ -40,7 +40,6 @@ PLACES_CHANGED_BY = (
     "KHR_meshopt_compression",
     "EXT_mesh_gpu_instancing",
 )
-KEPT = ("asset", "scene", "scenes", "nodes", "meshes", "accessors", "bufferViews")
 
 
 def read_gltf(path: Path) -> tuple[MeshPart, ...]:
@@ -51,17 +50,23 @@ def read_gltf(path: Path) -> tuple[MeshPart, ...]:
     if changed:
         message = f"uses {', '.join(changed)}; export it without compression and without instances"
         raise MeshError(message)
-    shown_meshes = _check_nodes(document)
     buffers = {
         f"{number}": binary if buffer.get("uri") is None else _bytes_of(path, str(buffer["uri"]), f"buffers[{number}]")
         for number, buffer in enumerate(document.get("buffers", []))
     }
-    sizes = [len(data) for data in buffers.values()]
-    _check_accessors(document, sizes)
-    _check_meshes(document, shown_meshes)
-    reduced = {key: document[key] for key in KEPT if key in document}
-    reduced["materials"] = [{"name": str(m.get("name") or "")} for m in document.get("materials", [])]
-    reduced["buffers"] = [{"uri": name} for name in buffers]
+    _check_accessors(document, [len(data) for data in buffers.values()])
+    meshes = _meshes(document)
+    roots, nodes, shown_meshes = _tree(document, meshes)
+    reduced = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": roots}],
+        "nodes": nodes,
+        "meshes": shown_meshes,
+        "materials": [{"name": str(m.get("name") or "")} for m in document.get("materials", [])],
+        "accessors": document["accessors"],
+        "bufferViews": document["bufferViews"],
+        "buffers": [{"uri": name} for name in buffers],
+    }
     return read_by_trimesh(json.dumps(reduced).encode(), "gltf", buffers)
 
 
@@ -110,34 +115,6 @@ def _entry(document: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
     return dict(entries[number])
 
 
-def _check_nodes(document: dict[str, Any]) -> list[int]:
-    """Reduce the nodes to a tree of places, and return the meshes that they show."""
-    nodes = document.get("nodes", [])
-    if not document.get("scenes"):
-        children = {child for node in nodes for child in node.get("children", [])}
-        document["scenes"] = [{"nodes": [number for number in range(len(nodes)) if number not in children]}]
-        document["scene"] = 0
-    waiting = [(root, 0) for root in _entry(document, "scenes", document.get("scene", 0)).get("nodes", [])]
-    seen: set[int] = set()
-    meshes = []
-    while waiting:
-        number, depth = waiting.pop()
-        node = _entry(document, "nodes", number)
-        if number in seen or depth > DEEPEST_NODES:
-            message = f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again"
-            raise MeshError(message)
-        seen.add(number)
-        check_count(len(seen), MOST_PARTS, "nodes")
-        waiting += [(child, depth + 1) for child in node.get("children", [])]
-        places = ("matrix",) if "matrix" in node else ("translation", "rotation", "scale")
-        nodes[number] = {key: node[key] for key in (*places, "children", "mesh") if key in node}
-        if "mesh" in node:
-            mesh = _entry(document, "meshes", node["mesh"])
-            document["meshes"][node["mesh"]] = {"name": node.get("name") or "", **mesh}
-            meshes.append(node["mesh"])
-    return meshes
-
-
 def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
     """Refuse accessors and views of more than the bytes there are, or of far more in sum."""
     views = document.setdefault("bufferViews", [])
@@ -170,30 +147,67 @@ def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
     check_count(total, MOST_REUSE * sum(sizes) + SMALL_BYTES, "bytes in its accessors and their views")
 
 
-def _check_meshes(document: dict[str, Any], meshes: list[int]) -> None:
-    """Reduce the primitives to triangles, and refuse those that would be read wrongly."""
-    vertices = {}
+def _meshes(document: dict[str, Any]) -> list[list[dict[str, Any]]]:
+    """Return the primitives of each mesh that are triangles, and of them what makes a place; refuse others."""
+    found = []
     for number, mesh in enumerate(document.get("meshes", [])):
-        found = [p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)]
-        found = [p for p in found if "POSITION" in p["attributes"]]
-        used = [(p["attributes"]["POSITION"], "VEC3") for p in found]
-        indices = [(p["indices"], "SCALAR") for p in found if "indices" in p]
-        for accessor, kind in (*used, *indices):
-            rows = _entry(document, "accessors", accessor)
-            if rows["type"] != kind or "sparse" in rows or "bufferView" not in rows or rows.get("normalized"):
-                message = (
-                    f"has accessors[{accessor}] that is sparse, normalized or no {kind}; export it as plain numbers"
-                )
-                raise MeshError(message)
-        if any(p.get("mode") == FAN for p in found):
+        found.append([p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)])
+        if any(p.get("mode") == FAN for p in found[-1]):
             message = f"has a fan of triangles in meshes[{number}]; export it as plain triangles"
             raise MeshError(message)
-        kept = [{k: p[k] for k in ("indices", "material", "mode") if k in p} for p in found]
-        for primitive, (place, _) in zip(kept, used, strict=True):
-            primitive["attributes"] = {"POSITION": place}
-        document["meshes"][number] = {"primitives": kept, "extras": {"name": str(mesh.get("name") or "")}}
-        vertices[number] = sum(document["accessors"][place]["count"] for place, _ in used)
-    check_count(sum(vertices[number] for number in meshes), MOST_VERTICES, "vertices")
+        found[-1] = [
+            {"attributes": {"POSITION": p["attributes"]["POSITION"]}}
+            | {key: p[key] for key in ("indices", "material", "mode") if key in p}
+            for p in found[-1]
+            if "POSITION" in p["attributes"]
+        ]
+        used = [(p["attributes"]["POSITION"], "VEC3") for p in found[-1]]
+        for accessor, kind in (*used, *((p["indices"], "SCALAR") for p in found[-1] if "indices" in p)):
+            rows = _entry(document, "accessors", accessor)
+            if rows["type"] != kind or "sparse" in rows or "bufferView" not in rows or rows.get("normalized"):
+                message = f"has accessors[{accessor}] that is sparse, normalized or no {kind}; export plain numbers"
+                raise MeshError(message)
+    return found
+
+
+def _tree(
+    document: dict[str, Any], meshes: list[list[dict[str, Any]]]
+) -> tuple[list[int], list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return roots, nodes and meshes: each primitive of a node's mesh is a mesh of its own, of a node below that one.
+
+    For trimesh calls the primitives of one mesh by random numbers of six digits, and loses those called the same. It
+    takes the last child first, so that children stand here in reverse.
+    """
+    source = document.get("nodes", [])
+    below = {child for node in source for child in node.get("children", [])}
+    roots = [number for number in range(len(source)) if number not in below]
+    if document.get("scenes"):
+        roots = _entry(document, "scenes", document.get("scene", 0)).get("nodes", [])
+    nodes: list[dict[str, Any]] = [{} for _ in source]
+    parts: list[dict[str, Any]] = []
+    waiting, seen, vertices = [(root, 0) for root in reversed(roots)], set(), 0
+    while waiting:
+        number, depth = waiting.pop()
+        node = _entry(document, "nodes", number)
+        if number in seen or depth > DEEPEST_NODES:
+            message = f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again"
+            raise MeshError(message)
+        seen.add(number)
+        children = node.get("children", [])
+        waiting += [(child, depth + 1) for child in reversed(children)]
+        places = ("matrix",) if "matrix" in node else ("translation", "rotation", "scale")
+        nodes[number] = {key: node[key] for key in places if key in node} | {"children": children[::-1]}
+        if node.get("mesh") is None:
+            continue
+        name = str(_entry(document, "meshes", node["mesh"]).get("name") or node.get("name") or "")
+        for primitive in reversed(meshes[node["mesh"]]):
+            nodes[number]["children"].append(len(nodes))
+            nodes.append({"mesh": len(parts)})
+            parts.append({"primitives": [primitive], "extras": {"name": name}})
+            vertices += document["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        check_count(vertices, MOST_VERTICES, "vertices")
+        check_count(len(parts), MOST_PARTS, "parts")
+    return roots[::-1], nodes, parts
 
 
 def _bytes_of(path: Path, uri: str, place: str) -> bytes:

@@ -149,8 +149,9 @@ def _numbers(elements: list[_Element], text: bytes) -> bytes:
             width = 0 if lists else len(element.properties)
             for given in element.properties if lists else ():
                 width += 1 + (int(row[width]) if given.count_kind and width < len(row) else 0)
-            if width > len(row):
-                message = f"ends in row {number + 1:,} of {element.count:,} of {element.name}; get the whole file"
+            if width > len(row) or (width < len(row) and not lists):
+                message = f"has {len(row)} numbers in row {number + 1:,} of {element.count:,} of {element.name}, "
+                message += f"not {width}; get the whole file"
                 raise MeshError(message)
             found.append(row[:width].tobytes())
     return b"".join(found)
@@ -203,7 +204,8 @@ def _lists(
             begin, count = at, 1
             if code:
                 begin += code.size
-                count = int(code.unpack_from(rows, at)[0]) if begin <= len(rows) else -1
+                given_count = code.unpack_from(rows, at)[0] if begin <= len(rows) else -1
+                count = int(given_count) if given_count == int(given_count) else -1
             at = begin + count * width
             if count < 0 or at > len(rows):
                 message = f"ends in row {number + 1:,} of {element.count:,} of {element.name}; get the whole file"
