@@ -180,6 +180,13 @@ def test_a_glb_of_what_the_library_passes_over_is_refused(primitive, position, m
         read(path)
 
 
+def test_no_primitive_of_many_is_lost(tmp_path):
+    """Of so many the library loses some, whose random names are the same."""
+    one = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 5}
+    path = write_gltf(tmp_path / "a.glb", [{"mesh": 0}], {}, meshes=[{"primitives": [one] * 4000}])
+    assert len(read(path)) == 4000
+
+
 def test_cameras_pictures_and_more_of_a_glb_change_no_place(tmp_path):
     """The library would open the picture, and lose the place of a node with a camera."""
     nodes = [{"camera": 0, "translation": [10, 0, 0], "children": [1]}, {"mesh": 0, "extensions": {"X": {}}}]

@@ -1,6 +1,7 @@
 """Triangles of mesh files as trimesh reads them: as they are, with nothing merged, and from the bytes given alone."""
 
 import io
+import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -31,15 +32,18 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
     import trimesh
 
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(data),
-            file_type=kind,
-            resolver=dict(beside or {}),  # whatever is not in it cannot be opened
-            allow_remote=False,
-            process=False,
-            **({"skip_materials": True, "fix_texture": False} if kind == "ply" else {}),
-        )
-        return tuple(_parts(scene))
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", module=r"trimesh\.")
+            warnings.simplefilter("ignore", RuntimeWarning)  # vertices that are no places are found later
+            scene = trimesh.load_scene(
+                io.BytesIO(data),
+                file_type=kind,
+                resolver=dict(beside or {}),  # whatever is not in it cannot be opened
+                allow_remote=False,
+                process=False,
+                **({"skip_materials": True, "fix_texture": False} if kind == "ply" else {}),
+            )
+            return tuple(_parts(scene))
     except MeshError:
         raise
     except Exception as error:  # trimesh raises whatever it meets

@@ -8,7 +8,7 @@ from sionna_radar.scene.mesh_files.part import MOST_FACES, MOST_TEXT_BYTES, Mesh
 
 HEADER_BYTES, FACET_BYTES = 84, 50
 SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
-VERTEX = re.compile(rb"^[ \t]*vertex\b", re.MULTILINE | re.IGNORECASE)
+VERTEX = re.compile(rb"^[ \t]*vertex(?:[ \t]+[^ \t\r\n]+){3}[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(path: Path) -> tuple[MeshPart, ...]:
@@ -29,11 +29,11 @@ def read_stl(path: Path) -> tuple[MeshPart, ...]:
         data = head + file.read()
     if text:
         data = data.decode("ascii", "replace").encode("utf-8")
-        count = len(VERTEX.findall(data)) // 3
+        count = sum(1 for _ in VERTEX.finditer(data)) // 3
         check_count(count, MOST_FACES, "triangles")
     parts = read_by_trimesh(data, "stl")
     found = sum(len(part.faces) for part in parts)
-    if found != count:  # trimesh passes over a solid that does not end
+    if found != count:  # trimesh passes over a solid that does not end, and takes a vertex of two or four numbers
         message = f"has {count:,} triangles, of which {found:,} are whole; get the whole file"
         raise MeshError(message)
     return tuple(MeshPart(name="", vertices=part.vertices, faces=part.faces) for part in parts)
