@@ -161,6 +161,63 @@ def test_a_glb_that_is_none_says_where(nodes, more, message, tmp_path):
         read(write_gltf(tmp_path / "a.glb", nodes, {}, **more))
 
 
+@pytest.mark.parametrize(
+    ("primitive", "position", "message"),
+    [
+        ({"mode": 6}, {}, r"a fan of triangles in meshes\[0\]"),
+        ({}, {"sparse": {"count": 1}}, r"accessors\[0\] that is sparse"),
+        ({}, {"normalized": True, "componentType": 5123}, r"accessors\[0\] that is sparse, normalized"),
+    ],
+)
+def test_a_glb_of_what_the_library_passes_over_is_refused(primitive, position, message, tmp_path):
+    path = write_gltf(tmp_path / "a.glb", [{"mesh": 0}], primitive)
+    data = path.read_bytes()
+    size = int.from_bytes(data[12:16], "little")
+    document = json.loads(data[20 : 20 + size])
+    document["accessors"][0] |= position
+    write_gltf(path, [{"mesh": 0}], primitive, accessors=document["accessors"])
+    with pytest.raises(InputFileError, match=message):
+        read(path)
+
+
+def test_no_primitive_of_many_is_lost(tmp_path):
+    """Of so many the library loses some, whose random names are the same."""
+    one = {"attributes": {"POSITION": 0}, "indices": 1, "mode": 5}
+    path = write_gltf(tmp_path / "a.glb", [{"mesh": 0}], {}, meshes=[{"primitives": [one] * 4000}])
+    assert len(read(path)) == 4000
+
+
+def test_cameras_pictures_and_more_of_a_glb_change_no_place(tmp_path):
+    """The library would open the picture, and lose the place of a node with a camera."""
+    nodes = [{"camera": 0, "translation": [10, 0, 0], "children": [1]}, {"mesh": 0, "extensions": {"X": {}}}]
+    more = {
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}],
+        "materials": [{"name": "tin", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+    }
+    (part,) = read(write_gltf(tmp_path / "a.glb", nodes, {"mode": 5, "material": 0}, **more))
+    assert (part.name, part.vertices[:, 0].min()) == ("tin", pytest.approx(10.0))
+
+
+def test_text_keeps_the_digits_that_float32_has_not(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "utm.ply").write_text(
+        f"{head}500000.123 5000000.123 1\n500001 5000000 1\n500001 5000001 1\n3 0 1 2 9 9\n"
+    )
+    (part,) = read(tmp_path / "utm.ply")
+    assert part.vertices[0].tolist() == [500000.123, 5000000.123, 1.0]
+
+
+def test_a_solid_of_text_that_does_not_end_is_missed(tmp_path):
+    text = BOX.export(file_type="stl_ascii")
+    (tmp_path / "two.stl").write_text(f"{text}\n{text[: len(text) // 2]}")
+    with pytest.raises(InputFileError, match="of which 12 are whole"):
+        read(tmp_path / "two.stl")
+    (tmp_path / "two.stl").write_bytes(f"{text}\n{text}".replace("solid", "SOLID größe").encode("latin-1"))
+    assert sum(len(part.faces) for part in read(tmp_path / "two.stl")) == 24
+
+
 SCENE = """<scene version="2.1.0">
   <default name="spp" value="16"/>
   <bsdf type="twosided" id="mat-itu_brick"><bsdf type="diffuse"/></bsdf>

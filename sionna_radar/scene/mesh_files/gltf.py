@@ -1,4 +1,7 @@
-"""glTF 2.0 scenes, binary (GLB) and text; of everything in them only nodes, triangles and names of materials are read.
+"""glTF 2.0 scenes, binary (GLB) and text: read by trimesh, which is given nodes, triangles and names of materials only.
+
+It reads every accessor there is, so each is held against the bytes of its buffer before, and ends no circle of nodes.
+What it passes over without a word is refused: fans, `normalized` and sparse accessors, and nodes below two others.
 
 Source: Khronos Group 2021, "glTF 2.0 Specification".
 """
@@ -9,11 +12,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
-
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.scene.mesh_files.by_trimesh import read_by_trimesh
 from sionna_radar.scene.mesh_files.part import (
     MOST_BYTES,
     MOST_FACES,
@@ -25,12 +25,13 @@ from sionna_radar.scene.mesh_files.part import (
     beside,
     check_count,
 )
-from sionna_radar.scene.mesh_files.polygons import check_indices
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", b"JSON", b"BIN\0"
 DEEPEST_NODES = 100
-COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+# Accessors may share bytes: in sum they may be so many times those there are, and a few more.
+MOST_REUSE, SMALL_BYTES = 10, 1_000_000
+COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6
 # Extensions that the places of triangles depend on; those of materials, textures and lights do not matter here.
 PLACES_CHANGED_BY = (
@@ -49,7 +50,27 @@ def read_gltf(path: Path) -> tuple[MeshPart, ...]:
     if changed:
         message = f"uses {', '.join(changed)}; export it without compression and without instances"
         raise MeshError(message)
-    return _Scene(path, document, binary).parts()
+    buffers: dict[str, bytes] = {}
+    total = 0
+    for number, buffer in enumerate(document.get("buffers", [])):
+        uri = buffer.get("uri")
+        buffers[f"{number}"] = binary if uri is None else _bytes_of(path, str(uri), f"buffers[{number}]")
+        total += len(buffers[f"{number}"])
+        check_count(total, MOST_BYTES, "bytes in its buffers")
+    _check_accessors(document, [len(data) for data in buffers.values()])
+    meshes = _meshes(document)
+    roots, nodes, shown_meshes = _tree(document, meshes)
+    reduced = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": roots}],
+        "nodes": nodes,
+        "meshes": shown_meshes,
+        "materials": [{"name": str(m.get("name") or "")} for m in document.get("materials", [])],
+        "accessors": document["accessors"],
+        "bufferViews": document["bufferViews"],
+        "buffers": [{"uri": name} for name in buffers],
+    }
+    return read_by_trimesh(json.dumps(reduced).encode(), "gltf", buffers)
 
 
 def _document(path: Path) -> tuple[dict[str, Any], bytes]:
@@ -89,155 +110,126 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
     return document, binary
 
 
-class _Scene:
-    """The nodes of a document, walked from the roots of its scene."""
+def _entry(document: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
+    entries = document.get(kind)
+    if not isinstance(entries, list) or not isinstance(number, int) or not 0 <= number < len(entries):
+        message = f"refers to {kind}[{shown(number)}], which it does not have; export it again"
+        raise MeshError(message)
+    return dict(entries[number])
 
-    def __init__(self, path: Path, document: dict[str, Any], binary: bytes) -> None:
-        self._path, self._document, self._binary = path, document, binary
-        self._buffers: dict[int, bytes] = {}
-        self._vertices = self._faces = 0
 
-    def parts(self) -> tuple[MeshPart, ...]:
-        found: list[MeshPart] = []
-        waiting = [(root, np.eye(4), 0) for root in reversed(self._roots())]
-        visited = 0
-        while waiting:
-            number, outer, depth = waiting.pop()
-            visited += 1
-            check_count(visited, MOST_PARTS, "nodes")
-            if depth > DEEPEST_NODES:
-                message = f"nests its nodes more than {DEEPEST_NODES} deep, or in a circle; export it again"
+def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
+    """Refuse accessors and views of more than the bytes there are, or of far more in sum."""
+    views = document.setdefault("bufferViews", [])
+    total = 0
+    for number, accessor in enumerate(document.setdefault("accessors", [])):
+        count, start, where = accessor["count"], accessor.get("byteOffset", 0), f"accessors[{number}]"
+        row = WIDTHS[accessor["type"]] * COMPONENT_BYTES[accessor["componentType"]]
+        if not (_is_count(count) and _is_count(start)):
+            message = f"has {where} with a place or a count that is no number of bytes or rows; export it again"
+            raise MeshError(message)
+        check_count(count, 3 * MOST_FACES, f"rows in {where}")
+        total += count * row
+        if "bufferView" not in accessor:
+            continue
+        view = _entry(document, "bufferViews", accessor["bufferView"])
+        step, length = view.get("byteStride", row), view["byteLength"]
+        if not _is_count(step) or step < row or start + (count - 1) * step + row > length:
+            message = f"has {where} of {count:,} rows, beyond the {length:,} bytes of its view; get the whole file"
+            raise MeshError(message)
+    for number, view in enumerate(views):
+        have, length = sizes[view["buffer"]], view["byteLength"]
+        if (
+            not _is_count(length)
+            or not _is_count(view.get("byteOffset", 0))
+            or view.get("byteOffset", 0) + length > have
+        ):
+            message = f"has bufferViews[{number}], beyond the {have:,} bytes of its buffer; get the whole file"
+            raise MeshError(message)
+        total += length
+    check_count(total, MOST_REUSE * sum(sizes) + SMALL_BYTES, "bytes in its accessors and their views")
+
+
+def _meshes(document: dict[str, Any]) -> list[list[dict[str, Any]]]:
+    """Return the primitives of each mesh that are triangles, and of them what makes a place; refuse others."""
+    found = []
+    for number, mesh in enumerate(document.get("meshes", [])):
+        found.append([p for p in mesh["primitives"] if p.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN)])
+        if any(p.get("mode") == FAN for p in found[-1]):
+            message = f"has a fan of triangles in meshes[{number}]; export it as plain triangles"
+            raise MeshError(message)
+        found[-1] = [
+            {"attributes": {"POSITION": p["attributes"]["POSITION"]}}
+            | {key: p[key] for key in ("indices", "material", "mode") if key in p}
+            for p in found[-1]
+            if "POSITION" in p["attributes"]
+        ]
+        used = [(p["attributes"]["POSITION"], "VEC3") for p in found[-1]]
+        for accessor, kind in (*used, *((p["indices"], "SCALAR") for p in found[-1] if "indices" in p)):
+            rows = _entry(document, "accessors", accessor)
+            if rows["type"] != kind or "sparse" in rows or "bufferView" not in rows or rows.get("normalized"):
+                message = f"has accessors[{accessor}] that is sparse, normalized or no {kind}; export plain numbers"
                 raise MeshError(message)
-            node = self._entry("nodes", number)
-            place = outer @ _matrix_of(node)
-            if node.get("mesh") is not None:
-                found += self._primitives(node["mesh"], place, str(node.get("name") or ""))
-            waiting += [(child, place, depth + 1) for child in reversed(node.get("children", []))]
-        if not found:
-            message = "has no triangles; give a mesh of triangles"
-            raise MeshError(message)
-        return tuple(found)
+    return found
 
-    def _roots(self) -> list[int]:
-        scenes = self._document.get("scenes") or []
-        if scenes:
-            return list(self._entry("scenes", self._document.get("scene") or 0).get("nodes", []))
-        nodes = self._document.get("nodes", [])
-        children = {child for node in nodes for child in node.get("children", [])}
-        return [number for number in range(len(nodes)) if number not in children]
 
-    def _entry(self, kind: str, number: Any) -> dict[str, Any]:
-        entries = self._document.get(kind)
-        if not isinstance(entries, list) or not isinstance(number, int) or not 0 <= number < len(entries):
-            message = f"refers to {kind}[{shown(number)}], which it does not have; export it again"
-            raise MeshError(message)
-        entry = entries[number]
-        if not isinstance(entry, dict):
-            message = f"has {kind}[{number}] that is no object of JSON; export it again"
-            raise MeshError(message)
-        return entry
+def _tree(
+    document: dict[str, Any], meshes: list[list[dict[str, Any]]]
+) -> tuple[list[int], list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return roots, nodes and meshes: each primitive of a node's mesh is a mesh of its own, of a node below that one.
 
-    def _primitives(self, mesh: Any, place: Float[np.ndarray, "4 4"], node: str) -> list[MeshPart]:
-        parts = []
-        described = self._entry("meshes", mesh)
-        for primitive in described.get("primitives", []):
-            mode = primitive.get("mode", TRIANGLES)
-            if mode not in (TRIANGLES, STRIP, FAN) or "POSITION" not in primitive.get("attributes", {}):
-                continue  # points and lines
-            own = self._array(primitive["attributes"]["POSITION"], 3).astype(np.float64)
-            indices = primitive.get("indices")
-            index = np.arange(len(own)) if indices is None else self._array(indices, 1).astype(np.int64).ravel()
-            check_indices(index, len(own))
-            faces = _faces_of(index, mode)
-            self._vertices, self._faces = self._vertices + len(own), self._faces + len(faces)
-            check_count(self._vertices, MOST_VERTICES, "vertices")
-            check_count(self._faces, MOST_FACES, "triangles")
-            number = primitive.get("material")
-            material = "" if number is None else str(self._entry("materials", number).get("name") or "")
-            if np.linalg.det(place[:3, :3]) < 0:  # a mirrored copy
-                faces = faces[:, ::-1]
-            with np.errstate(invalid="ignore", over="ignore"):  # vertices that are no places are found later
-                vertices = own @ place[:3, :3].T + place[:3, 3]
-            name = material or str(described.get("name") or node)
-            parts.append(MeshPart(name=name, vertices=vertices, faces=faces))
-        return parts
+    For trimesh calls the primitives of one mesh by random numbers of six digits, and loses those called the same. It
+    takes the last child first, so that children stand here in reverse.
+    """
+    source = document.get("nodes", [])
+    below = {child for node in source for child in node.get("children", [])}
+    roots = [number for number in range(len(source)) if number not in below]
+    if document.get("scenes"):
+        roots = _entry(document, "scenes", document.get("scene", 0)).get("nodes", [])
+    nodes: list[dict[str, Any]] = [{} for _ in source]
+    parts: list[dict[str, Any]] = []
+    waiting, seen, vertices = [(root, 0) for root in reversed(roots)], set(), 0
+    while waiting:
+        number, depth = waiting.pop()
+        node = _entry(document, "nodes", number)
+        if number in seen or depth > DEEPEST_NODES:
+            message = f"nests its nodes more than {DEEPEST_NODES} deep, twice, or in a circle; export it again"
+            raise MeshError(message)
+        seen.add(number)
+        children = node.get("children", [])
+        waiting += [(child, depth + 1) for child in reversed(children)]
+        places = ("matrix",) if "matrix" in node else ("translation", "rotation", "scale")
+        nodes[number] = {key: node[key] for key in places if key in node} | {"children": children[::-1]}
+        if node.get("mesh") is None:
+            continue
+        name = str(_entry(document, "meshes", node["mesh"]).get("name") or node.get("name") or "")
+        for primitive in reversed(meshes[node["mesh"]]):
+            nodes[number]["children"].append(len(nodes))
+            nodes.append({"mesh": len(parts)})
+            parts.append({"primitives": [primitive], "extras": {"name": name}})
+            vertices += document["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        check_count(vertices, MOST_VERTICES, "vertices")
+        check_count(len(parts), MOST_PARTS, "parts")
+    return roots[::-1], nodes, parts
 
-    def _array(self, number: Any, width: int) -> np.ndarray:
-        """Return the values of an accessor, one row each."""
-        accessor = self._entry("accessors", number)
-        kind, count, where = accessor.get("componentType"), accessor.get("count", 0), f"accessors[{number}]"
-        if kind not in COMPONENTS or WIDTHS.get(accessor.get("type", "")) != width or not _is_count(count):
-            message = f"has {where} that is not {width} number(s) a row; export it again"
-            raise MeshError(message)
-        if "sparse" in accessor or accessor.get("bufferView") is None:
-            message = f"has {where} without all its values in one place; export it without sparse accessors"
-            raise MeshError(message)
-        check_count(count, MOST_VERTICES if width == 3 else 3 * MOST_FACES, f"rows in {where}")
-        view = self._entry("bufferViews", accessor["bufferView"])
-        data = self._buffer(view.get("buffer"))
-        item = np.dtype(COMPONENTS[kind])
-        start, step = view.get("byteOffset", 0), view.get("byteStride") or item.itemsize * width
-        offset, length = accessor.get("byteOffset", 0), view.get("byteLength", 0)
-        needed = offset + (count - 1) * step + item.itemsize * width if count else 0
-        if not all(_is_count(n) for n in (start, step, offset, length)) or step < item.itemsize * width:
-            message = f"has {where} with a place that is no number of bytes; export it again"
-            raise MeshError(message)
-        if needed > length or start + length > len(data):
-            message = f"has {where} of {count:,} rows, beyond the {len(data):,} bytes of its buffer; get the whole file"
-            raise MeshError(message)
-        rows = np.ndarray((count, width), item, data, start + offset, (step, item.itemsize))
-        if accessor.get("normalized") and item.kind in "iu":
-            return np.maximum(rows / float(np.iinfo(item).max), -1.0)
-        return rows
 
-    def _buffer(self, number: Any) -> bytes:
-        described = self._entry("buffers", number)
-        if number not in self._buffers:
-            uri = described.get("uri")
-            self._buffers[number] = self._binary if uri is None else self._read(str(uri), f"buffers[{number}]")
-        return self._buffers[number]
+def _bytes_of(path: Path, uri: str, place: str) -> bytes:
+    """Return the bytes that a URI stands for: its own, or a file of the same folder."""
+    from urllib.parse import unquote
 
-    def _read(self, uri: str, place: str) -> bytes:
-        """Return the bytes that a URI stands for: its own, or a file of the same folder."""
-        from urllib.parse import unquote
-
-        if uri.startswith("data:"):
-            head, comma, text = uri.partition(",")
-            try:
-                return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
-            except (binascii.Error, ValueError) as error:
-                message = f"has data in {place} that is not base64; export it again"
-                raise MeshError(message) from error
-        found = beside(self._path, unquote(uri), place)
-        if not found.is_file() or found.stat().st_size > MOST_BYTES:
-            message = f"{place} names {shown(uri)}, no file of at most {MOST_BYTES:,} bytes beside it; put it there"
-            raise MeshError(message)
-        return found.read_bytes()
+    if uri.startswith("data:"):
+        head, comma, text = uri.partition(",")
+        try:
+            return base64.b64decode(text, validate=True) if comma and head.endswith(";base64") else b""
+        except (binascii.Error, ValueError) as error:
+            message = f"has data in {place} that is not base64; export it again"
+            raise MeshError(message) from error
+    found = beside(path, unquote(uri), place)
+    if not found.is_file() or found.stat().st_size > MOST_BYTES:
+        message = f"{place} names {shown(uri)}, no file of at most {MOST_BYTES:,} bytes beside it; put it there"
+        raise MeshError(message)
+    return found.read_bytes()
 
 
 def _is_count(number: Any) -> bool:
     return isinstance(number, int) and not isinstance(number, bool) and 0 <= number < 2**40
-
-
-def _matrix_of(node: dict[str, Any]) -> Float[np.ndarray, "4 4"]:
-    """Return the transform of a node: its matrix, by columns, or its translation, rotation and scale."""
-    if "matrix" in node:
-        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    place = np.eye(4)
-    turn = np.array(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), dtype=np.float64)
-    scale = np.array(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64).reshape(3)
-    place[:3, :3] = Rotation.from_quat(turn).as_matrix() * scale
-    place[:3, 3] = np.array(node.get("translation", (0.0, 0.0, 0.0)), dtype=np.float64).reshape(3)
-    return place
-
-
-def _faces_of(index: Int[np.ndarray, " n"], mode: int) -> Int[np.ndarray, "face 3"]:
-    if mode == TRIANGLES:
-        return index[: len(index) // 3 * 3].reshape(-1, 3)
-    if len(index) < 3:
-        return np.zeros((0, 3), dtype=np.int64)
-    if mode == FAN:
-        return np.column_stack([np.full(len(index) - 2, index[0]), index[1:-1], index[2:]])
-    strip = np.column_stack([index[:-2], index[1:-1], index[2:]])
-    strip[1::2] = strip[1::2, [1, 0, 2]]
-    return strip

@@ -1,4 +1,4 @@
-"""Splitting the polygons of a mesh file into triangles."""
+"""Splitting the polygons of a mesh file into triangles, also concave ones, which trimesh splits as fans."""
 
 import numpy as np
 from jaxtyping import Float, Int
