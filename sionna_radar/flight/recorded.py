@@ -230,6 +230,11 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
     assert platform.log is not None
     log = read_log(platform.log, KEY)
     last_s = float(np.nanmax(log.positions.time_s))
+    if last_s <= 0:
+        message = (
+            f"{KEY} = {shown(platform.log)}: its clock does not advance: no position is later than the first; sort it"
+        )
+        raise InputFileError(message)
     if platform.log_start_s >= last_s:
         message = f"{platform.log_start_s:g} is behind the end of the log, at {last_s:.1f} s; lower it"
         raise ScenarioError([Problem("platform.log_start_s", message)])

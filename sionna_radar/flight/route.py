@@ -120,11 +120,13 @@ class PlannedRoute:
         outside = np.isnan(ground_m(along))
         if outside.any():
             x, y = along[outside][0]
-            message = (
-                f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; move platform.start_m, shorten "
-                "platform.length_m, or enlarge the terrain"
-            )
-            raise ScenarioError([Problem("platform.start_m", message)])
+            key, remedy = "start_m", "move platform.start_m, shorten platform.length_m"
+            if self.platform.lines is not None:
+                key, remedy = "lines", "move lines.centre_m, shorten lines.length_m, turn more tightly (bank_deg)"
+            elif self.platform.waypoints_m:
+                key, remedy = "waypoints_m", "move the points, turn more tightly (bank_deg)"
+            message = f"the track has no ground under it at ({x:.1f}, {y:.1f}) m; {remedy}, or enlarge the terrain"
+            raise ScenarioError([Problem(f"platform.{key}", message)])
 
 
 def plan_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Route:

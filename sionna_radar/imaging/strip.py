@@ -109,7 +109,7 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
     if strip.length_m <= 2 * margin:
         message = (
             f"the radar transmits over {strip.length_m:.1f} m, less than the beam length of {2 * margin:.1f} m at "
-            f"the far edge of the strip; raise it above {2 * margin:.1f}, or narrow radar.antenna.beamwidth_deg"
+            f"the far edge of the strip; raise it above {2 * margin:.1f}, or narrow the antenna's beam"
         )
         raise ScenarioError([Problem("platform.length_m", message)])
     flattest = float(np.arctan2(strip.far_m, strip.clearance_m))

@@ -123,4 +123,7 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
         message = f"{name}: has no element; {REMEDY}"
         raise InputFileError(message)
     left, up, amplitude_db, phase_deg = np.array(found).T
+    if len(np.unique(np.round(np.column_stack([left, up]), 3), axis=0)) < len(left):
+        message = f"{name}: has several elements at one place; give each its own, in wavelengths"
+        raise InputFileError(message)
     return np.column_stack([left, up]), 10 ** (amplitude_db / 20) * np.exp(1j * np.deg2rad(phase_deg))

@@ -42,6 +42,9 @@ MEANINGLESS_BESIDE: dict[tuple[str, object], tuple[str, ...]] = {
 }
 
 
+# Keys that say by themselves which antenna is meant.
+IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
+
 # Keys that select what their table holds.
 TAGS = {
     "terrain.kind": TERRAINS,
@@ -172,7 +175,8 @@ def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     for (key, value), meaningless in MEANINGLESS_BESIDE.items():
         if key in overrides and overrides[key] == value:
             _drop(data, overrides, meaningless)
-    for key, value in overrides.items():
+    antennas = [kind for own, kind in IMPLIED_ANTENNAS.items() if f"radar.antenna.{own}" in overrides]
+    for key, value in [*(("radar.antenna.kind", kind) for kind in antennas), *overrides.items()]:
         known = _keys_beside(key, value)
         table = _at(data, key.rpartition(".")[0])
         if known and isinstance(table, dict):

@@ -119,10 +119,24 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
         tagged = [t for t in tables if part in _tags(t)]
         tables = [t for allowed in fields for t in allowed] if fields else tagged or tables
     here = ".".join(map(str, error["loc"]))
+    owners = [t for t in tables if last in t.model_fields and _tag_values(t)]
+    if owners:  # of another part that may stand in the same place
+        names = " or ".join(repr(value) for table in owners for value in _tag_values(table))
+        return f" It belongs to {_tag_of(owners[0])} = {names}."
     elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last and key != here]
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
     return nearest(str(last), [name for table in tables for name in table.model_fields])
+
+
+def _tag_of(table: type[BaseModel]) -> str:
+    return "kind" if "kind" in table.model_fields else "mode"
+
+
+def _tag_values(table: type[BaseModel]) -> tuple[Any, ...]:
+    """Return the names by which a scenario selects a table of parameters."""
+    field = table.model_fields.get("kind") or table.model_fields.get("mode")
+    return get_args(field.annotation) if field else ()
 
 
 def _tags(table: type[BaseModel]) -> tuple[Any, ...]:

@@ -12,6 +12,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import AntennaParameters, ScanParameters
 from sionna_radar.scenario.choice import ChosenBy
+from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.problems import nearest
@@ -169,10 +170,6 @@ class ReceiverTable(Table):
         return self
 
 
-# Keys that say by themselves which antenna is meant.
-IMPLIED_ANTENNAS = {"pattern": "pattern", "elements": "array"}
-
-
 def _published(name: str) -> str:
     if name not in PRESETS:
         raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
@@ -211,6 +208,13 @@ class RadarTable(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> RadarTable:
+        scan = self.scan
+        if isinstance(scan, ElectronicScanTable) and scan.beams * scan.scans_per_s > self.chirp_rate_hz * (1 + 1e-9):
+            raise refuse(
+                "scan.scans_per_s",
+                f"{scan.beams} beams {scan.scans_per_s:g} times a second are more than {self.chirp_rate_hz:g} chirps, "
+                f"so that some get none; lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
+            )
         if self.bandwidth_hz >= 0.5 * self.carrier_hz:
             raise refuse(
                 "bandwidth_hz",

@@ -85,7 +85,10 @@ def build_footprints(
     tall = (height >= LOWEST_M) & (height <= HIGHEST_M)
     _tell(found, tall, np.isfinite(base), name)
     if not tall.any():
-        message = f"{name}: none of its {len(shape):,} outlines has a height; give height_m, or the attribute with it"
+        message = (
+            f"{name}: none of its {len(shape):,} outlines has a height from {LOWEST_M:g} to {HIGHEST_M:g} m; give "
+            "height_m in metres, or the attribute with it"
+        )
         raise InputFileError(message)
     keep = tall & np.isfinite(base)
     if not keep.any():

@@ -20,6 +20,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.scenario.terrain import FlatTerrain
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.survey.limits import MOST_CHIRPS
@@ -184,7 +185,9 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
         "waypoints_m": [list(point) for point in plan.waypoints_m],
     }
     data["radar"] |= {"chirp_rate_hz": plan.chirp_rate_hz, "samples_per_chirp": plan.samples_per_chirp}
-    data["radar"]["scan"] |= {
+    # Keys of another scan mean nothing to the one that is planned.
+    kept = {key: value for key, value in data["radar"]["scan"].items() if key in ScanTable.model_fields}
+    data["radar"]["scan"] = kept | {
         "mode": "whisk_broom",
         "incidence_deg": math.degrees(plan.incidence_rad),
         "half_swath_deg": math.degrees(plan.half_swath_rad),

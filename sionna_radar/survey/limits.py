@@ -151,7 +151,7 @@ def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
         return None
     message = (
         f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than {MOST_PATHS_PER_PULSE:,}; "
-        f"lower it to {0.99 * MOST_PATHS_PER_PULSE / area_m2:.3g}, or narrow radar.antenna.beamwidth_deg"
+        f"lower it to {0.99 * MOST_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's beam"
     )
     return Problem("tracing.scatterers_per_m2", message)
 

@@ -142,6 +142,8 @@ def test_points_too_far_apart_make_no_surface(cloud, tmp_path):
 
 
 def test_bad_clouds(cloud, file, tmp_path):
+    with pytest.raises(ScenarioError, match=r"terrain.crs: 'WGS 84' does not contain the cloud's middle"):
+        map_frame(PointsTerrain(path=file, crs="EPSG:4326"))
     unclassified = write(tmp_path / "one.las", cloud, classification=np.ones(POINTS, dtype=np.uint8))
     with pytest.raises(ScenarioError, match=r"terrain.points: no point chosen .* set points = 'first'"):
         load_ground(PointsTerrain(path=unclassified, points="ground"), WINDOW)

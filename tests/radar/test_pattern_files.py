@@ -172,3 +172,39 @@ def test_a_pattern_s_path_is_relative_to_its_scenario(tmp_path):
     )
     (tmp_path / "a.csv").write_text("", encoding="utf-8")
     assert load_scenario(tmp_path / "a.toml").radar.antenna.pattern == tmp_path / "a.csv"
+
+
+def test_a_scene_s_own_antenna_gives_way_to_the_one_that_a_key_means(lopsided, tmp_path):
+    name, write = WRITERS["CSV of cuts"]
+    path = write(lopsided, tmp_path / name)
+    assert load_scenario("hills", {"radar.antenna.pattern": str(path)}).radar.antenna.kind == "pattern"
+    array = {"radar.antenna.elements": [16, 16], "radar.scan.mode": "electronic", "radar.scan.scans_per_s": 8.0}
+    assert load_scenario("hills", array).radar.antenna.kind == "array"
+    with pytest.raises(ScenarioError, match=r"radar.antenna.beamwidth_deg: .* It belongs to kind = 'taylor'"):
+        load_scenario("hills", {"radar.antenna": {"pattern": str(path), "beamwidth_deg": 2.0}})
+
+
+def test_more_beams_than_chirps_are_refused():
+    scan = {"mode": "electronic", "beams": 41, "scans_per_s": 10.0}
+    with pytest.raises(ScenarioError, match=r"scan.scans_per_s: 41 beams 10 times a second .* lower it to 8.78"):
+        RadarTable(snr_db=30.0, scan=scan)
+
+
+def test_a_file_in_radians_or_of_absurd_levels_is_said(tmp_path, caplog):
+    angle = np.linspace(-np.pi, np.pi, 301)
+    rows = np.column_stack([angle, -12 * angle**2, -12 * angle**2])
+    path = tmp_path / "radians.csv"
+    np.savetxt(path, rows, "%.6f", ",", header="angle_deg,azimuth_db,elevation_db", comments="")
+    with caplog.at_level("WARNING", "sionna_radar"):
+        read_pattern(path, "radar.antenna.pattern")
+    assert "covers 3.14 deg around boresight" in caplog.text
+    path.write_text("theta_deg,phi_deg,gain_db\n0,0,1e6\n0,90,1e6\n90,0,0\n90,90,0\n", encoding="utf-8")
+    with pytest.raises(InputFileError, match=r"highest level is .* dB, beyond 300"):
+        read_pattern(path, "radar.antenna.pattern")
+
+
+def test_two_elements_at_one_place_are_refused(tmp_path):
+    path = tmp_path / "elements.csv"
+    path.write_text("left_wavelengths,up_wavelengths\n0,0\n0.5,0\n0,0\n", encoding="utf-8")
+    with pytest.raises(InputFileError, match="several elements at one place"):
+        read_elements(path)

@@ -10,9 +10,18 @@ from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, directi
 
 # Below every side lobe that a measurement can tell from its noise; a null of minus infinity becomes this.
 FLOOR_DB = -150.0
+HIGHEST_DB = 300.0
 # Between the samples of a file: so many more, by a shape-preserving cubic in decibels.
 FINER = 4
 COARSEST_RAD, FINEST_RAD, FINEST_CUT_RAD = np.deg2rad([0.5, 0.05, 0.005])
+
+
+def check_levels(power_db: Float[np.ndarray, " n"]) -> None:
+    """Raise ValueError for levels that no antenna has."""
+    highest = float(power_db.max())
+    if not -HIGHEST_DB <= highest <= HIGHEST_DB:
+        message = f"its highest level is {highest:g} dB, beyond {HIGHEST_DB:g}; give dBi or relative decibels"
+        raise ValueError(message)
 
 
 @dataclass(frozen=True)
@@ -28,6 +37,14 @@ class PatternCuts:
     elevation_deg: Float[np.ndarray, " m"]
     elevation_db: Float[np.ndarray, " m"]
     turnable: bool = False
+
+    def __post_init__(self) -> None:
+        check_levels(np.concatenate([self.azimuth_db, self.elevation_db]))
+
+    @property
+    def reach_deg(self) -> float:
+        """Angle from boresight that is covered on every side."""
+        return float(min(-self.azimuth_deg[0], self.azimuth_deg[-1], -self.elevation_deg[0], self.elevation_deg[-1]))
 
     def pattern(self, boresight: str = "z") -> ProductPattern:
         """Return the product of the cuts, without any radiation where a cut has not been measured.
@@ -56,6 +73,11 @@ class PatternGrid:
     theta_deg: Float[np.ndarray, " theta"]
     phi_deg: Float[np.ndarray, " phi"]
     power_db: Float[np.ndarray, "theta phi"]
+
+    @property
+    def reach_deg(self) -> float:
+        """Largest angle from the z axis that is covered."""
+        return float(self.theta_deg[-1])
 
     def pattern(self, boresight: str) -> SphericalPattern:
         """Return the pattern, without any radiation where it has not been measured.

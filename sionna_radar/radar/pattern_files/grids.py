@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.radar.pattern_files.contents import FLOOR_DB, PatternGrid
+from sionna_radar.radar.pattern_files.contents import FLOOR_DB, PatternGrid, check_levels
 
 # Angles in files are rounded; closer ones are the same.
 SAME_DEG = 1e-4
@@ -25,6 +25,7 @@ def grid_of(
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
         message = "theta beyond 180 deg or phi beyond 720 deg; give angles in degrees"
         raise ValueError(message)
+    check_levels(power_db)
     theta, phi = np.abs(theta_deg), np.where(theta_deg < 0, phi_deg + 180, phi_deg) % 360
     phi[360 - phi < SAME_DEG] = 0.0
     thetas, row = _levels(theta)

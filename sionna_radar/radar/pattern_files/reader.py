@@ -24,6 +24,8 @@ MOST_BYTES = 200_000_000
 REMEDY = "give a CSV of cuts or of a grid, an MSI/PLN file, or a far field of HFSS (.csv, .ffd) or CST (.txt, .ffs)"
 # A beam farther from the axis has its half-power width elsewhere: the file's axes are not those expected.
 LEAST_ON_AXIS_DB, WARNED_ON_AXIS_DB = -3.0, -0.5
+# Of a measurement that leaves out less than it shows.
+LEAST_REACH_DEG = 60.0
 FORMATS = (
     (is_cst_source, read_cst_source),
     (is_cst_table, read_cst_table),
@@ -57,6 +59,14 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     except ValueError as error:
         message = f"{key} = {shown(path)}: {error}"
         raise InputFileError(message) from error
+    reach_deg = contents.reach_deg
+    if reach_deg < LEAST_REACH_DEG:
+        logger.warning(
+            "%s: covers %.3g deg around boresight; nothing is sent beyond, and the directivity counts what is there "
+            "(angles are in degrees)",
+            key,
+            reach_deg,
+        )
     on_axis_db = axis_gain_db(pattern)
     if on_axis_db < LEAST_ON_AXIS_DB:
         message = (

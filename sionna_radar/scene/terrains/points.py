@@ -98,7 +98,8 @@ def _frame(crs: CRS, middle: tuple[float, float], terrain: PointsTerrain) -> Map
     else:
         lons, lats = reproject(crs, CRS(4326), np.array([middle[0]]), np.array([middle[1]]))
         lon, lat = float(lons[0]), float(lats[0])
-        if not (math.isfinite(lon) and math.isfinite(lat)):
+        on_earth = abs(lon) <= 360 and abs(lat) <= 90  # false for numbers that are none
+        if not on_earth or (crs.is_geographic and abs(middle[1]) > 90):
             message = f"{crs.name!r} does not contain the cloud's middle {middle}; give the CRS of the file"
             raise ScenarioError([Problem("terrain.crs", message)])
     local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
