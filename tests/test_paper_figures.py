@@ -124,6 +124,7 @@ def test_fig_14_errors_gather_at_the_walls():
     assert with_edges > 4 * without
 
 
+@pytest.mark.study
 def test_table_3_error_grows_with_the_beam_as_in_the_paper():
     """The strongest bin on the beam axis, one seed: the paper's 0.22, 0.29 and 0.69 m within 40 %."""
     paper = {1.0: 0.22, 2.0: 0.29, 4.0: 0.69}

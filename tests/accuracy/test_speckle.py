@@ -25,6 +25,7 @@ def outcome(seed, shift_m=0.0):
     )
 
 
+@pytest.mark.study
 def test_false_alarms_come_as_often_as_stated():
     """Of 400 pairs of equal engines 5 % fall below 0.05: 20 with a standard deviation of 4.4."""
     below = sum(outcome(seed).probability <= 0.05 for seed in range(400))

@@ -79,7 +79,7 @@ def test_an_interrupt_is_told_in_one_line(kind: str, number: signal.Signals) -> 
     assert ("Exception ignored" in done.stderr) == ("destructor" in kind)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.study), signal.SIGTERM])
 def test_a_flight_is_interrupted_without_a_trace(small: Path, tmp_path: Path, number: signal.Signals) -> None:
     code = f"""
 import os, signal, sys

@@ -10,6 +10,7 @@ from sionna_radar.radar.main_lobe import in_main_lobe
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import prepare
 from sionna_radar.survey.warnings import steered_warnings
+from sionna_radar.tracing.steered import build_steered_tracer
 
 SCAN = {"mode": "electronic", "beams": 3, "half_swath_deg": 40.0, "scans_per_s": 40.0, "incidence_deg": 30.0}
 OVERRIDES = {
@@ -47,7 +48,7 @@ def test_blocks_do_not_matter(prepared):
 
 def test_most_power_comes_from_the_beam_itself(prepared):
     """Two-way power falls off so fast that the half-power beam has most of an echo's."""
-    pulses = prepared.flight.pulses(np.arange(30))
+    pulses = prepared.flight.pulses(np.arange(12))
     paths = prepared.sensor_inputs().tracer().trace(pulses)
     row = pulses.row_of(paths.pulse)
     away = paths.hit_m - pulses.true.position_m[row]
@@ -64,7 +65,12 @@ def test_maps_of_whole_echoes_say_what_they_take_a_beam_for():
     assert "takes every beam of the scan for that of broadside" in steered_warnings(45, "refined", "required")[0]
 
 
-def test_an_engine_that_cannot_be_steered_is_refused():
-    other = prepare(load_scenario("hills", {**OVERRIDES, "tracing.engine": "path_solver"}))
-    with pytest.raises(ScenarioError, match=r"tracing.engine: PathSolverEngine has no method with_antenna"):
-        other.sensor_inputs().tracer()
+def test_an_engine_that_cannot_be_steered_is_refused(prepared):
+    given = prepared.engine_inputs()
+
+    class Fixed:
+        def trace(self, pulses):
+            raise NotImplementedError
+
+    with pytest.raises(ScenarioError, match=r"tracing.engine: Fixed has no method with_antenna"):
+        build_steered_tracer(Fixed(), given, prepared.local.weather)

@@ -43,7 +43,7 @@ def through(rate):
     return ready, sensor, sensor.through[0]
 
 
-@pytest.mark.parametrize("rate", [1.0, 25.0])
+@pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.study), 25.0])
 def test_the_mean_of_rain_is_found_without_being_told(rate):
     ready, _, found = through(rate)
     chirp, antenna, window = ready.receiver.chirp, ready.antenna, ready.detector.analyser.window
@@ -167,6 +167,7 @@ def test_the_volume_is_never_below_nothing():
     np.testing.assert_allclose(volume.clutter_threshold(np.exp(-2.0)), 3.0)
 
 
+@pytest.mark.study
 def test_the_rain_scene_is_a_map():
     survey = run(load_scenario("rain", SMALL))
     assert survey.lit_error.rms_m < 0.2
