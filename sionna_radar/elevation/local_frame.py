@@ -12,10 +12,11 @@ import numpy as np
 from pyproj import CRS, Geod
 from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.map_frame import check_lonlat, metric_crs
+from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, metric_crs
 from sionna_radar.elevation.placed_raster import PlacedRaster, horizontal_part, middle_of, reproject
 from sionna_radar.elevation.vertical import height_system
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
 
 # A projection is kept as the local frame if its scale is 1, and north is up, to within this.
 MAX_SCALE_ERROR = 0.01
@@ -47,52 +48,85 @@ def place_file(dataset: Any, stated: StatedFrame) -> PlacedRaster:
 
     """
     whole = _crs_of(dataset, stated.crs)
+    crs = map_part(whole)
+    turned = dataset.transform.b != 0 or dataset.transform.d != 0
+    frame = frame_about(crs, middle_of(dataset), stated.centre_lonlat_deg, "raster's centre", kept=not turned)
+    heights = height_system(dataset, whole, stated.vertical_crs, stated.height_unit)
+    return PlacedRaster(dataset=dataset, crs=crs, local=frame.crs, origin=frame.origin_m, heights=heights)
+
+
+def frame_about(
+    crs: CRS, middle: tuple[float, float], wanted: tuple[float, float] | None, what: str, *, kept: bool = True
+) -> MapFrame:
+    """Return the local frame of a file: its own projection, if that is true to scale, or else the UTM zone.
+
+    Parameters
+    ----------
+    crs, middle:
+        Of the file; the middle in its own coordinates.
+    wanted:
+        `terrain.centre_lonlat_deg`, the local origin; None for the middle.
+    what:
+        The middle in words, for messages.
+    kept:
+        Whether the file may keep its projection, as one with north up may.
+
+    Raises
+    ------
+    ScenarioError
+        The CRS does not contain the middle, or there is no such origin.
+
+    """
+    lon, lat = _centre_lonlat(crs, middle, wanted, what)
+    local = crs if kept and is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
+    if wanted is None and local is crs:
+        return MapFrame(crs=local, origin_m=middle)
+    x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
+    return MapFrame(crs=local, origin_m=(x, y))
+
+
+def stated_crs(name: str) -> CRS:
+    """Return the CRS of `terrain.crs`; ScenarioError for what is none."""
+    try:
+        return CRS.from_user_input(name)
+    except ProjError as error:
+        message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32631'"
+        raise ScenarioError([Problem("terrain.crs", message)]) from error
+
+
+def map_part(whole: CRS) -> CRS:
+    """Return the horizontal part of a file's CRS; ScenarioError for one that is no map's."""
     crs = horizontal_part(whole)
     if not (crs.is_projected or crs.is_geographic):
         message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
-    lon, lat = _centre_lonlat(dataset, crs, stated.centre_lonlat_deg)
-    local = crs if _is_true_to_the_ground(dataset, crs, lon, lat) else metric_crs(lon, lat)
-    if stated.centre_lonlat_deg is None and local is crs:
-        x, y = middle_of(dataset)
-    else:
-        x, y = (float(c[0]) for c in reproject(CRS(4326), local, np.array([lon]), np.array([lat])))
-    heights = height_system(dataset, whole, stated.vertical_crs, stated.height_unit)
-    return PlacedRaster(dataset=dataset, crs=crs, local=local, origin=(x, y), heights=heights)
+    return crs
 
 
 def _crs_of(dataset: Any, name: str | None) -> CRS:
     """Return the scenario's CRS, otherwise the file's."""
     if name is not None:
-        try:
-            return CRS.from_user_input(name)
-        except ProjError as error:
-            message = f"{name!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
-            raise ScenarioError([Problem("terrain.crs", message)]) from error
+        return stated_crs(name)
     if dataset.crs is None or not dataset.crs.to_wkt():
         message = "missing, and the file has no CRS; give the CRS of the file, such as 'EPSG:32631'"
         raise ScenarioError([Problem("terrain.crs", message)])
     return CRS.from_wkt(dataset.crs.to_wkt())
 
 
-def _centre_lonlat(dataset: Any, crs: CRS, wanted: tuple[float, float] | None) -> tuple[float, float]:
+def _centre_lonlat(
+    crs: CRS, middle: tuple[float, float], wanted: tuple[float, float] | None, what: str
+) -> tuple[float, float]:
     if wanted is not None:
         check_lonlat(*wanted)
         return wanted
-    x, y = middle_of(dataset)
+    x, y = middle
     lons, lats = reproject(crs, CRS(4326), np.array([x]), np.array([y]))
     lon, lat = float(lons[0]), float(lats[0])
     latitude_too_far = crs.is_geographic and abs(y) * crs.axis_info[0].unit_conversion_factor > math.pi / 2
     if not (math.isfinite(lon) and math.isfinite(lat)) or latitude_too_far:
-        message = f"{crs.name!r} does not contain the raster's centre ({x:g}, {y:g}); give the CRS of the file"
+        message = f"{crs.name!r} does not contain the {what} ({x:g}, {y:g}); give the CRS of the file"
         raise ScenarioError([Problem("terrain.crs", message)])
     return lon, lat
-
-
-def _is_true_to_the_ground(dataset: Any, crs: CRS, lon: float, lat: float) -> bool:
-    """Whether the file's map metres are true metres with north up, unlike those of Web Mercator."""
-    transform = dataset.transform
-    return transform.b == 0 and transform.d == 0 and is_true_to_the_ground(crs, lon, lat)
 
 
 def is_true_to_the_ground(crs: CRS, lon: float, lat: float) -> bool:

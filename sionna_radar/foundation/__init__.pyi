@@ -7,6 +7,7 @@ from .errors import Problem as Problem
 from .errors import RadarError as RadarError
 from .errors import ScenarioError as ScenarioError
 from .georeference import Georeference as Georeference
+from .network import allow_network as allow_network
 from .progress import Progress as Progress
 from .randomness import Stream as Stream
 from .randomness import pulse_generator as pulse_generator
@@ -28,6 +29,7 @@ __all__ = [
     "Raster",
     "ScenarioError",
     "Stream",
+    "allow_network",
     "pulse_generator",
     "pulse_uniforms",
 ]

@@ -66,17 +66,27 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT
     return found.st_size
 
 
-def read_text(path: Path, name: str, remedy: str) -> str:
-    """Return the text of a file in UTF-8.
+def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
+    """Return the content of a file.
 
-    Raises InputFileError as `regular_file` does, and if the file cannot be read or is not text.
+    Raises InputFileError as `regular_file` does, and if the file cannot be read.
     """
-    regular_file(path, name, remedy)
+    regular_file(path, name, remedy, most_bytes)
     try:
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_bytes()
     except OSError as error:
         message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
         raise InputFileError(message) from error
+
+
+def read_text(path: Path, name: str, remedy: str) -> str:
+    """Return the text of a file in UTF-8, each end of a line as one character.
+
+    Raises InputFileError as `read_bytes` does, and if the file is not text.
+    """
+    try:
+        text = read_bytes(path, name, remedy).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         message = f"{name} {shown(path)} is not text; save it in UTF-8"
         raise InputFileError(message) from error

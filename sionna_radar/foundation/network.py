@@ -27,11 +27,11 @@ def allow_network() -> Iterator[None]:
 
     Examples
     --------
-    >>> with allow_network():
-    ...     network_allowed()
-    True
-    >>> network_allowed()
-    False
+    >>> far = {"terrain": {"kind": "raster", "path": "https://example.org/dem.tif"}}
+    >>> scenario = load_scenario("hills", far)
+    >>> with allow_network():  # prepare(scenario) would read the address here
+    ...     str(scenario.terrain.path)
+    'https://example.org/dem.tif'
 
     """
     token = _allowed.set(True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import find_objects, label
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
@@ -20,15 +21,28 @@ MOST_LAYERS = 32
 RAYS_AT_ONCE = 1_000_000
 
 
+# Of the places with an overhang, so many are named.
+MOST_PLACES = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverhungPlace:
+    """Cells side by side with air under a surface: how many, and their extent (west, south, east, north), local."""
+
+    cells: int
+    extent_m: tuple[float, float, float, float]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Overhang:
     """Cells of a DEM above which there is more than one surface.
 
-    cells: how many. share: of all cells that have a surface.
+    cells: how many. share: of all cells that have a surface. places: where, the largest first, at most `MOST_PLACES`.
     """
 
     cells: int
     share: float
+    places: tuple[OverhungPlace, ...] = ()
 
 
 def bare_ground(
@@ -59,13 +73,26 @@ def _lowest_top(
 
 
 def overhang(caster: RayCaster, grid: Grid, bottom_m: float) -> Overhang:
-    """Count the cells of a grid where air lies between two surfaces, at their centres."""
+    """Return the cells of a grid where air lies between two surfaces, at their centres."""
     centre_m = grid.centres_m
-    over = seen = 0
+    over, seen = np.zeros((2, len(centre_m)), dtype=bool)
     for start in range(0, len(centre_m), RAYS_AT_ONCE):
-        airy, met = _air_below(caster, centre_m[start : start + RAYS_AT_ONCE], bottom_m)
-        over, seen = over + int(airy.sum()), seen + int(met.sum())
-    return Overhang(cells=over, share=over / seen if seen else 0.0)
+        part = slice(start, start + RAYS_AT_ONCE)
+        over[part], seen[part] = _air_below(caster, centre_m[part], bottom_m)
+    cells = int(over.sum())
+    places = _places(over.reshape(grid.shape), grid)
+    return Overhang(cells=cells, share=cells / int(seen.sum()) if seen.any() else 0.0, places=places)
+
+
+def _places(over: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungPlace, ...]:
+    """Return where cells lie side by side or corner to corner, the largest places first."""
+    number, _ = label(over, structure=np.ones((3, 3)))
+    count = np.bincount(number.ravel())[1:]
+    found = []
+    for own, (rows, columns) in enumerate(find_objects(number)):
+        west, east, south, north = grid.cut(rows, columns).extent_m
+        found.append(OverhungPlace(cells=int(count[own]), extent_m=(west, south, east, north)))
+    return tuple(sorted(found, key=lambda place: -place.cells)[:MOST_PLACES])
 
 
 def _air_below(

@@ -18,6 +18,7 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method
 from sionna_radar.radar.antenna import Antenna, build_antenna
@@ -260,10 +261,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
         check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
-    grid = dem_grid(local, looks, max_gap_m, scene.scene.georeference)
-    method = custom.dem_method or build_dem_method(local.dem)
-    method_name = type(method).__name__ if custom.dem_method else local.dem.method
-    _check_profiles(local, method, method_name, custom)
+    grid = dem_grid(local, looks, max_gap_m, place)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     return Prepared(
         scenario=scenario,
@@ -281,18 +279,28 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
             high_pass=high_pass,
         ),
         detector=detector,
-        expected_ground=build_expected_ground(local, flown.altitude_m, antenna, grid, scene.scene.georeference),
-        mapper=Mapper(
-            method=method,
-            name=method_name,
-            grid=grid,
-            max_gap_m=max_gap_m,
-            shadow_incidence_rad=float(np.deg2rad(local.dem.shadow_incidence_deg)),
-            antenna=antenna,
-            analyser=detector.analyser,
-            doppler_corrected=local.processing.doppler_correction,
-        ),
+        expected_ground=build_expected_ground(local, flown.altitude_m, antenna, grid, place),
+        mapper=_mapper(local, custom, grid, max_gap_m, antenna, detector),
         custom=custom,
+    )
+
+
+def _mapper(
+    scenario: Scenario, custom: CustomParts, grid: Grid, max_gap_m: float, antenna: Antenna, detector: Detector
+) -> Mapper:
+    """Return the mapper of a survey, with a method that has what it needs."""
+    method = custom.dem_method or build_dem_method(scenario.dem)
+    name = type(method).__name__ if custom.dem_method else scenario.dem.method
+    _check_profiles(scenario, method, name, custom)
+    return Mapper(
+        method=method,
+        name=name,
+        grid=grid,
+        max_gap_m=max_gap_m,
+        shadow_incidence_rad=float(np.deg2rad(scenario.dem.shadow_incidence_deg)),
+        antenna=antenna,
+        analyser=detector.analyser,
+        doppler_corrected=scenario.processing.doppler_correction,
     )
 
 

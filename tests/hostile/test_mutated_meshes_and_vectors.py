@@ -135,7 +135,7 @@ def test_a_mutated_file_ends_in_one_error_or_a_right_result(sound, number, tmp_p
         (tmp_path / victim).write_bytes(data)
 
 
-def refused(path, *words):
+def assert_refused(path, *words):
     with pytest.raises(RadarError) as caught:
         read(path)
     for word in words:
@@ -176,7 +176,7 @@ def test_headers_that_lie_and_files_that_pose_as_others_cost_nothing(name, data,
     (tmp_path / name).write_bytes(data)
     started = time.monotonic()
     try:
-        refused(tmp_path / name, words)
+        assert_refused(tmp_path / name, words)
     except pytest.fail.Exception:
         assert not words  # it has no polygon
     assert time.monotonic() - started < 1.0
@@ -205,7 +205,7 @@ def accessor(count, **more):
 )
 def test_accessors_that_lie_cost_nothing(document, words, tmp_path):
     (tmp_path / "a.gltf").write_text(json.dumps(document))
-    refused(tmp_path / "a.gltf", words)
+    assert_refused(tmp_path / "a.gltf", words)
 
 
 BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">' + "".join(
@@ -223,14 +223,14 @@ BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">' + "".join(
 )
 def test_entities_are_refused(text, tmp_path):
     (tmp_path / "a.xml").write_text(text)
-    refused(tmp_path / "a.xml", "document type or entities")
+    assert_refused(tmp_path / "a.xml", "document type or entities")
 
 
 def test_a_scene_nested_without_end_is_refused(tmp_path):
     depth = 100_000
     inner = '<bsdf type="twosided">' * depth + "</bsdf>" * depth
     (tmp_path / "a.xml").write_text(f'<scene version="3"><shape type="cube">{inner}</shape></scene>')
-    refused(tmp_path / "a.xml", "line 1 lies more than 50 elements deep")
+    assert_refused(tmp_path / "a.xml", "line 1 lies more than 50 elements deep")
 
 
 ELSEWHERE = [
@@ -255,12 +255,12 @@ def test_nothing_is_read_outside_the_folder_of_the_file(name, tmp_path):
     document["bufferViews"][0]["byteLength"] = 36
     document["buffers"] = [{"byteLength": 36, "uri": name.replace(".ply", ".bin") if "link" not in name else name}]
     (inner / "a.gltf").write_text(json.dumps(document))
-    refused(inner / "a.gltf", "buffers[0] names", "own folder")
+    assert_refused(inner / "a.gltf", "buffers[0] names", "own folder")
     if "\0" not in name:
         (inner / "a.xml").write_text(
             f'<scene version="3"><shape type="ply"><string name="filename" value="{name}"/></shape></scene>'
         )
-        refused(inner / "a.xml", "line 1 names", "own folder")
+        assert_refused(inner / "a.xml", "line 1 names", "own folder")
 
 
 def test_the_mtl_of_an_obj_is_never_opened(tmp_path):
@@ -277,14 +277,14 @@ def test_a_pipe_beside_a_shapefile_is_refused(sound, tmp_path):
         (tmp_path / other.name).write_bytes(other.read_bytes())
     (tmp_path / "a.dbf").unlink()
     os.mkfifo(tmp_path / "a.dbf")
-    refused(tmp_path / "a.shp", "a.dbf is a device, pipe or socket")
+    assert_refused(tmp_path / "a.shp", "a.dbf is a device, pipe or socket")
 
 
 @pytest.mark.parametrize(
     "path", ["/vsicurl/http://127.0.0.1:9/a.geojson", "/vsizip/a.zip/a.shp", "http://127.0.0.1:9/a.gpkg"]
 )
 def test_paths_of_gdal_s_own_are_no_files(path):
-    refused(Path(path), "does not exist")
+    assert_refused(Path(path), "does not exist")
 
 
 @pytest.mark.parametrize(
@@ -305,4 +305,4 @@ def test_a_geopackage_of_no_plain_tables_is_refused(made, sound, tmp_path):
     database.execute(made)
     database.commit()
     database.close()
-    refused(tmp_path / "a.gpkg", "the layer 'a', which is no plain table")
+    assert_refused(tmp_path / "a.gpkg", "the layer 'a', which is no plain table")

@@ -168,6 +168,11 @@ def test_overhanging_cells_are_those_with_air_under_them(site):
     ball = np.count_nonzero(np.hypot(*(grid.centres_m - [-20, 20]).T) < 2.97)
     assert found.cells == pytest.approx(300 + ball, abs=3)
     assert found.share == pytest.approx(found.cells / 10_000)
+    bridge, sphere = found.places
+    west, south, east, north = bridge.extent_m
+    assert sorted((east - west, north - south)) == pytest.approx([10.0, 30.0], abs=1.01)
+    assert sphere.extent_m == pytest.approx((-23.0, 17.0, -17.0, 23.0), abs=1.01)
+    assert bridge.cells + sphere.cells == found.cells
 
 
 def test_a_house_on_a_slope_overhangs_nothing(tmp_path):

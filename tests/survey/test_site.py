@@ -62,7 +62,11 @@ def test_the_truth_is_the_highest_surface_and_the_cells_below_another_are_counte
     assert under.sum() > 100
     assert survey.overhang.cells == under.sum()
     document = json.loads(json.dumps(summary(survey)))
-    assert document["overhang"] == {"cells": survey.overhang.cells, "share": pytest.approx(survey.overhang.share)}
+    told = document["overhang"]
+    assert (told["cells"], told["share"]) == (survey.overhang.cells, pytest.approx(survey.overhang.share))
+    west, south, east, north = told["places"][0]["extent_m"]
+    assert (west, east) == pytest.approx((-3.7, 4.3), abs=1.01)  # the deck's width, about 0.3 m east
+    assert south < 0 < north
     assert "highest" in document["meaning"]["overhang"]
     rows = dict(zip(*(list(column.cells) for column in survey_table(survey).columns), strict=True))
     assert rows["cells under an overhang"].startswith(f"{survey.overhang.cells} (")

@@ -70,7 +70,7 @@ def test_an_engine_that_cannot_be_steered_is_refused(prepared):
 
     class Fixed:
         def trace(self, pulses):
-            raise NotImplementedError
+            """An engine, but for an antenna that is not its own."""
 
     with pytest.raises(ScenarioError, match=r"tracing.engine: Fixed has no method with_antenna"):
         build_steered_tracer(Fixed(), given, prepared.local.weather)

@@ -24,7 +24,7 @@ from sionna_radar.flight.logs.log import (
     spreads_of,
 )
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.input_file import read_bytes, shown
 
 MOST_BYTES = 1_000_000_000
 MOST_MESSAGES = 20_000_000
@@ -57,12 +57,7 @@ def read_dataflash(path: Path, name: str) -> FlightLog:
     Raises InputFileError for a file that is none, or without positions.
     """
     where = f"{name} {shown(path)}"
-    regular_file(path, name, "give a DataFlash log", MOST_BYTES)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        message = f"{where} cannot be read ({error.strerror}); check its permissions"
-        raise InputFileError(message) from error
+    content = read_bytes(path, name, "give a DataFlash log", MOST_BYTES)
     tables, skipped = _tables(content, where)
     positions = _positions(tables, where)
     attitudes, spreads = _attitudes(tables), _spreads(tables)

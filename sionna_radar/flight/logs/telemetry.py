@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.input_file import read_bytes, shown
 
 MOST_BYTES = 500_000_000
 MOST_MESSAGES = 5_000_000
@@ -74,12 +74,7 @@ def read_telemetry(path: Path, name: str) -> FlightLog:
     Raises InputFileError for a file without MAVLink, and for one without positions.
     """
     where = f"{name} {shown(path)}"
-    regular_file(path, name, "give a telemetry log", MOST_BYTES)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        message = f"{where} cannot be read ({error.strerror}); check its permissions"
-        raise InputFileError(message) from error
+    content = read_bytes(path, name, "give a telemetry log", MOST_BYTES)
     tables, notes = _tables(content, where)
     positions, on_map = _positions(tables, where)
     return FlightLog(

@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.input_file import read_bytes, shown
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
 from sionna_radar.radar.pattern_files.contents import PatternCuts, PatternGrid, axis_gain_db
 from sionna_radar.radar.pattern_files.delimited import is_delimited, read_delimited
@@ -52,7 +52,8 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
         It cannot be read, is of no known format, or its beam is not where the antenna looks.
 
     """
-    text = _text(path, key)
+    # Makers write their names and comments in any encoding; what counts is in ASCII.
+    text = read_bytes(path, f"{key} =", REMEDY, MOST_BYTES).decode("utf-8-sig", errors="replace")
     contents = _contents(text, f"{key} = {shown(path)}")
     try:
         pattern = contents.pattern(boresight)
@@ -77,16 +78,6 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
     if on_axis_db < WARNED_ON_AXIS_DB:
         logger.warning("%s: the boresight is %.1f dB below the peak of the beam, which squints", key, -on_axis_db)
     return pattern
-
-
-def _text(path: Path, key: str) -> str:
-    regular_file(path, f"{key} =", REMEDY, MOST_BYTES)
-    try:
-        # Makers write their names and comments in any encoding; what counts is in ASCII.
-        return path.read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        message = f"{key} = {shown(path)} cannot be read ({error.strerror}); check its permissions"
-        raise InputFileError(message) from error
 
 
 def _contents(text: str, name: str) -> PatternCuts | PatternGrid:

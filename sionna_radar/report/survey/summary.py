@@ -21,7 +21,8 @@ MEANING = {
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
-    "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest; null "
+    "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest, and "
+    "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
     "le90_m": LE90_MEANING,

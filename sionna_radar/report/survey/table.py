@@ -55,7 +55,11 @@ def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
-        rows["cells under an overhang"] = f"{over.cells:,} ({over.share:.1%}); the truth is the highest surface"
+        west, south, east, north = over.places[0].extent_m
+        where = f"most at {west:.0f} to {east:.0f} m east, {south:.0f} to {north:.0f} m north"
+        rows["cells under an overhang"] = (
+            f"{over.cells:,} ({over.share:.1%}), {where}; the truth is the highest surface"
+        )
     record = survey.prepared.flown.record
     if record is not None:
         rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
-from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.local_frame import is_true_to_the_ground
-from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, frame_at, metric_crs
-from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.elevation.local_frame import frame_about, map_part, stated_crs
+from sionna_radar.elevation.map_frame import MapFrame, frame_at
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
@@ -92,11 +90,7 @@ def _covered(
 
 
 def _crs_of(name: str) -> CRS:
-    try:
-        crs = horizontal_part(CRS.from_user_input(name))
-    except ProjError as error:
-        message = f"{shown(name)} is not a coordinate reference system; give one such as 'EPSG:32632'"
-        raise ScenarioError([Problem(f"{KEY}.crs", message)]) from error
+    crs = map_part(stated_crs(name))
     if not crs.is_projected:
         message = f"{crs.name!r} is not projected, and a mesh has no degrees; give one that is, such as 'EPSG:32632'"
         raise ScenarioError([Problem(f"{KEY}.crs", message)])
@@ -104,21 +98,10 @@ def _crs_of(name: str) -> CRS:
 
 
 def _frame_of(terrain: MeshTerrain, crs: CRS, parts: Sequence[MeshPart]) -> MapFrame:
-    """Return the frame of a mesh with map coordinates: its own projection or UTM zone, about a whole metre."""
+    """Return the frame of a mesh with map coordinates: its own projection or UTM zone, about a whole unit of it."""
     (west, south, _), (east, north, _) = corners_of(parts)
-    x, y = np.array([[west + east], [south + north]]) / 2 / _metres(crs)
-    lon, lat = (float(c[0]) for c in reproject(crs, CRS(4326), x, y))
-    if not (np.isfinite(lon) and np.isfinite(lat)):
-        message = f"{crs.name!r} does not contain the mesh's middle ({x[0]:g}, {y[0]:g}); give the CRS of the file"
-        raise ScenarioError([Problem(f"{KEY}.crs", message)])
-    if terrain.centre_lonlat_deg:
-        check_lonlat(*terrain.centre_lonlat_deg)
-        lon, lat = terrain.centre_lonlat_deg
-    local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
-    east_m, north_m = reproject(CRS(4326), local, np.array([lon]), np.array([lat]))
-    if terrain.centre_lonlat_deg:
-        return MapFrame(crs=local, origin_m=(float(east_m[0]), float(north_m[0])))
-    return MapFrame(crs=local, origin_m=(float(np.round(east_m[0])), float(np.round(north_m[0]))))
+    x, y = np.round(np.array([west + east, south + north]) / 2 / _metres(crs))
+    return frame_about(crs, (float(x), float(y)), terrain.centre_lonlat_deg, "mesh's middle")
 
 
 def _local(part: MeshPart, crs: CRS, frame: MapFrame) -> MeshPart:

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
-from pyproj.exceptions import ProjError
 
 from sionna_radar.elevation.holes import treat_holes
-from sionna_radar.elevation.local_frame import is_true_to_the_ground
-from sionna_radar.elevation.map_frame import MapFrame, check_lonlat, metric_crs
-from sionna_radar.elevation.placed_raster import horizontal_part, reproject
+from sionna_radar.elevation.local_frame import frame_about, map_part, stated_crs
+from sionna_radar.elevation.map_frame import MapFrame
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
 from sionna_radar.elevation.vertical import HeightSystem, height_system
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -73,40 +71,16 @@ def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
             raise ScenarioError([Problem("terrain.centre_lonlat_deg", message)])
         unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(terrain.height_unit or "m", 1.0)
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
-    crs = horizontal_part(whole)
-    if not (crs.is_projected or crs.is_geographic):
-        message = f"{crs.name!r} is neither projected nor geographic; give one that is, such as 'EPSG:32631'"
-        raise ScenarioError([Problem("terrain.crs", message)])
+    crs = map_part(whole)
+    frame = frame_about(crs, middle, terrain.centre_lonlat_deg, "cloud's middle")
     heights = height_system(_Unstated(), whole, terrain.vertical_crs, terrain.height_unit)
-    return PlacedCloud(crs=crs, frame=_frame(crs, middle, terrain), middle=middle, heights=heights)
+    return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
 
 
 def _crs_of(cloud: CloudFile, terrain: PointsTerrain) -> CRS | None:
-    try:
-        if terrain.crs is not None:
-            return CRS.from_user_input(terrain.crs)
-        return CRS.from_wkt(cloud.crs_wkt) if cloud.crs_wkt else None
-    except ProjError as error:
-        message = f"{terrain.crs!r} is not a coordinate reference system; give one such as 'EPSG:32631'"
-        raise ScenarioError([Problem("terrain.crs", message)]) from error
-
-
-def _frame(crs: CRS, middle: tuple[float, float], terrain: PointsTerrain) -> MapFrame:
-    if terrain.centre_lonlat_deg is not None:
-        check_lonlat(*terrain.centre_lonlat_deg)
-        lon, lat = terrain.centre_lonlat_deg
-    else:
-        lons, lats = reproject(crs, CRS(4326), np.array([middle[0]]), np.array([middle[1]]))
-        lon, lat = float(lons[0]), float(lats[0])
-        on_earth = abs(lon) <= 360 and abs(lat) <= 90  # false for numbers that are none
-        if not on_earth or (crs.is_geographic and abs(middle[1]) > 90):
-            message = f"{crs.name!r} does not contain the cloud's middle {middle}; give the CRS of the file"
-            raise ScenarioError([Problem("terrain.crs", message)])
-    local = crs if is_true_to_the_ground(crs, lon, lat) else metric_crs(lon, lat)
-    if terrain.centre_lonlat_deg is None and local is crs:
-        return MapFrame(crs=local, origin_m=middle)
-    x, y = reproject(CRS(4326), local, np.array([lon]), np.array([lat]))
-    return MapFrame(crs=local, origin_m=(float(x[0]), float(y[0])))
+    if terrain.crs is not None:
+        return stated_crs(terrain.crs)
+    return CRS.from_wkt(cloud.crs_wkt) if cloud.crs_wkt else None
 
 
 def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:

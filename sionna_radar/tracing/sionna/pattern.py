@@ -110,6 +110,7 @@ class _Table:
         self._samples = mi.Float(np.ascontiguousarray(samples, dtype=np.float32).ravel())
 
     def at(self, height, width):  # type: ignore[no-untyped-def]
+        """Return the table at shares of its height and width, from 0 to 1."""
         row, column = height * (self._rows - 1), width * (self._columns - 1)
         below = mi.UInt32(dr.clip(row, 0, self._rows - 2))
         near = mi.UInt32(dr.clip(column, 0, self._columns - 2))
