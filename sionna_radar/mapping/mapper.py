@@ -188,3 +188,38 @@ class Mapper:
             doppler=1.0 if self.doppler_corrected else 0.0,
             reach_m=self.analyser.chirp.max_range_m,
         )
+
+
+def build_mapper(
+    dem: DemTable,
+    grid: Grid,
+    max_gap_m: float,
+    antenna: Antenna,
+    analyser: SpectrumAnalyser,
+    doppler_corrected: bool,
+    method: DemMethod | None = None,
+) -> Mapper:
+    """Return the mapper of a scenario.
+
+    Parameters
+    ----------
+    dem:
+        The scenario's `[dem]`.
+    grid, max_gap_m:
+        Cells of the DEM, and the largest distance of a filled one from a measured one.
+    antenna, analyser, doppler_corrected:
+        See `Mapper`.
+    method:
+        A custom method in place of the scenario's.
+
+    """
+    return Mapper(
+        method=method or build_dem_method(dem),
+        name=type(method).__name__ if method else dem.method,
+        grid=grid,
+        max_gap_m=max_gap_m,
+        shadow_incidence_rad=float(np.deg2rad(dem.shadow_incidence_deg)),
+        antenna=antenna,
+        analyser=analyser,
+        doppler_corrected=doppler_corrected,
+    )

@@ -18,9 +18,9 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.stopwatch import Stopwatch
-from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method
+from sionna_radar.mapping.dem_grid import Extent, dem_grid
+from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
@@ -41,7 +41,6 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
-    dem_grid,
     look,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
@@ -124,6 +123,7 @@ class Prepared(Brief):
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
+    ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
 
     Examples
     --------
@@ -143,6 +143,7 @@ class Prepared(Brief):
     detector: Detector
     expected_ground: ExpectedGround | None
     mapper: Mapper
+    ground_extent_m: Extent
     custom: CustomParts = CustomParts()
     beams: tuple[Antenna, ...] = ()
 
@@ -261,7 +262,11 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
         check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
-    grid = dem_grid(local, looks, max_gap_m, place)
+    grid = dem_grid(local.dem.spacing_m, looks.extent_m, max_gap_m, place)
+    mapper = build_mapper(
+        local.dem, grid, max_gap_m, antenna, detector.analyser, local.processing.doppler_correction, custom.dem_method
+    )
+    _check_profiles(local, mapper, custom)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     return Prepared(
         scenario=scenario,
@@ -279,33 +284,16 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
             high_pass=high_pass,
         ),
         detector=detector,
-        expected_ground=build_expected_ground(local, flown.altitude_m, antenna, grid, place),
-        mapper=_mapper(local, custom, grid, max_gap_m, antenna, detector),
+        expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),
+        mapper=mapper,
         custom=custom,
+        ground_extent_m=looks.extent_m,
     )
 
 
-def _mapper(
-    scenario: Scenario, custom: CustomParts, grid: Grid, max_gap_m: float, antenna: Antenna, detector: Detector
-) -> Mapper:
-    """Return the mapper of a survey, with a method that has what it needs."""
-    method = custom.dem_method or build_dem_method(scenario.dem)
-    name = type(method).__name__ if custom.dem_method else scenario.dem.method
-    _check_profiles(scenario, method, name, custom)
-    return Mapper(
-        method=method,
-        name=name,
-        grid=grid,
-        max_gap_m=max_gap_m,
-        shadow_incidence_rad=float(np.deg2rad(scenario.dem.shadow_incidence_deg)),
-        antenna=antenna,
-        analyser=detector.analyser,
-        doppler_corrected=scenario.processing.doppler_correction,
-    )
-
-
-def _check_profiles(scenario: Scenario, method: DemMethod, name: str, custom: CustomParts) -> None:
+def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> None:
     """Refuse a DEM method without the range profiles that it requires; a custom sensor shows what it has in flight."""
+    method, name = mapper.method, mapper.name
     if method.profiles not in ("unused", "optional", "required"):
         message = f"DEM method {name!r}: profiles = {method.profiles!r}; give 'unused', 'optional' or 'required'"
         raise PluginError(message)
