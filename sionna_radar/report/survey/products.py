@@ -1,19 +1,11 @@
 """The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
 
-import warnings
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import rasterio
-from rasterio.errors import NotGeoreferencedWarning
-from rasterio.transform import Affine
-
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import write_folder, write_text
+from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.summary import summary_json, versions
@@ -89,63 +81,3 @@ def provenance(survey: Survey) -> dict[str, str]:
         "SEED": str(survey.scenario.seed),
         "POINTS_SHA256": survey.points.sha256(),
     }
-
-
-def write_geotiff(
-    path: Path,
-    raster: Raster,
-    georeference: Georeference | None,
-    description: str,
-    height_offset_m: float,
-    metadata: Mapping[str, str] | None = None,
-) -> None:
-    """Write a raster as a float32 GeoTIFF, rows from north to south and empty cells NaN.
-
-    Parameters
-    ----------
-    path:
-        Where to write.
-    raster:
-        Heights in the local frame.
-    georeference:
-        Place of the local frame; without one the file has local coordinates and no CRS.
-    description:
-        What the band holds.
-    height_offset_m:
-        Offset added to the heights.
-    metadata:
-        Metadata of the file, besides the band's description.
-
-    """
-    grid = raster.grid
-    profile = {
-        "driver": "GTiff",
-        "dtype": "float32",
-        "count": 1,
-        "height": grid.rows,
-        "width": grid.columns,
-        "nodata": np.nan,
-        "crs": georeference.crs_wkt if georeference else None,
-        "transform": _transform(grid, georeference),
-        "compress": "deflate",
-        "predictor": 3,
-    }
-    with warnings.catch_warnings():
-        # rasterio takes a local raster of unit cells in the corner of the frame for one without a transform.
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        file = rasterio.open(path, "w", **profile)
-    with file:
-        file.write((raster.height_m[::-1] + height_offset_m).astype(np.float32), 1)
-        file.set_band_description(1, description)
-        file.units = ("m",)
-        file.update_tags(**(metadata or {}), QUANTITY=description, UNITS="m")
-
-
-def _transform(grid: Grid, georeference: Georeference | None) -> Affine:
-    """Return the transform from columns and rows, numbered from the north-west corner, to coordinates."""
-    east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
-    west_edge, _, _, north_edge = grid.extent_m
-    size = grid.spacing_m
-    # To a micrometre: sums of local and map coordinates have round-off that other rasters of the same cells lack.
-    # Not rasterio's from_origin: its multiplication causes a warning with affine 3.
-    return Affine(size, 0.0, round(west_edge + east_m, 6), 0.0, -size, round(north_edge + north_m, 6))
