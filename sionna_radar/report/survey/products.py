@@ -1,24 +1,40 @@
-"""The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
+"""The folder of a survey's results: numbers, scenario, points, rasters, flight and figures."""
 
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 
+from sionna_radar.flight.flown_track import flown_track
+from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.point_cloud import write_laz
+from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
+from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.survey.summary import summary_json, versions
+from sionna_radar.report.survey.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
 
 MARKER = "summary.json"
+# GPS receivers log about this often.
+GPX_STEP_S = 0.2
 
 
-def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+def write_survey(
+    survey: Survey,
+    directory: Path,
+    coordinates: Coordinates = Coordinates.MAP,
+    *,
+    points: Collection[PointsFile] = POINTS_FILES,
+    progress: Progress = silent,
+) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
 
-    Files of an earlier result in the directory are replaced if they were not changed since.
+    Files of an earlier result in the directory are replaced if they were not changed since. `examples/PRODUCTS.md`
+    tells what each file holds.
 
     Parameters
     ----------
@@ -28,11 +44,15 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
         Where to write.
     coordinates:
         Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
+    points:
+        Formats in which the points are written.
+    progress:
+        Called before each file and after the last; see `Progress`.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds something else, or cannot be written; see `write_folder`. Parquet needs pyarrow.
 
     Examples
     --------
@@ -43,14 +63,48 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
     ['dem.tif', 'error.tif', 'truth.tif']
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, points, progress))
 
 
-def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> None:
-    place = survey.georeference
+def _write_all(
+    survey: Survey, coordinates: Coordinates, points: Collection[PointsFile], progress: Progress, directory: Path
+) -> None:
+    steps: list[Callable[[], object]] = [
+        partial(_write_numbers, survey, directory),
+        *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
+        partial(_write_rasters, survey, directory),
+        partial(_write_trajectory, survey, directory),
+        partial(draw_all, survey, directory / "figures", coordinates),
+    ]
+    for done, step in enumerate(steps):
+        progress("writing", done, len(steps))
+        step()
+    progress("writing", len(steps), len(steps))
+
+
+def _write_numbers(survey: Survey, directory: Path) -> None:
     write_text(directory / MARKER, summary_json(survey))
     write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
-    write_laz(directory / "points.laz", survey.points, survey.schedule, place)
+
+
+def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
+    path, points, time_s, place = (
+        directory / f"points.{kind}",
+        survey.points,
+        survey.schedule.time_s,
+        survey.georeference,
+    )
+    match kind:
+        case PointsFile.LAZ:
+            write_laz(path, points, time_s, survey.prepared.measured, place)
+        case PointsFile.CSV:
+            write_points_csv(path, points, time_s, place)
+        case PointsFile.PARQUET:
+            write_points_parquet(path, points, time_s, place)
+
+
+def _write_rasters(survey: Survey, directory: Path) -> None:
+    place = survey.georeference
     origin_height_m = place.origin_m[2] if place else 0.0
     rasters = {
         "dem": (survey.dem, "DEM height", origin_height_m),
@@ -61,7 +115,14 @@ def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> Non
     made_by = provenance(survey)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
-    draw_all(survey, directory / "figures", coordinates)
+
+
+def _write_trajectory(survey: Survey, directory: Path) -> None:
+    place = survey.georeference
+    write_trajectory_csv(directory / "trajectory.csv", flown_track(survey.schedule), place)
+    if place is not None:
+        track = flown_track(survey.schedule, GPX_STEP_S)
+        write_gpx(directory / "trajectory.gpx", track, place, survey.scenario.description)
 
 
 def _header(survey: Survey) -> str:
