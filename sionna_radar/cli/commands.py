@@ -10,18 +10,21 @@ from sionna_radar.cli.options import (
     MapOption,
     NetworkOption,
     OutputOption,
+    PointsOption,
     QuietOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
     SetOption,
 )
-from sionna_radar.cli.session import Session, log_to_stderr
+from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.foundation.interrupts import Interrupted, held_back
+from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 
 if TYPE_CHECKING:
     from sionna_radar.studies.crosscheck_result import CrossCheck
     from sionna_radar.studies.sweep import Sweep
+    from sionna_radar.survey.result import Survey
 
 DEMO = "san_francisco"
 
@@ -50,14 +53,19 @@ def run_command(
     network: NetworkOption = False,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
+    points: PointsOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    _fly(Session.of(scenario, output, set_, set_file, seed, quiet, network=network), block_size, map_coordinates)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    _fly(session, block_size, map_coordinates, points)
 
 
-def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> None:
+def _fly(
+    session: Session, block_size: int | None, map_coordinates: bool, points: list[PointsFile] | None = None
+) -> None:
     from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.survey.points_table import check_parquet
     from sionna_radar.report.survey.products import MARKER, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.survey.chain import run
@@ -65,11 +73,19 @@ def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> Non
 
     checked = session.load()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    files = points or POINTS_FILES
+    if PointsFile.PARQUET in files:
+        check_parquet()
+
+    def write(survey: "Survey", folder: Path) -> list[Path]:
+        with progress_of(session.quiet) as progress:
+            return write_survey(survey, folder, coordinates, points=files, progress=progress)
+
     session.produce(
         lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
         suffix="",
         marker=MARKER,
-        write=lambda survey, folder: write_survey(survey, folder, coordinates),
+        write=write,
         show=print_survey,
     )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from sionna_radar.report.survey.points_file import PointsFile
+
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A TOML file, or the name of a shipped scenario.")
 ]
@@ -32,6 +34,12 @@ MapOption = Annotated[
     typer.Option(
         "--map-coordinates/--local-coordinates",
         help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
+    ),
+]
+PointsOption = Annotated[
+    list[PointsFile] | None,
+    typer.Option(
+        "--points", help="Format of the points; repeat for several. Default: laz and csv. Parquet needs pyarrow."
     ),
 ]
 NetworkOption = Annotated[

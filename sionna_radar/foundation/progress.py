@@ -15,8 +15,44 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 
+# Called after each step by what does not know of which stage it is a part.
+Step = Callable[[], object]
+
+
 def silent(stage: str, done: int, total: int) -> None:
     """Report nothing."""
+
+
+def no_step() -> None:
+    """Count nothing."""
+
+
+class Steps:
+    """Counts the steps of a stage, and reports each.
+
+    Parameters
+    ----------
+    progress, stage:
+        Whom to tell, and of what.
+    total:
+        Number of steps; 0 if unknown.
+
+    """
+
+    def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
+        self._progress, self._stage, self._total, self._done = progress, stage, total, 0
+        progress(stage, 0, total)
+
+    def __call__(self, count: int = 1) -> None:
+        """Count some steps."""
+        self._done += count
+        self._progress(self._stage, self._done, self._total)
+
+    def finish(self) -> None:
+        """Report the end of a stage of which the number of steps was unknown, or too large."""
+        if self._done != self._total or self._done == 0:
+            last = max(self._done, self._total, 1)
+            self._progress(self._stage, last, last)
 
 
 @contextmanager

@@ -130,18 +130,16 @@ def _run(
     scenario: Scenario | Prepared, custom: CustomParts, block_size: int, recordings: _Recordings, progress: Progress
 ) -> Survey:
     watch = Stopwatch()
-    progress("preparing", 0, 0)
     with watch("prepare"):
-        prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom)
+        prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom, progress)
+        progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
-    progress("preparing", 1, 1)
     with recordings.of(prepared) as kept:
         recording = record(prepared, sensor, block_size=block_size, progress=progress, watch=watch, recorders=kept)
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
-            dem = prepared.mapper.map(points, recording.profiles, prepared.measured)
-        progress("mapping", 1, 1)
+            dem = prepared.mapper.map(points, recording.profiles, prepared.measured, progress)
         with watch("compare"):
             comparison = prepared.truth().compare(dem, points, recording.lit)
             chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))

@@ -18,6 +18,7 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.progress import Progress, Steps, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.dem_grid import Extent, dem_grid
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
@@ -28,7 +29,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
-from sionna_radar.scene.build import BuiltScene, build_scene
+from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
@@ -214,7 +215,7 @@ class Prepared(Brief):
 
 
 @on_one_thread
-def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
+def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Progress = silent) -> Prepared:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
@@ -223,6 +224,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         The survey.
     custom:
         What replaces parts of it.
+    progress:
+        Called with the steps of the stage "preparing"; see `Progress`.
 
     Raises
     ------
@@ -239,6 +242,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     True
 
     """
+    # The flight before the scene, the scene, the flight over it, and what it looks at.
+    step = Steps(progress, "preparing", BUILDING_STEPS + 3)
     custom = custom or CustomParts()
     local = in_local_frame(scenario)
     chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
@@ -250,13 +255,15 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
-    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
+    step()
+    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
     place = scene.scene.georeference
     flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:
         check_paths(local, chirp, flown.altitude_m, antenna.beamwidths_rad, scan.incidence_rad)
     flight = _schedule(local, flown.trajectory, scan, custom.navigation)
     check_pulses(flight, local)
+    step()
     looks = look(flight, scene)
     check_geometry(looks, flight, scene, chirp)
     if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
@@ -268,6 +275,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     )
     _check_profiles(local, mapper, custom)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
+    step()
     return Prepared(
         scenario=scenario,
         local=local,
