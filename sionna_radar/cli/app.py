@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli import commands, logs, tools
+from sionna_radar.cli import commands, logs, recordings, tools
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
 
 app = typer.Typer(
@@ -23,6 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 commands.add_to(app)
+recordings.add_to(app)
 logs.add_to(app)
 tools.add_to(app)
 

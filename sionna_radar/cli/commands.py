@@ -17,6 +17,13 @@ from sionna_radar.cli.options import (
     SetFileOption,
     SetOption,
 )
+from sionna_radar.cli.recordings import (
+    RecordAsOption,
+    RecordOption,
+    parse_records,
+    parse_sample_type,
+    with_the_results,
+)
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.foundation.interrupts import Interrupted, held_back
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
@@ -54,15 +61,22 @@ def run_command(
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     points: PointsOption = None,
+    record: RecordOption = None,
+    record_as: RecordAsOption = "float64",
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    _fly(session, block_size, map_coordinates, points)
+    _fly(session, block_size, map_coordinates, points, record, record_as)
 
 
 def _fly(
-    session: Session, block_size: int | None, map_coordinates: bool, points: list[PointsFile] | None = None
+    session: Session,
+    block_size: int | None,
+    map_coordinates: bool,
+    points: list[PointsFile] | None = None,
+    record: list[str] | None = None,
+    record_as: str = "float64",
 ) -> None:
     from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.survey.points_table import check_parquet
@@ -79,15 +93,24 @@ def _fly(
 
     def write(survey: "Survey", folder: Path) -> list[Path]:
         with progress_of(session.quiet) as progress:
-            return write_survey(survey, folder, coordinates, points=files, progress=progress)
+            return write_survey(survey, folder, coordinates, points=files, recordings=inside, progress=progress)
 
-    session.produce(
-        lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
-        suffix="",
-        marker=MARKER,
-        write=write,
-        show=print_survey,
-    )
+    outside, kinds = parse_records(record)
+    sample_type = parse_sample_type(record_as)
+    with with_the_results(kinds, session.directory("")) as inside:
+        session.produce(
+            lambda progress: run(
+                checked,
+                block_size=block_size or BLOCK_SIZE,
+                recordings=outside | inside,
+                sample_type=sample_type,
+                progress=progress,
+            ),
+            suffix="",
+            marker=MARKER,
+            write=write,
+            show=print_survey,
+        )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 

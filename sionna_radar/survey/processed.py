@@ -36,6 +36,12 @@ class RangeSpectrum:
         """Mean power of the noise in a cell: the median over ranges of the median over pulses, over ln 2."""
         return float(np.median(self.median) / np.log(2))
 
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Range and power of the strongest cell of the mean."""
+        strongest = int(np.argmax(self.mean))
+        return float(self.range_m[strongest]), float(self.mean[strongest])
+
 
 @dataclass(frozen=True, kw_only=True)
 class DemComparison:

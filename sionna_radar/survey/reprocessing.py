@@ -2,10 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
@@ -14,6 +16,7 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import build_expected_ground
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, default_progress
@@ -217,7 +220,7 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         time_s=pulses.time_s,
         echoes=found.echoes,
         points=found.points,
-        measured=file.pose if pulses.located else None,
+        measured=partial(_poses, task.path) if pulses.located else None,
         dem=dem,
         comparison=comparison,
         georeference=file.georeference,
@@ -300,6 +303,12 @@ def _compared(dem: Raster, file: SignalFile) -> DemComparison | None:
         dem_error=summarise(error, lit),
         lit_error=summarise(error.within(lit), lit),
     )
+
+
+def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
+    """Return measured poses from a recording that has been closed since."""
+    with open_signals(path) as file:
+        return file.pose(index)
 
 
 def _spectrum(task: _Task) -> RangeSpectrum:

@@ -1,11 +1,13 @@
 """The folder of a survey's results: numbers, scenario, points, rasters, flight and figures."""
 
-from collections.abc import Callable, Collection
+import shutil
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
 
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.rasters import write_geotiff
@@ -15,7 +17,7 @@ from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.survey.summary import summary_json, versions
 from sionna_radar.report.survey.trajectory import write_gpx, write_trajectory_csv
-from sionna_radar.scenario import to_toml
+from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.survey.result import Survey
 
 MARKER = "summary.json"
@@ -29,6 +31,7 @@ def write_survey(
     coordinates: Coordinates = Coordinates.MAP,
     *,
     points: Collection[PointsFile] = POINTS_FILES,
+    recordings: Mapping[str, Path] | None = None,
     progress: Progress = silent,
 ) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
@@ -46,6 +49,8 @@ def write_survey(
         Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
     points:
         Formats in which the points are written.
+    recordings:
+        Finished recordings by their kinds, which are moved to the results as KIND.nc.
     progress:
         Called before each file and after the last; see `Progress`.
 
@@ -63,11 +68,16 @@ def write_survey(
     ['dem.tif', 'error.tif', 'truth.tif']
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, points, progress))
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, points, recordings or {}, progress))
 
 
 def _write_all(
-    survey: Survey, coordinates: Coordinates, points: Collection[PointsFile], progress: Progress, directory: Path
+    survey: Survey,
+    coordinates: Coordinates,
+    points: Collection[PointsFile],
+    recordings: Mapping[str, Path],
+    progress: Progress,
+    directory: Path,
 ) -> None:
     steps: list[Callable[[], object]] = [
         partial(_write_numbers, survey, directory),
@@ -75,6 +85,7 @@ def _write_all(
         partial(_write_rasters, survey, directory),
         partial(_write_trajectory, survey, directory),
         partial(draw_all, survey, directory / "figures", coordinates),
+        *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
     ]
     for done, step in enumerate(steps):
         progress("writing", done, len(steps))
@@ -112,7 +123,7 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
         # A difference of heights does not depend on their datum.
         "error": (survey.error, "DEM minus truth", 0.0),
     }
-    made_by = provenance(survey)
+    made_by = provenance(survey.scenario, survey.points)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
 
@@ -133,12 +144,12 @@ def _header(survey: Survey) -> str:
     return f"# This file alone does not repeat the survey. Replaced from Python:\n{replaced}\n"
 
 
-def provenance(survey: Survey) -> dict[str, str]:
+def provenance(scenario: Scenario | None, points: Points) -> dict[str, str]:
     """Return the origin of a raster as TIFF and GDAL metadata; undated, so that equal surveys give equal files."""
-    description = "".join(c if c.isprintable() else " " for c in survey.scenario.description)
+    description = "".join(c if c.isprintable() else " " for c in scenario.description) if scenario else ""
     return {
         "TIFFTAG_SOFTWARE": f"sionna-radar {versions()['sionna-radar']}",
         **({"TIFFTAG_IMAGEDESCRIPTION": description} if description else {}),
-        "SEED": str(survey.scenario.seed),
-        "POINTS_SHA256": survey.points.sha256(),
+        **({"SEED": str(scenario.seed)} if scenario else {}),
+        "POINTS_SHA256": points.sha256(),
     }
