@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool
@@ -23,6 +23,7 @@ BLOCK_SIZE = 256
 SampleType = Literal["float64", "float32", "int16"]
 
 
+@runtime_checkable
 class Recorder(Protocol):
     """Keeps one kind of what a survey observes, such as its beat signals; see `sionna_radar.survey.recordings`."""
 

@@ -42,6 +42,8 @@ from sionna_radar.survey.recordings.netcdf_input import NetcdfInput, open_netcdf
 MOST_PULSES, LEAST_SAMPLES, MOST_SAMPLES = 10_000_000, 32, 2**18
 REMEDY = "give a recording of beat signals, as `run --record signals` makes it"
 POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation": (3, 3)}
+# The square of a greater sample, summed over a sweep, might have no floating-point number.
+GREATEST = 1e100
 # How far a rotation matrix may be from orthonormal.
 ROUNDING = 1e-6
 
@@ -199,10 +201,11 @@ class SignalFile:
         """
         parts = [self._unpacked(beat, pulses.index) for beat in self._beat]
         beat = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
-        finite = np.isfinite(beat).all(axis=tuple(range(1, beat.ndim)))
-        if not finite.all():
-            wrong = pulses.index[int(np.argmin(finite))]
-            self._file.fail(f"the samples of pulse {wrong} are no finite numbers; leave it out")
+        # False for samples that are no numbers, too.
+        sound = (np.abs(beat) < GREATEST).all(axis=tuple(range(1, beat.ndim)))
+        if not sound.all():
+            wrong = pulses.index[int(np.argmin(sound))]
+            self._file.fail(f"the samples of pulse {wrong} are no finite numbers below {GREATEST:g}; leave it out")
         return [beat] if beat.ndim == 2 else [np.ascontiguousarray(beat[:, n]) for n in range(beat.shape[1])]
 
     def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
