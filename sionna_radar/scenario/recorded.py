@@ -34,7 +34,9 @@ class RecordedRadar(Table):
     bandwidth_hz: swept during the recorded samples: slope times samples over the sampling rate.
     sweep: "triangular" for an up- and a down-sweep in each pulse.
     propagation_mps: speed of the wave, c / sqrt(permittivity) in a medium such as ice.
-    transmit_power_w, noise_power_w: what a simulation knows; of a real radar they may be left out.
+    transmit_power_w: of a simulated radar.
+    noise_power_w: of a sample of a simulated radar.
+    sampling_rate_hz: of the recorded samples.
     """
 
     carrier_hz: Annotated[Real, Field(ge=1e6, le=1e12)]
@@ -53,7 +55,11 @@ class RecordedRadar(Table):
 
 
 class RecordedReception(Table):
-    """What the processing of a real recording must be told of its radar."""
+    """What the processing of a real recording must be told of its radar.
+
+    antenna: its beam.
+    receiver: between mixer and sampler.
+    """
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
@@ -62,7 +68,12 @@ class RecordedReception(Table):
 
 
 class RecordedSettings(Table):
-    """How a recording without a scenario is processed: the tables of a scenario that apply."""
+    """How a recording without a scenario is processed: the tables of a scenario that apply.
+
+    radar: what must be known of the radar.
+    processing: how beat signals are turned into ranges.
+    dem: how echoes are turned into heights.
+    """
 
     radar: RecordedReception = RecordedReception()
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
