@@ -5,6 +5,9 @@ one `InputFileError` that names it.
 """
 
 import math
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +22,17 @@ from sionna_radar.foundation.input_file import regular_file, shown
 
 MOST_BYTES = 10**13
 LONGEST_TEXT = 10_000_000
+# What another process does with a file first. Errors are for this one to report.
+READ_TABLES = """
+import sys, h5py
+with h5py.File(sys.argv[1], 'r') as file:
+    found = [file]
+    file.visititems(lambda name, item: found.append(item))
+    for item in found:
+        dict(item.attrs)
+        getattr(item, 'shape', None), getattr(item, 'chunks', None), getattr(item, 'external', None)
+"""
+PROBE_S = 60
 # HDF5 reads and unpacks whole chunks.
 MOST_CHUNK_BYTES = 256_000_000
 # Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
@@ -44,6 +58,7 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
     """
     regular_file(path, name, remedy, MOST_BYTES)
     where = f"{name} {shown(path)}"
+    _probe(path, where, remedy)
     try:
         with h5py.File(path, "r") as file:
             yield NetcdfInput(file, where, remedy)
@@ -53,6 +68,22 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
         reason = shown((str(error) or type(error).__name__).splitlines()[0])[1:-1]
         message = f"{where} cannot be read as netCDF-4 ({reason}); {remedy}"
         raise InputFileError(message) from error
+
+
+def _probe(path: Path, where: str, remedy: str) -> None:
+    """Refuse a file whose damaged tables make the HDF5 library crash, or never end: another process reads them first."""
+    if not sys.executable:
+        return
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", READ_TABLES, str(path.resolve())], capture_output=True, timeout=PROBE_S, check=False
+        )
+        why = f"its tables crash the HDF5 library ({signal.strsignal(-done.returncode)})" if done.returncode < 0 else ""
+    except subprocess.TimeoutExpired:
+        why = f"its tables could not be read in {PROBE_S} s"
+    if why:
+        message = f"{where} is damaged: {why}; {remedy}"
+        raise InputFileError(message)
 
 
 class NetcdfInput:
