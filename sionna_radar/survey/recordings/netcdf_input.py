@@ -22,15 +22,15 @@ from sionna_radar.foundation.input_file import regular_file, shown
 
 MOST_BYTES = 10**13
 LONGEST_TEXT = 10_000_000
-# What another process does with a file first. Errors are for this one to report.
+# What another process does with a file first.
 READ_TABLES = """
 import sys, h5py
 with h5py.File(sys.argv[1], 'r') as file:
-    found = [file]
-    file.visititems(lambda name, item: found.append(item))
-    for item in found:
+    dict(file.attrs)
+    def read(name, item):
         dict(item.attrs)
         getattr(item, 'shape', None), getattr(item, 'chunks', None), getattr(item, 'external', None)
+    file.visititems(read)
 """
 PROBE_S = 60
 # HDF5 reads and unpacks whole chunks.
@@ -71,19 +71,22 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
 
 
 def _probe(path: Path, where: str, remedy: str) -> None:
-    """Refuse a file whose damaged tables make the HDF5 library crash, or never end: another process reads them first."""
+    """Refuse a file whose tables are damaged: another process reads them first, as they may crash the HDF5 library."""
     if not sys.executable:
         return
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", READ_TABLES, str(path.resolve())], capture_output=True, timeout=PROBE_S, check=False
-        )
-        why = f"its tables crash the HDF5 library ({signal.strsignal(-done.returncode)})" if done.returncode < 0 else ""
+        command = [sys.executable, "-c", READ_TABLES, str(path.resolve())]
+        done = subprocess.run(command, capture_output=True, timeout=PROBE_S, check=False, text=True, errors="replace")
     except subprocess.TimeoutExpired:
         why = f"its tables could not be read in {PROBE_S} s"
-    if why:
-        message = f"{where} is damaged: {why}; {remedy}"
-        raise InputFileError(message)
+    else:
+        if done.returncode == 0:
+            return
+        last = (done.stderr.splitlines() or [""])[-1]
+        crashed = f"its tables crash the HDF5 library ({signal.strsignal(-done.returncode)})"
+        why = crashed if done.returncode < 0 else shown(last.partition(": ")[2] or last)[1:-1]
+    message = f"{where} cannot be read as netCDF-4 ({why}); {remedy}"
+    raise InputFileError(message)
 
 
 class NetcdfInput:
