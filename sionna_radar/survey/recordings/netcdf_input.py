@@ -5,6 +5,9 @@ one `InputFileError` that names it.
 """
 
 import math
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +22,17 @@ from sionna_radar.foundation.input_file import regular_file, shown
 
 MOST_BYTES = 10**13
 LONGEST_TEXT = 10_000_000
+# What another process does with a file first.
+READ_TABLES = """
+import sys, h5py
+with h5py.File(sys.argv[1], 'r') as file:
+    dict(file.attrs)
+    def read(name, item):
+        dict(item.attrs)
+        getattr(item, 'shape', None), getattr(item, 'chunks', None), getattr(item, 'external', None)
+    file.visititems(read)
+"""
+PROBE_S = 60
 # HDF5 reads and unpacks whole chunks.
 MOST_CHUNK_BYTES = 256_000_000
 # Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
@@ -44,6 +58,7 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
     """
     regular_file(path, name, remedy, MOST_BYTES)
     where = f"{name} {shown(path)}"
+    _probe(path, where, remedy)
     try:
         with h5py.File(path, "r") as file:
             yield NetcdfInput(file, where, remedy)
@@ -53,6 +68,25 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
         reason = shown((str(error) or type(error).__name__).splitlines()[0])[1:-1]
         message = f"{where} cannot be read as netCDF-4 ({reason}); {remedy}"
         raise InputFileError(message) from error
+
+
+def _probe(path: Path, where: str, remedy: str) -> None:
+    """Refuse a file whose tables are damaged: another process reads them first, as they may crash the HDF5 library."""
+    if not sys.executable:
+        return
+    try:
+        command = [sys.executable, "-c", READ_TABLES, str(path.resolve())]
+        done = subprocess.run(command, capture_output=True, timeout=PROBE_S, check=False, text=True, errors="replace")
+    except subprocess.TimeoutExpired:
+        why = f"its tables could not be read in {PROBE_S} s"
+    else:
+        if done.returncode == 0:
+            return
+        last = (done.stderr.splitlines() or [""])[-1]
+        crashed = f"its tables crash the HDF5 library ({signal.strsignal(-done.returncode)})"
+        why = crashed if done.returncode < 0 else shown(last.partition(": ")[2] or last)[1:-1]
+    message = f"{where} cannot be read as netCDF-4 ({why}); {remedy}"
+    raise InputFileError(message)
 
 
 class NetcdfInput:

@@ -214,7 +214,8 @@ class SignalFile:
             self._file.finite(self._file.rows(self._file.variable(name, (len(self), *shape)), index), name)
             for name, shape in POSE.items()
         )
-        if len(rotation) and np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max() > ROUNDING:
+        turned = bool((np.abs(rotation) <= 1 + ROUNDING).all())
+        if not turned or np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) > ROUNDING:
             self._file.fail("measured_rotation holds matrices that are no rotations; give orthonormal ones")
         return Pose(position_m=position_m, velocity_mps=velocity_mps, R_world_antenna=rotation)
 
