@@ -16,6 +16,7 @@ from sionna_radar.cli.options import (
     SeedOption,
     SetFileOption,
     SetOption,
+    complete_key,
 )
 from sionna_radar.cli.recordings import (
     RecordAsOption,
@@ -203,7 +204,12 @@ def sweep(
     scenario: ScenarioArgument,
     vary: Annotated[
         list[str],
-        typer.Option("--vary", metavar="KEY=V1,V2,...", help="Values of a dotted key; repeat for all combinations."),
+        typer.Option(
+            "--vary",
+            metavar="KEY=V1,V2,...",
+            help="Values of a dotted key; repeat for all combinations.",
+            autocompletion=complete_key,
+        ),
     ],
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each combination.")] = 1,
     output: OutputOption = None,

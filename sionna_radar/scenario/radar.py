@@ -139,7 +139,8 @@ class ScanTable(ScanParameters):
     side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
     the track.
 
-    mode: whisk_broom turns about the direction of flight, conical about the vertical, fixed and side_looking stand still.
+    mode: whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
+        still.
     side: to which a side-looking antenna looks.
     incidence_deg: of the beam from nadir in the middle of the scan.
     half_swath_deg: of the sector in which the radar transmits, to either side of its middle; 180 for all around.

@@ -40,6 +40,13 @@ def sections() -> list[Section]:
     return list({(section.place, section.chosen): section for section in found}.values())
 
 
+def dotted_keys() -> list[str]:
+    """Return every key that `--set` takes, dotted; those of lists and of tables with names of the user's left out."""
+    places = [(section.place.strip("[]"), section) for section in sections() if not section.place.startswith("[[")]
+    found = [f"{place}.{key.name}".lstrip(".") for place, section in places for key in section.keys]
+    return list(dict.fromkeys(key for key in found if "NAME" not in key))
+
+
 def reference() -> str:
     """Return the reference of all keys as Markdown: a heading for each table, and a table of its keys below it.
 

@@ -82,9 +82,11 @@ def _probe(path: Path, where: str, remedy: str) -> None:
     else:
         if done.returncode == 0:
             return
-        last = (done.stderr.splitlines() or [""])[-1]
-        crashed = f"its tables crash the HDF5 library ({signal.strsignal(-done.returncode)})"
-        why = crashed if done.returncode < 0 else shown(last.partition(": ")[2] or last)[1:-1]
+        if done.returncode < 0:
+            why = f"its tables crash the HDF5 library: {signal.strsignal(-done.returncode)}"
+        else:
+            last = (done.stderr.splitlines() or [""])[-1]
+            why = shown(last.partition(": ")[2] or last)[1:-1]
     message = f"{where} cannot be read as netCDF-4 ({why}); {remedy}"
     raise InputFileError(message)
 
