@@ -3,8 +3,11 @@
 import csv
 import hashlib
 import json
+import re
 import shutil
 import subprocess
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -13,6 +16,8 @@ import pytest
 import rasterio
 from pyproj import CRS
 
+from sionna_radar.accuracy.breakdown import Breakdown
+from sionna_radar.accuracy.compare import DemError
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.points_file import PointsFile
@@ -109,8 +114,6 @@ def test_pixels_are_those_of_the_survey_bit_for_bit(flown, folder, name):
 
 
 def test_a_large_raster_is_a_valid_cog_with_overviews(flown, tmp_path):
-    from dataclasses import replace
-
     cogeo = pytest.importorskip("rio_cogeo.cogeo")
     grid = replace(flown.dem.grid, columns=700, rows=600)
     height = np.add.outer(np.arange(600.0), np.arange(700.0))
@@ -203,3 +206,37 @@ def test_a_table_of_local_points_and_one_of_none(survey, empty, tmp_path):
     assert head.startswith("pulse,echo,time_s,east_m,north_m,up_m,range_m,range_sigma_m,snr_db,power_w,radar_east_m")
     assert len(rows) == len(survey.points)
     assert (tmp_path / "none.csv").read_text() == head + "\n"
+
+
+# ------------------------------------------------------------------------------------------- the guide
+
+
+GUIDE = (Path(__file__).parents[3] / "examples" / "PRODUCTS.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
+def test_the_guide_s_lines_run(folder, monkeypatch, capsys, number, summary):
+    monkeypatch.chdir(folder)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            exec(compile(BLOCKS[number], f"PRODUCTS.md block {number + 1}", "exec"), {})
+        except ImportError as error:
+            pytest.skip(f"{error.name} is not installed")
+    printed = capsys.readouterr().out
+    if "RMSE {(error_m" in BLOCKS[number]:
+        assert f"RMSE {summary['dem_error']['rms_m']:.3f} m of {summary['dem_error']['count']:,} cells" in printed
+
+
+def test_the_guide_names_every_field(folder):
+    with (folder / "points.csv").open() as file:
+        names = file.readline().strip().split(",")
+    with (folder / "trajectory.csv").open() as file:
+        names += file.readline().strip().split(",")
+    for name in names:
+        first_of_three = re.sub(r"(northing|height|north|up|pitch|heading)(_deg|_m|_mps)$", r"", name)
+        assert f"`{name}`" in GUIDE or f"`{first_of_three}" in GUIDE, name
+    for name in (*DemError.__annotations__, *Breakdown.__annotations__):
+        assert f"`{name}`" in GUIDE or name in ("count", "min_m", "max_m"), name
