@@ -46,7 +46,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
         "peak_memory_mb", "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
-        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m", "le90_m"
+        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
+        "le68_m", "le90_m", "le95_m", "p95_p5_m",
     }  # fmt: skip
     assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
     again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")
