@@ -14,6 +14,7 @@ from sionna_radar.foundation.columns import Columns
 STEP_S = 0.05
 MOST_ROWS = 100_000
 NO_PULSE = -1
+BEFORE_S = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +72,8 @@ def _rows(schedule: PulseSchedule, step_s: float) -> tuple[Float[np.ndarray, " r
     """Return times at equal steps, each moved to the nearest pulse within half a step, with the ends of the phases."""
     trajectory = schedule.trajectory
     edges = np.unique([0.0, *(edge for _, start, end in trajectory.phases for edge in (start, end))])
+    # A planned flight stops and starts at once: the velocities before and after such an end are two rows.
+    edges = np.unique(np.concatenate([edges, edges[1:] - BEFORE_S]))
     regular = np.arange(1, int(trajectory.end_s / step_s) + 1) * step_s
     pulse = np.full(len(regular), NO_PULSE)
     if len(schedule):

@@ -55,6 +55,26 @@ class Steps:
             self._progress(self._stage, last, last)
 
 
+class Overheard:
+    """Passes progress on, and completes a stage that another ends before its last step or does not count at all."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._last: dict[str, tuple[int, int]] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report a step."""
+        self._last[stage] = done, total
+        self._progress(stage, done, total)
+
+    def complete(self, stage: str) -> None:
+        """Report the end of a stage, unless its last step was reported."""
+        done, total = self._last.get(stage, (0, 0))
+        if done != total or done == 0:
+            last = max(done, total, 1)
+            self._progress(stage, last, last)
+
+
 @contextmanager
 def default_progress(progress: Progress | None) -> Iterator[Progress]:
     """Yield a progress callback: the caller's if given, otherwise a bar in a notebook and nothing in a script."""

@@ -16,7 +16,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.progress import Overheard, Progress, silent
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.echo_model import Sightings
@@ -166,19 +166,12 @@ class Mapper:
         sightings = None
         if profiles is not None and self.keeps_profiles:
             sightings = self.sightings(profiles, measured(profiles.pulse))
-        last: dict[str, tuple[int, int]] = {}
-
-        def tell(stage: str, done: int, total: int) -> None:
-            last[stage] = done, total
-            progress(stage, done, total)
-
-        dem = self.method(self.inputs(points, sightings, tell))
+        overheard = Overheard(progress)
+        dem = self.method(self.inputs(points, sightings, overheard))
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
-        done, total = last.get("mapping", (0, 0))
-        if done != total or done == 0:  # a method that tells nothing, or not all
-            progress("mapping", max(done, total, 1), max(done, total, 1))
+        overheard.complete("mapping")
         return dem
 
     def inputs(self, points: Points, sightings: Sightings | None = None, progress: Progress = silent) -> MapInputs:

@@ -67,7 +67,7 @@ def write_gpx(path: Path, track: FlownTrack, georeference: Georeference, descrip
     datum = georeference.vertical_name or "heights of the terrain, whose vertical datum is unknown"
     place = _lonlat(track.position_m, georeference)
     height_m = track.position_m[:, 2] + georeference.origin_m[2]
-    name = escape("".join(c if c.isprintable() else " " for c in description)) or "flight"
+    name = escape("".join(c if c.isprintable() else " " for c in description).strip()) or "flight"
     about = f"Simulated flight. Elevations: {datum}. Times count from a made-up date, {START:%Y-%m-%d}."
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(GPX_HEAD.format(name=name, description=escape(about)))

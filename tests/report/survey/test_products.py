@@ -39,6 +39,7 @@ KEYS = [
     "dem_error",
     "lit_error",
     "off_wall_error",
+    "breakdown",
     "overhang",
     "meaning",
     "timing_s",
