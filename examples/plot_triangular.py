@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
 from sionna_radar.scenario import NavigationTable
-from sionna_radar.survey import TriangularRadar, record_survey
+from sionna_radar.survey import Radar, record_survey
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if SMALL else {}
@@ -51,10 +51,10 @@ for name, error in errors_m.items():
 # %%
 # The range rate of every pulse, as its pair of sweeps gives it, beside that of still ground on the beam axis.
 prepared = surveys["triangle"].prepared
-radar = TriangularRadar(prepared.sensor_inputs())
+radar = Radar(prepared.sensor_inputs())
 scan_deg, measured_mps, true_mps = [], [], []
 for pulses in prepared.flight.blocks(256):
-    pairs = radar.detect(radar.tracer.trace(pulses), pulses)
+    pairs = radar.pairs(radar.tracer.trace(pulses), pulses)
     rows = np.searchsorted(pulses.index, pairs.echoes.pulse)
     scan_deg.append(np.rad2deg(pulses.scan_rad[rows]))
     measured_mps.append(pairs.range_rate_mps)

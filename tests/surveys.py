@@ -16,7 +16,7 @@ from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
-from sionna_radar.survey.sensors.sensor import ChirpRecord
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 SIZE_M = 120.0
 EMPTY_PATCH = (slice(20, 32), slice(70, 90))

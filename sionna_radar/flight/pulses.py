@@ -1,5 +1,6 @@
 """The pulses of a survey: when and where each chirp is transmitted, and in which direction."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
@@ -199,8 +200,43 @@ class Pulses:
         return np.cumsum(np.concatenate([[False], _ends_of_lines(self.index, self.scan_number)]))
 
 
+class PulseSequence(ABC):
+    """All pulses of a survey, block by block."""
+
+    @property
+    @abstractmethod
+    def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+        """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @abstractmethod
+    def pulses(self, index: Int[np.ndarray, " pulse"]) -> Pulses:
+        """Return some of the pulses."""
+
+    def blocks(self, block_size: int) -> Iterator[Pulses]:
+        """Yield the pulses in blocks of at most `block_size`."""
+        for start in range(0, len(self), block_size):
+            yield self.pulses(np.arange(start, min(start + block_size, len(self))))
+
+    def line_blocks(self, block_size: int) -> Iterator[Pulses]:
+        """Yield the pulses in blocks of whole scan lines: as many as fit into `block_size`, at least one."""
+        ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
+        start = 0
+        while start < len(self):
+            fitting = ends[(ends > start) & (ends <= start + block_size)]
+            end = int(fitting[-1] if len(fitting) else ends[ends > start][0])
+            yield self.pulses(np.arange(start, end))
+            start = end
+
+    def sample(self, count: int) -> Pulses:
+        """Return `count` pulses (or all) spread evenly over the survey, for checks and figures."""
+        return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
+
+
 @dataclass(frozen=True, kw_only=True)
-class PulseSchedule:
+class PulseSchedule(PulseSequence):
     """All pulses of a survey by their times; poses are computed block by block.
 
     trajectory: motion of the platform at its navigation system.
@@ -242,30 +278,12 @@ class PulseSchedule:
             beam=pointing.beam,
         )
 
-    def blocks(self, block_size: int) -> Iterator[Pulses]:
-        """Yield the pulses in blocks of at most `block_size`."""
-        for start in range(0, len(self), block_size):
-            yield self.pulses(np.arange(start, min(start + block_size, len(self))))
-
-    def line_blocks(self, block_size: int) -> Iterator[Pulses]:
-        """Yield the pulses in blocks of whole scan lines: as many as fit into `block_size`, at least one."""
-        number = self._scan_numbers()
-        ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), number)) + 1, len(self))
-        start = 0
-        while start < len(self):
-            fitting = ends[(ends > start) & (ends <= start + block_size)]
-            end = int(fitting[-1] if len(fitting) else ends[ends > start][0])
-            yield self.pulses(np.arange(start, end))
-            start = end
-
-    def _scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+    @property
+    def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+        """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
         parts = [self.scan.point(part).scan_number for part in np.array_split(self.time_s, 1 + len(self) // 65_536)]
         known = [part for part in parts if part is not None]
         return np.concatenate(known) if known else None
-
-    def sample(self, count: int) -> Pulses:
-        """Return `count` pulses (or all) spread evenly over the survey, for checks and figures."""
-        return self.pulses(np.unique(np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)))
 
 
 def _ends_of_lines(

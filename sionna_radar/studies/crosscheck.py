@@ -28,7 +28,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.studies.crosscheck_result import CrossCheck, EngineResult, Tolerances
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, fly
-from sionna_radar.survey.sensors.radar import SawtoothRadar
+from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
 
@@ -109,7 +109,9 @@ def _fly(prepared: Prepared, engine: str, seed: int, block_size: int, progress: 
     count = len(prepared)
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
-    radar = SawtoothRadar(replace(prepared.sensor_inputs(), custom_engine=build))
+    # Of a pair of sweeps the engines are compared on the first alone.
+    receiver = replace(prepared.receiver, sweeps=prepared.receiver.sweeps[:1])
+    radar = Radar(replace(prepared.sensor_inputs(), custom_engine=build, receiver=receiver))
     for block in fly(prepared.flight, radar, block_size):
         pulses, here = block.pulses, block.pulses.index
         echoes = radar.correct(block.observation.echoes, here, pulses.measured)

@@ -10,13 +10,12 @@ from .remapping import RecordedSurvey as RecordedSurvey
 from .remapping import record_survey as record_survey
 from .result import Survey as Survey
 from .sensors.lidar import Lidar as Lidar
-from .sensors.radar import SawtoothRadar as SawtoothRadar
-from .sensors.radar import TriangularRadar as TriangularRadar
-from .sensors.sensor import ChirpRecord as ChirpRecord
+from .sensors.radar import Radar as Radar
 from .sensors.sensor import Observation as Observation
 from .sensors.sensor import Sensor as Sensor
 from .sensors.sensor import SensorInputs as SensorInputs
 from .sensors.sensor import register_sensor as register_sensor
+from .sensors.sweeps import ChirpRecord as ChirpRecord
 
 __all__ = [
     "ChirpRecord",
@@ -24,13 +23,12 @@ __all__ = [
     "Lidar",
     "Observation",
     "Prepared",
+    "Radar",
     "RecordedSurvey",
     "Recording",
-    "SawtoothRadar",
     "Sensor",
     "SensorInputs",
     "Survey",
-    "TriangularRadar",
     "fly",
     "place",
     "prepare",

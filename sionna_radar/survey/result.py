@@ -14,7 +14,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.layers import Overhang
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.sensors.sensor import ChirpRecord
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 
 @dataclass(frozen=True, kw_only=True)

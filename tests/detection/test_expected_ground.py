@@ -19,7 +19,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors.radar import SawtoothRadar
+from sionna_radar.survey.sensors.radar import Radar
 
 KEY = "processing.expected_ground"
 SHORT = {"platform.length_m": 2.0, "tracing.paths_per_pulse": 32}
@@ -156,10 +156,10 @@ def test_a_stronger_target_off_the_ground_is_refused_in_clear_air():
 def in_rain():
     """Spectra of hills through rain, and where their ground is."""
     ready = prepare(load_scenario("hills", SHORT | {"weather.rain_rate_mm_per_h": 4.0}))
-    sensor = SawtoothRadar(ready.sensor_inputs())
+    sensor = Radar(ready.sensor_inputs())
     pulses = ready.flight.pulses(np.arange(len(ready.flight)))
     power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
-    return ready, sensor.through[0], pulses, power
+    return ready, sensor.sweeps.through[0], pulses, power
 
 
 def test_a_target_in_rain_is_refused_and_the_ground_behind_it_found():

@@ -17,7 +17,7 @@ from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import place, record
 from sionna_radar.survey.remapping import record_survey
 from sionna_radar.survey.sensors.lidar import Lidar
-from sionna_radar.survey.sensors.radar import SawtoothRadar, TriangularRadar
+from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
 from sionna_radar.tracing.boresight import trace_boresights
 
@@ -52,7 +52,7 @@ def lidar():
 
 @pytest.mark.parametrize(
     ("keys", "kind"),
-    [({}, SawtoothRadar), ({"radar": {"sweep": "triangular"}}, TriangularRadar), ({"sensor": "lidar"}, Lidar)],
+    [({}, Radar), ({"radar": {"sweep": "triangular"}}, Radar), ({"sensor": "lidar"}, Lidar)],
 )
 def test_a_sensor_sees_the_truth_and_corrects_by_the_measured_pose(keys, kind):
     """Tracing reads the true pose alone; after it, nothing may."""

@@ -41,7 +41,7 @@ from sionna_radar.report.survey.environment_figure import draw_environment
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.survey.result import Survey
-from sionna_radar.survey.sensors.sensor import ChirpRecord
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 MAX_SCATTER = 20_000
 MAX_OVERLAY = 3_000

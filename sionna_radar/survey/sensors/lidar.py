@@ -11,7 +11,8 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
-from sionna_radar.survey.sensors.sensor import ChirpRecord, Observation, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.boresight import trace_boresights
 from sionna_radar.tracing.paths import VOLUME, Paths
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int
+from jaxtyping import Int
 
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
@@ -13,7 +13,6 @@ from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSchedule
 from sionna_radar.foundation.stopwatch import Stopwatch
-from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
@@ -21,6 +20,7 @@ from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.receiver import Receiver
+from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.steered import SteeredTracer, build_steered_tracer
@@ -37,32 +37,14 @@ class Observation:
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
+    beats: beat signals of each sweep, for whoever records them; None for a sensor without.
     """
 
     paths: Paths
     echoes: Echoes
     profiles: Profiles | None = None
     through_volume: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChirpRecord:
-    """One chirp on its way through the processing, kept for a figure.
-
-    beat: samples of the beat signal, sqrt(W); real or complex (I/Q).
-    range_m: range axis of the spectrum, not corrected for Doppler.
-    power: calibrated power spectrum; threshold: what a cell must exceed; NaN where none is tested.
-    echo_range_m, echo_power: the echoes found, on the axis of the spectrum.
-    """
-
-    pulse: int
-    sample_time_s: Float[np.ndarray, " sample"]
-    beat: Inexact[np.ndarray, " sample"]
-    range_m: Float[np.ndarray, " cell"]
-    power: Float[np.ndarray, " cell"]
-    threshold: Float[np.ndarray, " cell"]
-    echo_range_m: Float[np.ndarray, " echo"]
-    echo_power: Float[np.ndarray, " echo"]
+    beats: Beats | None = None
 
 
 @runtime_checkable
@@ -113,10 +95,6 @@ class SensorInputs:
         if given.beams:
             return build_steered_tracer(engine, given, self.weather)
         return build_tracer(engine, given, self.weather)
-
-    def window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
-        """Return the ranges in which a sweep's ground is searched; None for all."""
-        return None if self.expected_ground is None else self.expected_ground.window_m(pulses, sweep)
 
 
 def register_sensor(

@@ -13,7 +13,7 @@ from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import record
-from sionna_radar.survey.sensors.radar import SawtoothRadar
+from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.tracing.effects.atmosphere import build_weather
 from sionna_radar.weather.path import rain_clutter_power
 
@@ -39,8 +39,8 @@ def false_heights(survey):
 @cache
 def through(rate):
     ready = prepare(rainy(rate))
-    sensor = SawtoothRadar(ready.sensor_inputs())
-    return ready, sensor, sensor.through[0]
+    sensor = Radar(ready.sensor_inputs())
+    return ready, sensor, sensor.sweeps.through[0]
 
 
 @pytest.mark.parametrize("rate", [pytest.param(1.0, marks=pytest.mark.study), 25.0])
@@ -72,7 +72,7 @@ def test_the_mean_of_rain_is_found_without_being_told(rate):
 def test_clear_air_is_none_and_loses_no_bit():
     ready = prepare(rainy(0.0))
     pulses = ready.flight.sample(40)
-    sensor = SawtoothRadar(ready.sensor_inputs())
+    sensor = Radar(ready.sensor_inputs())
     power = ready.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
     assert not shows_volume(ready.detector, power)
     off = run(rainy(0.0, processing__volume_clutter="off"))

@@ -1,0 +1,153 @@
+"""From the beat signals of a pulse's sweeps to echoes, wherever the beat signals come from."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Inexact, Int
+
+from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.expected_ground import ExpectedGround
+from sionna_radar.detection.profiles import Profiles
+from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
+from sionna_radar.detection.volume.detector import ThroughVolume, shows_volume, volume_in_front
+from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
+from sionna_radar.radar.chirp import Chirp
+
+# The beat signals of each sweep of a pulse.
+Beats = Sequence[Inexact[np.ndarray, "pulse sample"]]
+
+# A glance at so many pulses shows whether rain fills the beam; if it does, so many show its mean echo.
+GLANCE_PULSES, VOLUME_PULSES = 48, 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """What is found in the beat signals of a block of pulses; ranges are not corrected for Doppler.
+
+    profiles: around the echoes of single sweeps; None for pairs.
+    through_volume: whether the echoes are those of ground behind a volume of rain.
+    """
+
+    echoes: Echoes
+    profiles: Profiles | None
+    through_volume: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChirpRecord:
+    """One chirp on its way through the processing, kept for a figure.
+
+    beat: samples of the beat signal, sqrt(W); real or complex (I/Q).
+    range_m: range axis of the spectrum, not corrected for Doppler.
+    power: calibrated power spectrum; threshold: what a cell must exceed; NaN where none is tested.
+    echo_range_m, echo_power: the echoes found, on the axis of the spectrum.
+    """
+
+    pulse: int
+    sample_time_s: Float[np.ndarray, " sample"]
+    beat: Inexact[np.ndarray, " sample"]
+    range_m: Float[np.ndarray, " cell"]
+    power: Float[np.ndarray, " cell"]
+    threshold: Float[np.ndarray, " cell"]
+    echo_range_m: Float[np.ndarray, " echo"]
+    echo_power: Float[np.ndarray, " echo"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepDetector:
+    """Detects the echoes of one sweep a pulse, or pairs those of an up- and a down-sweep.
+
+    detector: the processing of a scenario.
+    sweeps: of one pulse.
+    schedule: all pulses of the survey, of which some are looked at for rain before it starts.
+    expected_ground: what is known of the ground beforehand; None for nothing.
+    beats: returns the beat signals of pulses.
+    """
+
+    detector: Detector
+    sweeps: tuple[Chirp, ...]
+    schedule: PulseSequence
+    expected_ground: ExpectedGround | None
+    beats: Callable[[Pulses], Beats]
+
+    @property
+    def paired(self) -> bool:
+        """Whether a pulse is an up- and a down-sweep."""
+        return len(self.sweeps) > 1
+
+    @cached_property
+    def through(self) -> list[ThroughVolume | None]:
+        """The detector of each sweep through the volume that the survey shows; None in clear air."""
+        detector = self.detector
+        if detector.processing.volume_clutter == "off":
+            return [None] * len(self.sweeps)
+        for count in (GLANCE_PULSES, VOLUME_PULSES):
+            pulses = self.schedule.sample(count)
+            found = []
+            for beat, sweep in zip(self.beats(pulses), self.sweeps, strict=True):
+                power = detector.analyser.power(beat)
+                if not shows_volume(detector, power):
+                    return [None] * len(self.sweeps)
+                if count == VOLUME_PULSES:
+                    found.append(volume_in_front(detector, power, pulses, sweep))
+        return found
+
+    def detect(self, beats: Beats, pulses: Pulses) -> Found:
+        """Return the echoes in the beat signals of a block of pulses."""
+        through = self.through[0]
+        if self.paired:
+            return Found(echoes=self.pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
+        sweep, (beat,) = self.sweeps[0], beats
+        window_m = self._window_m(pulses, sweep)
+        if through is None:
+            found = self.detector.find(beat, pulses.index, window_m)
+        else:
+            found = through.find(self.detector.analyser.power(beat), pulses, sweep, window_m)
+        return Found(echoes=found.echoes, profiles=found.profiles, through_volume=through is not None)
+
+    def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
+        """Return the echoes of pairs of sweeps with their range rates."""
+        detector = self.detector
+        up, down = (
+            detector.uncorrected(detector.spectra(beat), pulses.index, self._window_m(pulses, sweep))
+            if through is None
+            else through.find(detector.analyser.power(beat), pulses, sweep, self._window_m(pulses, sweep)).echoes
+            for beat, through, sweep in zip(beats, self.through, self.sweeps, strict=True)
+        )
+        return pair_sweeps(up, down, self.sweeps[0])
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return echoes without the Doppler shift of still ground; a pair has taken it out."""
+        return echoes if self.paired else self.detector.correct(echoes, pulse, measured)
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord:
+        """Return the first sweep of one pulse, with what is found in it.
+
+        Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
+        """
+        detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
+        beat = self.beats(pulses)[0]
+        spectra = detector.spectra(beat)
+        if through is None:
+            echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))
+        else:
+            echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp)).echoes
+            spectra = replace(spectra, threshold=through.threshold(spectra))
+        tested = np.isfinite(spectra.threshold[0])
+        return ChirpRecord(
+            pulse=int(pulses.index[0]),
+            sample_time_s=chirp.sample_time_s,
+            beat=beat[0],
+            range_m=detector.analyser.range_m,
+            power=spectra.power[0],
+            threshold=np.where(tested, spectra.threshold[0], np.nan),
+            echo_range_m=echoes.range_m,
+            echo_power=echoes.power,
+        )
+
+    def _window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
+        """Return the ranges in which a sweep's ground is searched; None for all."""
+        return None if self.expected_ground is None else self.expected_ground.window_m(pulses, sweep)
