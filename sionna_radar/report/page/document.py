@@ -1,6 +1,6 @@
 """One self-contained HTML document: style, scripts, numbers and plotly.js inside, and nothing loaded from anywhere.
 
-Plotly rather than pyvista's export: the same hills take PLACEHOLDER
+PLOTLYWHY
 plotly.js comes from the plotly package, whose Python half (seconds to import) is not used: pages pack their own numbers.
 """
 

@@ -23,6 +23,29 @@ class Cell:
     value: float | None = None
 
 
+def head(kind: str, title: str, sections: Mapping[str, str]) -> str:
+    """Return the head of a page, with links to its sections by their anchors."""
+    links = "".join(f'<a href="#{escape(name)}">{escape(text)}</a>' for name, text in sections.items())
+    return (
+        f'<header><p class="kind">sionna_radar &middot; {escape(kind)}</p><h1>{escape(title)}</h1></header>'
+        f"<nav><div>{links}</div></nav>\n"
+    )
+
+
+def code(text: str) -> str:
+    """Return a command line."""
+    return f"<pre>{escape(text)}</pre>"
+
+
+def swipe(name: str) -> str:
+    """Return the room of two maps over one another, with the bar between them."""
+    return (
+        f'<div class="swipe" id="{escape(name)}"><div class="plot under"></div><div class="plot over"></div>'
+        '<span class="name first"></span><span class="name second"></span>'
+        '<div class="bar"></div><div class="grip" title="drag to compare">&#8596;</div></div>'
+    )
+
+
 def section(name: str, title: str, *parts: str) -> str:
     """Return a section with an anchor."""
     return f'<section id="{escape(name)}"><h2>{escape(title)}</h2>\n' + "\n".join(parts) + "</section>"
