@@ -11,6 +11,7 @@ from sionna_radar.cli.options import (
     NetworkOption,
     OutputOption,
     QuietOption,
+    ReportOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
@@ -34,11 +35,16 @@ def add_to(app: typer.Typer) -> None:
         app.command()(command)
 
 
-def demo(output: OutputOption = None, map_coordinates: MapOption = True, quiet: QuietOption = False) -> None:
+def demo(
+    output: OutputOption = None,
+    map_coordinates: MapOption = True,
+    report: ReportOption = True,
+    quiet: QuietOption = False,
+) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
     log_to_stderr(quiet)
     session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet)
-    _fly(session, None, map_coordinates)
+    _fly(session, None, map_coordinates, report)
 
 
 def run_command(
@@ -50,15 +56,17 @@ def run_command(
     network: NetworkOption = False,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
+    report: ReportOption = True,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    _fly(Session.of(scenario, output, set_, set_file, seed, quiet, network=network), block_size, map_coordinates)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    _fly(session, block_size, map_coordinates, report)
 
 
-def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> None:
+def _fly(session: Session, block_size: int | None, map_coordinates: bool, report: bool) -> None:
     from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.survey.products import MARKER, write_survey
+    from sionna_radar.report.survey.products import MARKER, Report, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.recording import BLOCK_SIZE
@@ -69,7 +77,7 @@ def _fly(session: Session, block_size: int | None, map_coordinates: bool) -> Non
         lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
         suffix="",
         marker=MARKER,
-        write=lambda survey, folder: write_survey(survey, folder, coordinates),
+        write=lambda survey, folder: write_survey(survey, folder, coordinates, Report.PAGE if report else Report.NONE),
         show=print_survey,
     )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:

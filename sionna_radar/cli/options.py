@@ -34,6 +34,10 @@ MapOption = Annotated[
         help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
     ),
 ]
+ReportOption = Annotated[
+    bool,
+    typer.Option("--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."),
+]
 NetworkOption = Annotated[
     bool,
     typer.Option("--allow-network", help="Let terrain.path be an address (https://, s3://, ...) and read it there."),

@@ -132,6 +132,7 @@ def _run(scenario: Scenario | Prepared, custom: CustomParts, block_size: int, pr
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
         warnings=_warnings(prepared, recording),
+        sensor=sensor,
     )
 
 

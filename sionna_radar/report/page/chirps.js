@@ -51,3 +51,19 @@ views.push(async data => {
       yaxis: axis("Share of cells (%)"), legend: {x: 1, xanchor: "right", y: 1},
       shapes: [{type: "line", x0: 0, x1: 0, yref: "paper", y0: 0, y1: 1, line: {color: "#5b6b7a", width: 1, dash: "dot"}}]}), config);
 });
+
+views.push(async data => {
+  const place = document.getElementById("within");
+  if (!place || !data.histogram) return;
+  const {percent, series} = data.histogram, colours = [BLUE, ORANGE, GREEN, PURPLE, SKY, RED];
+  const marks = [68, 90, 95];
+  await Plotly.newPlot(place, series.flatMap((one, i) => one.below.length ? [
+    {type: "scatter", mode: "lines", x: one.below, y: percent, name: one.name, line: {color: colours[i % 6], width: 2},
+      hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"},
+    {type: "scatter", mode: series.length > 1 ? "markers" : "markers+text", x: marks.map(m => one.below[m]), y: marks,
+      text: marks.map(m => `LE${m} ${one.below[m].toFixed(3)} m`), textposition: "middle right", showlegend: false,
+      marker: {color: colours[i % 6], size: 8}, hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"}] : []),
+    layoutOf({title: heading("Share of cells within an error"), showlegend: series.length > 1, legend: {x: 1,
+      xanchor: "right", y: 0.05}, xaxis: axis("|DEM minus truth| (m)", {rangemode: "tozero"}),
+      yaxis: axis("Share of cells (%)", {range: [0, 103]})}), config);
+});

@@ -30,7 +30,7 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
         }
     rows |= {
         "Chirps": f"{scenario.radar.chirp_rate_hz:g} a second",
-        "Navigation": scenario.platform.navigation.kind,
+        "Navigation": "pose known exactly" if prepared.flight.navigation is None else scenario.platform.navigation.kind,
         "Map": f"{prepared.mapper.name}, {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m",
         "Seed": str(scenario.seed),
     }

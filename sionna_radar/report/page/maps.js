@@ -4,7 +4,7 @@
 function heatmap(map, scales, more = {}) {
   return {type: "heatmap", x0: map.x0, dx: map.step, y0: map.y0, dy: map.step, z: rowsOf(map.z), zmin: map.low,
     zmax: map.high, colorscale: scales[map.scale], colorbar: {title: {text: map.unit, side: "right"}, thickness: 14,
-    outlinewidth: 0}, hovertemplate: `%{x:.1f}, %{y:.1f}<br>${map.hover}: %{z:.3f}<extra></extra>`, hoverongaps: false,
+    outlinewidth: 0, x: 1.01}, hovertemplate: `%{x:.1f}, %{y:.1f}<br>${map.hover}: %{z:.3f}<extra></extra>`, hoverongaps: false,
     ...more};
 }
 
@@ -32,43 +32,35 @@ function linked(places) {
 
 const zooming = {...config, scrollZoom: true};
 
-views.push(async data => {
-  const holder = document.getElementById("maps");
-  if (!holder || !data.maps) return;
-  const places = [];
-  for (const map of data.maps) {
-    const place = document.createElement("div");
-    place.className = "plot map";
-    holder.append(place);
-    await Plotly.newPlot(place, [heatmap(map, data.scales)],
-      mapLayout(data.frame, map, {title: heading(map.name), margin: {l: 70, r: 10, t: 36, b: 48}}), zooming);
-    places.push(place);
-  }
-  linked(places);
-});
 
 views.push(async data => {
   const holder = document.getElementById("swipe");
   if (!holder || !data.maps) return;
-  const margin = {l: 78, r: 96, t: 14, b: 52};
+  const margin = {l: 70, r: 84, t: 42, b: 48};
+  // The maps beside: their rooms stand in the page already, so that each has its final width.
+  const beside = Array.from(document.querySelectorAll("[data-map]"));
+  for (const place of beside) {
+    const map = data.maps[Number(place.dataset.map)];
+    await Plotly.newPlot(place, [heatmap(map, data.scales)], mapLayout(data.frame, map, {title: heading(map.name), margin}),
+      zooming);
+  }
   const [under, over] = ["under", "over"].map(name => holder.querySelector(`.${name}`));
   const bar = holder.querySelector(".bar"), grip = holder.querySelector(".grip");
   const names = [holder.querySelector(".name.first"), holder.querySelector(".name.second")];
   let share = 0.5;
-  const draw = (place, map, side) => Plotly.react(place, [heatmap(map, data.scales, {colorbar: {title: {text: map.unit,
-    side: "right"}, thickness: 14, outlinewidth: 0, x: 1.01}, showscale: side === "right"})],
+  const draw = (place, map, side) => Plotly.react(place, [heatmap(map, data.scales, {showscale: side === "right"})],
     mapLayout(data.frame, map, {margin, paper_bgcolor: side === "right" ? "#fff" : "rgba(0,0,0,0)"}), zooming);
   // The left map is clipped at the bar, which also lets the mouse through to the right one beyond it.
   const clip = () => {
     const full = under._fullLayout;
     if (!full) return;
-    const [from, to] = [full._size.l, full.width - full._size.r], at = from + share * (to - from);
+    const from = full.xaxis._offset, to = from + full.xaxis._length, at = from + share * (to - from);
     over.style.clipPath = `inset(0 ${full.width - at}px 0 0)`;
-    const top = full._size.t, height = full.height - full._size.t - full._size.b;
+    const top = full.yaxis._offset, height = full.yaxis._length;
     Object.assign(bar.style, {left: `${at - 1}px`, top: `${top}px`, height: `${height}px`});
     Object.assign(grip.style, {left: `${at}px`, top: `${top + height / 2}px`});
     Object.assign(names[0].style, {left: `${from + 8}px`, top: `${top + 8}px`});
-    Object.assign(names[1].style, {right: `${full._size.r + 8}px`, top: `${top + 8}px`});
+    Object.assign(names[1].style, {right: `${full.width - to + 8}px`, top: `${top + 8}px`});
   };
   const redraw = async () => {
     const [a, b] = ["left", "right"].map(name => data.maps[Number(control(name).value)]);
@@ -82,13 +74,13 @@ views.push(async data => {
     clip();
   };
   await redraw();
-  linked([under, over]);
+  linked([under, over, ...beside]);
   under.on("plotly_afterplot", clip);
   onControl("left", redraw);
   onControl("right", redraw);
   const move = event => {
-    const box = holder.getBoundingClientRect(), size = under._fullLayout._size;
-    share = Math.min(1, Math.max(0, (event.clientX - box.left - size.l) / size.w));
+    const box = holder.getBoundingClientRect(), {_offset, _length} = under._fullLayout.xaxis;
+    share = Math.min(1, Math.max(0, (event.clientX - box.left - _offset) / _length));
     clip();
   };
   grip.addEventListener("pointerdown", event => {

@@ -46,6 +46,11 @@ def swipe(name: str) -> str:
     )
 
 
+def map_room(number: int) -> str:
+    """Return the room of one of the page's maps, by its number."""
+    return f'<div class="plot map" data-map="{number}"></div>'
+
+
 def section(name: str, title: str, *parts: str) -> str:
     """Return a section with an anchor."""
     return f'<section id="{escape(name)}"><h2>{escape(title)}</h2>\n' + "\n".join(parts) + "</section>"

@@ -78,7 +78,7 @@ views.push(async data => {
     const size = Math.max(spans[0], spans[1]);
     return {x: spans[0] / size * 1.5, y: spans[1] / size * 1.5, z: Math.max(spans[2] / size * 1.5 * up, 0.02)};
   };
-  const far = spans[1] > spans[0] ? {x: 1.35, y: -0.95, z: 0.8} : {x: -0.75, y: -1.45, z: 0.85};
+  const far = spans[1] > spans[0] ? {x: 1.15, y: -0.8, z: 0.68} : {x: -0.6, y: -1.2, z: 0.7};
   await Plotly.newPlot(place, traces, layoutOf({margin: {l: 0, r: 0, t: 0, b: 0}, showlegend: false, uirevision: "kept",
     scene: {xaxis: sceneAxis(frame.east, 0), yaxis: sceneAxis(frame.north, 1), zaxis: sceneAxis(frame.height, 2),
     aspectmode: "manual", aspectratio: ratio(1), camera: {eye: far, center: {x: 0, y: 0, z: -0.12}}, dragmode: "turntable"}}),

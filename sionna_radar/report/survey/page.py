@@ -200,7 +200,10 @@ def _histogram(survey: Survey) -> dict[str, Any]:
     limit = 1.3 * _limit(values)
     edges = np.linspace(-limit, limit, BINS + 1)
     share = 100 * np.histogram(values, edges)[0] / max(len(values), 1)
-    return {"edges": edges.tolist(), "series": [{"name": "lit cells", "share": share.tolist()}]}
+    percent = np.arange(0, 100)
+    below = np.percentile(np.abs(values), percent).tolist() if len(values) else []
+    series = {"name": "lit cells", "share": share.tolist(), "below": below}
+    return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series]}
 
 
 def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
@@ -273,7 +276,8 @@ def _errors(survey: Survey) -> str:
         f"90th percentile of |error|, not the width |P95 - P5|. {paper.conditions}"
     )
     table = markup.table(["DEM minus truth", *ERRORS, "Cells", "Coverage"], rows, note)
-    return markup.section("errors", "Errors of the elevation model", table, markup.plot("histogram", "chart"))
+    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
+    return markup.section("errors", "Errors of the elevation model", table, charts)
 
 
 def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
@@ -316,10 +320,9 @@ def _map_section(survey: Survey, maps: list[str], notes: list[str]) -> str:
     return markup.section(
         "map-view",
         "Maps",
-        markup.controls(markup.choice("left", "Left", maps, 0), markup.choice("right", "Right", maps, 1)),
-        markup.swipe("swipe"),
         markup.paragraph(lines + " ".join(n for n in notes if n.startswith("Maps")), "note"),
-        '<div class="grid" id="maps"></div>',
+        markup.controls(markup.choice("left", "Compare", maps, 0), markup.choice("right", "with", maps, 1)),
+        f'<div class="grid">{markup.swipe("swipe")}{"".join(markup.map_room(n) for n in range(2, len(maps)))}</div>',
     )
 
 
@@ -328,7 +331,7 @@ def _chirp_section(pulses: int) -> str:
         "chirp-view",
         "Chirps",
         markup.controls(markup.slider("pulse-chirp", "Pulse", pulses - 1, pulses // 2)),
-        f'<div class="grid side-by-side">{markup.plot("beat", "chart")}{markup.plot("spectrum", "chart")}</div>',
+        f'<div class="grid small">{markup.plot("beat", "chart")}{markup.plot("spectrum", "chart")}</div>',
         markup.paragraph(
             f"{pulses:,} pulses spread over the survey; the slider and that of the view in three dimensions move "
             "together. Powers are shown to 0.1 dB.",

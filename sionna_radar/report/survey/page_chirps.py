@@ -31,7 +31,7 @@ def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[Chir
     """Return the records of some pulses; fewer from a sensor that records one at a time."""
     if survey.chirp is None or len(index) == 0:
         return []
-    sensor, flight = survey.prepared.build_sensor(), survey.prepared.flight
+    sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
     together = getattr(sensor, "record_chirps", None)
     if together is not None:
         blocks = np.array_split(index, -(-len(index) // 128))

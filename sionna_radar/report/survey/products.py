@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Mapping
+from enum import Enum
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.survey.figures import draw_all
+from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.summary import summary_json, versions
 from sionna_radar.scenario import to_toml
@@ -23,7 +25,19 @@ from sionna_radar.survey.result import Survey
 MARKER = "summary.json"
 
 
-def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+class Report(Enum):
+    """Whether a folder of results has a page to look at, `report.html`."""
+
+    PAGE = "page"
+    NONE = "none"
+
+
+def write_survey(
+    survey: Survey,
+    directory: Path,
+    coordinates: Coordinates = Coordinates.MAP,
+    report: Report = Report.PAGE,
+) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
 
     Files of an earlier result in the directory are replaced if they were not changed since.
@@ -36,6 +50,8 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
         Where to write.
     coordinates:
         Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
+    report:
+        Whether to write the page, `report.html`.
 
     Raises
     ------
@@ -51,10 +67,10 @@ def write_survey(survey: Survey, directory: Path, coordinates: Coordinates = Coo
     ['dem.tif', 'error.tif', 'truth.tif']
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates))
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, report))
 
 
-def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> None:
+def _write_all(survey: Survey, coordinates: Coordinates, report: Report, directory: Path) -> None:
     place = survey.georeference
     write_text(directory / MARKER, summary_json(survey))
     write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
@@ -70,6 +86,8 @@ def _write_all(survey: Survey, coordinates: Coordinates, directory: Path) -> Non
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
     draw_all(survey, directory / "figures", coordinates)
+    if report is Report.PAGE:
+        write_text(directory / "report.html", survey_page(survey, coordinates))
 
 
 def _header(survey: Survey) -> str:
