@@ -60,10 +60,10 @@ views.push(async data => {
   await Plotly.newPlot(place, series.flatMap((one, i) => one.below.length ? [
     {type: "scatter", mode: "lines", x: one.below, y: percent, name: one.name, line: {color: colours[i % 6], width: 2},
       hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"},
-    {type: "scatter", mode: series.length > 1 ? "markers" : "markers+text", x: marks.map(m => one.below[m]), y: marks,
-      text: marks.map(m => `LE${m} ${one.below[m].toFixed(3)} m`), textposition: "middle right", showlegend: false,
+    {type: "scatter", mode: "markers", x: marks.map(m => one.below[m]), y: marks, showlegend: false,
       marker: {color: colours[i % 6], size: 8}, hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"}] : []),
-    layoutOf({title: heading("Share of cells within an error"), showlegend: series.length > 1, legend: {x: 1,
+    layoutOf({title: heading(series.length > 1 || !series[0].below.length ? "Share of cells within an error" :
+      "Share of cells within an error: " + marks.map(m => `LE${m} ${series[0].below[m].toFixed(3)} m`).join(", ")), showlegend: series.length > 1, legend: {x: 1,
       xanchor: "right", y: 0.05}, xaxis: axis("|DEM minus truth| (m)", {rangemode: "tozero"}),
       yaxis: axis("Share of cells (%)", {range: [0, 103]})}), config);
 });

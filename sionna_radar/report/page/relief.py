@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.truth import CLEAR_M
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.report.page.packing import Pack
-from sionna_radar.scene.build import BuiltScene
-from sionna_radar.scene.raycast import truth_dem
+from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
 
 # Cells of one map, and of one surface in three dimensions.
 MOST_MAP_CELLS, MOST_RELIEF_CELLS = 400_000, 60_000
@@ -36,7 +36,7 @@ class Thinned:
             rows=-(-grid.rows // n),
         )
 
-    def of(self, values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+    def of(self, values: np.ndarray) -> np.ndarray:
         """Return the values of the cells that are left."""
         return values[:: self.every, :: self.every]
 
@@ -72,24 +72,45 @@ def packed_map(
     return {**axes_of(grid, origin_m), "z": pack.rounded(values, step)}
 
 
-def surroundings(built: BuiltScene, box: tuple[float, float, float, float], most: int) -> Raster:
-    """Return the highest surface in a box (west, east, south, north), in at most so many cells."""
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """The highest surface around a map, on lines of which some are the map's first and last; empty inside the map."""
+
+    x_m: Float[np.ndarray, " column"]
+    y_m: Float[np.ndarray, " row"]
+    height_m: Float[np.ndarray, "row column"]
+
+    def packed(self, pack: Pack) -> dict[str, Any]:
+        """Return the surface for a page."""
+        return {"x": pack.exact(self.x_m), "y": pack.exact(self.y_m), "z": pack.rounded(self.height_m, HEIGHT_STEP_M)}
+
+
+def surroundings(
+    caster: RayCaster, scene: Scene, box: tuple[float, float, float, float], most: int, inner: Grid | None = None
+) -> Surroundings:
+    """Return the highest surface in a box (west, east, south, north) of a scene, in about so many cells.
+
+    caster: of the surfaces that count. inner: a map that is left out.
+    """
     west, east, south, north = box
-    spacing_m = max(float(np.sqrt((east - west) * (north - south) / most)), 1e-3)
-    grid = Grid(
-        west_m=west,
-        south_m=south,
-        spacing_m=spacing_m,
-        columns=max(2, int((east - west) / spacing_m) + 1),
-        rows=max(2, int((north - south) / spacing_m) + 1),
-    )
-    return truth_dem(built.caster, grid, float(built.scene.bounds_m[1, 2]) + CLEAR_M)
+    step_m = max(float(np.sqrt((east - west) * (north - south) / most)), 1e-3)
+    x = _lines(west, east, inner.x_m[[0, -1]] if inner else None, step_m)
+    y = _lines(south, north, inner.y_m[[0, -1]] if inner else None, step_m)
+    across, along = np.meshgrid(x, y)
+    places = np.column_stack([across.ravel(), along.ravel()])
+    height = caster.from_above(places, float(scene.bounds_m[1, 2]) + CLEAR_M).reshape(across.shape)
+    if inner:
+        columns, rows = ((v > edges[0]) & (v < edges[-1]) for v, edges in ((x, inner.x_m), (y, inner.y_m)))
+        height[np.ix_(rows, columns)] = np.nan
+    return Surroundings(x_m=x, y_m=y, height_m=height)
 
 
-def around(raster: Raster, inner: Grid) -> Raster:
-    """Return a raster without the cells inside another grid, where a finer surface is."""
-    west, east, south, north = inner.extent_m
-    margin = raster.grid.spacing_m
-    x, y = raster.grid.x_m[None, :], raster.grid.y_m[:, None]
-    inside = (x > west + margin) & (x < east - margin) & (y > south + margin) & (y < north - margin)
-    return raster.within(~inside)
+def _lines(
+    low: float, high: float, between: Float[np.ndarray, "2"] | None, step_m: float
+) -> Float[np.ndarray, " line"]:
+    """Return places from low to high about a step apart, two of them given."""
+    stops = np.unique(np.clip(np.concatenate([[low], [] if between is None else between, [high]]), low, high))
+    parts = [
+        np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in zip(stops[:-1], stops[1:], strict=True)
+    ]
+    return np.concatenate([*parts, stops[-1:]])

@@ -9,8 +9,8 @@ views.push(async data => {
   const traces = [], number = {};
   const add = (name, trace) => { number[name] = traces.length; traces.push(trace); };
   const along = (first, step, count) => Float64Array.from({length: count}, (_, i) => first + i * step);
-  const surface = (from, more) => ({type: "surface", x: along(from.x0, from.step, from.z.shape[1]),
-    y: along(from.y0, from.step, from.z.shape[0]), z: rowsOf(from.z), name: from.name, showlegend: false,
+  const surface = (from, more) => ({type: "surface", x: from.x ?? along(from.x0, from.step, from.z.shape[1]),
+    y: from.y ?? along(from.y0, from.step, from.z.shape[0]), z: rowsOf(from.z), name: from.name, showlegend: false,
     lighting: {ambient: 0.62, diffuse: 0.75, specular: 0.04, roughness: 0.95, fresnel: 0.05},
     lightposition: {x: -4000, y: 6000, z: 9000}, contours: {x: {highlight: false}, y: {highlight: false},
     z: {highlight: false}}, ...more});
@@ -39,7 +39,9 @@ views.push(async data => {
   const line = (places, more) => ({type: "scatter3d", mode: "lines", x: columnOf(places, 0), y: columnOf(places, 1),
     z: columnOf(places, 2), hoverinfo: "skip", ...more});
   if (world.rim) add("rim", line(world.rim, {line: {color: "#1b2733", width: 3, dash: "dash"}}));
-  if (world.footprints) add("footprints", line(world.footprints, {line: {color: RED, width: 2}}));
+  if (world.footprints) add("footprints", line(world.footprints, {line: {color: ORANGE, width: 3}}));
+  if (world.hits) add("hits", {type: "scatter3d", mode: "markers", x: columnOf(world.hits, 0), y: columnOf(world.hits, 1),
+    z: columnOf(world.hits, 2), hoverinfo: "skip", marker: {size: 1.8, color: "#fff", opacity: 0.8}});
   if (world.points) {
     const {position, pulse} = world.points;
     add("points", {type: "scatter3d", mode: "markers", x: columnOf(position, 0), y: columnOf(position, 1),
@@ -52,9 +54,10 @@ views.push(async data => {
   const empty = {type: "scatter3d", x: [null], y: [null], z: [null], hoverinfo: "skip"};
   const gains = world.beams ? rowsOf(world.beams.gain_db) : [];
   const weakest = Math.min(...gains.flatMap(row => Array.from(row)));
-  add("rays", {...empty, mode: "lines", line: {width: 2, color: [0], colorscale: scales.level.map(([stop, colour]) =>
-    [stop, colour]), cmin: Math.max(weakest, -30), cmax: 0, colorbar: {...bar("Two-way gain over the peak (dB)"), x: 1.0,
-    len: 0.72}, showscale: false}});
+  const gainScale = [[0, "#5b3a00"], [0.5, "#e69f00"], [1, "#fff3b0"]];
+  add("rays", {...empty, mode: "lines", line: {width: 2, color: [0], colorscale: gainScale, cmin: Math.max(weakest, -30),
+    cmax: 0, showscale: true, colorbar: {...bar("Two-way gain of a ray (dB)"), x: 0.0, xanchor: "left", len: 0.4, y: 0.25,
+    thickness: 10, title: {text: "Two-way gain of a ray (dB)", side: "right", font: {size: 11}}, tickfont: {size: 11}}}});
   add("outline", {...empty, mode: "lines", line: {width: 5, color: RED}});
   add("axis", {...empty, mode: "lines", line: {width: 4, color: RED}});
   add("echoes", {...empty, mode: "markers", marker: {size: 6, color: RED, symbol: "diamond",
@@ -78,10 +81,10 @@ views.push(async data => {
     const size = Math.max(spans[0], spans[1]);
     return {x: spans[0] / size * 1.5, y: spans[1] / size * 1.5, z: Math.max(spans[2] / size * 1.5 * up, 0.02)};
   };
-  const far = spans[1] > spans[0] ? {x: 1.15, y: -0.8, z: 0.68} : {x: -0.6, y: -1.2, z: 0.7};
+  const far = spans[1] > spans[0] ? {x: 1.2, y: -0.85, z: 0.72} : {x: -0.62, y: -1.25, z: 0.74};
   await Plotly.newPlot(place, traces, layoutOf({margin: {l: 0, r: 0, t: 0, b: 0}, showlegend: false, uirevision: "kept",
     scene: {xaxis: sceneAxis(frame.east, 0), yaxis: sceneAxis(frame.north, 1), zaxis: sceneAxis(frame.height, 2),
-    aspectmode: "manual", aspectratio: ratio(1), camera: {eye: far, center: {x: 0, y: 0, z: -0.12}}, dragmode: "turntable"}}),
+    aspectmode: "manual", aspectratio: ratio(1), camera: {eye: far, center: {x: 0, y: 0, z: -0.2}}, dragmode: "turntable"}}),
   config);
 
   // ------------------------------------------------------------------------------------------------ controls
@@ -95,7 +98,7 @@ views.push(async data => {
   onControl("shape", repaint);
   onControl("upright", k => Plotly.relayout(place, {"scene.aspectratio": ratio([1, 2, 4][k])}));
   const toggles = {points: ["points"], track: ["track"], beam: ["rays", "outline", "axis", "echoes"], around: ["around"],
-    footprints: ["footprints"], solids: ["solids"], rim: ["rim"]};
+    footprints: ["footprints"], solids: ["solids"], rim: ["rim"], hits: ["hits"]};
   for (const [name, members] of Object.entries(toggles))
     onControl(name, on => Plotly.restyle(place, {visible: on}, members.filter(m => m in number).map(m => number[m])));
 
@@ -106,7 +109,7 @@ views.push(async data => {
   const distances = rowsOf(beams.distance);
   const showBeam = row => {
     const turn = turns[row], origin = origins[row], fan = fans[beams.fan[row]], gain = gains[beams.fan[row]];
-    const end = ray => [0, 1, 2].map(i => origin[i] + distances[row][ray] *
+    const end = (ray, share = 1) => [0, 1, 2].map(i => origin[i] + share * distances[row][ray] *
       (turn[3 * i] * fan[3 * ray] + turn[3 * i + 1] * fan[3 * ray + 1] + turn[3 * i + 2] * fan[3 * ray + 2]));
     const met = ray => !Number.isNaN(distances[row][ray]);
     const rays = {x: [], y: [], z: [], c: []};
@@ -116,8 +119,9 @@ views.push(async data => {
       for (const [from, to] of [["x", 0], ["y", 1], ["z", 2]]) rays[from].push(origin[to], tip[to], null);
       rays.c.push(gain[ray], gain[ray], gain[ray]);
     }
+    // Drawn a little above the ground, which would hide half of it.
     const ring = [];
-    for (let ray = 1; ray <= beams.outline; ray++) ring.push(met(ray) ? end(ray) : [null, null, null]);
+    for (let ray = 1; ray <= beams.outline; ray++) ring.push(met(ray) ? end(ray, 0.996) : [null, null, null]);
     ring.push(ring[0]);
     const tip = met(0) ? end(0) : null;
     const pulse = beams.pulse[row], found = [];

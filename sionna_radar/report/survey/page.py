@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.decibel import decibels
-from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.page import markup
 from sionna_radar.report.page.backscatter import MEANING as SIGMA0_MEANING
@@ -21,7 +21,6 @@ from sionna_radar.report.page.relief import (
     HEIGHT_STEP_M,
     MOST_MAP_CELLS,
     MOST_RELIEF_CELLS,
-    around,
     packed_map,
     surroundings,
     thinned,
@@ -67,8 +66,11 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     index = spread_pulses(survey.pulses, most)
     beams = cast_beams(survey.prepared, index)
     chirps = packed_chirps(pack, record_chirps(survey, index), index, survey)
-    maps, notes = _maps(survey, pack, frame)
-    world, more = _world(survey, pack, beams)
+    thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
+    truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
+    sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
+    maps, notes = _maps(survey, pack, frame, sigma0)
+    world, more = _world(survey, pack, frame, beams, sigma0)
     numbers = {
         "frame": frame_of_page(frame),
         "scales": colour_scales(),
@@ -87,7 +89,15 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
 # ---------------------------------------------------------------------------------------------- numbers
 
 
-def _maps(survey: Survey, pack: Pack, frame: Frame) -> tuple[list[dict[str, Any]], list[str]]:
+def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
+    """Return sigma0 of lit cells in dB; None where there is none."""
+    level = sigma0_db(survey.prepared, lit)
+    return Raster(grid=lit.grid, height_m=level) if np.isfinite(level).any() else None
+
+
+def _maps(
+    survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None
+) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the maps of a survey, and what was left out of them."""
     thin = thinned(survey.dem.grid, MOST_MAP_CELLS)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
@@ -109,6 +119,11 @@ def _maps(survey: Survey, pack: Pack, frame: Frame) -> tuple[list[dict[str, Any]
         unit = "dB rel. to transmitted" if survey.scenario.radar.snr_db is not None else "dBW"
         look = {"low": low, "high": high, "scale": "level", "unit": f"Mean echo power ({unit})", "hover": "echo power"}
         maps.append({"name": "Echo power", **look, **packed_map(pack, grid, level, 0.1, frame.origin_m)})
+    if sigma0 is not None:
+        low, high = _span(sigma0.height_m, share=1.0)
+        look = {"low": low, "high": high, "scale": "level", "unit": "sigma0 (dB)", "hover": "sigma0"}
+        placed = packed_map(pack, sigma0.grid, sigma0.height_m, 0.1, frame.origin_m)
+        maps.append({"name": "Backscatter coefficient of the ground", **look, **placed})
     return maps, [f"Maps: {thin.note}."] if thin.note else []
 
 
@@ -134,20 +149,24 @@ def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
     return coarse, decibels(power / np.maximum(count, 1)).reshape(coarse.shape)
 
 
-def _world(survey: Survey, pack: Pack, beams: Beams) -> tuple[dict[str, Any], list[str]]:
+def _world(
+    survey: Survey, pack: Pack, frame: Frame, beams: Beams, sigma0: Raster | None
+) -> tuple[dict[str, Any], list[str]]:
     """Return the view in three dimensions, and what was left out of it."""
     prepared = survey.prepared
     thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
-    outside = around(surroundings(prepared.scene, box_of(prepared), AROUND_CELLS), thin.cells)
+    outside = surroundings(
+        prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells
+    )
     drawn = _thinned_rows(len(survey.points), MOST_POINTS)
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MOST_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
     limit = _limit(survey.error.height_m)
-    up = survey.georeference.origin_m[2] if survey.georeference else 0.0
+    up = frame.origin_m[2]
     paints: list[dict[str, Any]] = [
-        {"name": "Height (m)", "scale": "height", "low": low, "high": high, "up": up},
+        {"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up},
         {
             "name": "Error (m)",
             "scale": "error",
@@ -156,21 +175,18 @@ def _world(survey: Survey, pack: Pack, beams: Beams) -> tuple[dict[str, Any], li
             "z": pack.rounded(thin.of(survey.error.height_m), HEIGHT_STEP_M),
         },
     ]
-    if survey.scenario.sensor != "lidar":
-        level = sigma0_db(prepared, truth)
-        if np.isfinite(level).any():
-            bottom, top = _span(level, share=1.0)
-            paints.append(
-                {"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": pack.rounded(level, 0.1)}
-            )
-    surfaces = [outside.height_m[outside.filled], truth.height_m[truth.filled], dem.height_m[dem.filled], track[:, 2]]
+    if sigma0 is not None:
+        bottom, top = _span(sigma0.height_m, share=1.0)
+        levels = pack.rounded(sigma0.height_m, 0.1)
+        paints.append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
+    surfaces = [outside.height_m[np.isfinite(outside.height_m)], truth.height_m[truth.filled], dem.height_m[dem.filled], track[:, 2]]
     bottom, top = min(s.min() for s in surfaces if s.size), max(s.max() for s in surfaces if s.size)
-    west, east, south, north = outside.grid.extent_m
+    west, east, south, north = box_of(prepared)
     pad = 0.04 * (top - bottom) + 0.1
     world = {
         "shapes": [packed_relief(pack, truth, "True surface"), packed_relief(pack, dem, "DEM")],
         "paints": paints,
-        "around": packed_relief(pack, outside, "around"),
+        "around": outside.packed(pack),
         "track": packed_track(pack, prepared.flight),
         "points": _packed_points(pack, survey, drawn),
         "echoes": _packed_points(pack, survey, echoes),
