@@ -12,6 +12,7 @@ from sionna_radar.scene.model import Scene, Surface
 # A surface of which this share is steep stands on the ground rather than being it.
 STEEP_SHARE, STEEP_COSINE = 0.1, 0.2
 MOST_FACES = 60_000
+CITY = "sionna:"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +35,13 @@ class Solids:
         return {"vertices": pack.exact(self.vertices_m), "faces": pack.whole(self.faces)}
 
 
-def standing(surface: Surface) -> bool:
-    """Whether a surface stands on the ground: it is named so by what builds it, or is steep by area."""
-    if surface.name.startswith(("building-", "footprints-")):
+def standing(surface: Surface, terrain: str) -> bool:
+    """Whether a surface stands on the ground: it is named so by what builds it, or is steep by area.
+
+    terrain: the kind of terrain; the roofs of Sionna's cities are surfaces of their own.
+    """
+    names = ("building-", "footprints-", *([f"{terrain.removeprefix(CITY)}-"] if terrain.startswith(CITY) else []))
+    if surface.name.startswith(names):
         return True
     normal = _normals(surface.vertices_m, surface.faces)
     area = np.linalg.norm(normal, axis=1)
@@ -44,10 +49,10 @@ def standing(surface: Surface) -> bool:
     return bool(area[steep].sum() > STEEP_SHARE * area.sum())
 
 
-def solids_within(scene: Scene, box: tuple[float, float, float, float]) -> Solids | None:
+def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, float]) -> Solids | None:
     """Return what stands within a box (west, east, south, north); None for nothing."""
     vertices, faces, first = [], [], 0
-    for surface in filter(standing, scene.surfaces):
+    for surface in (surface for surface in scene.surfaces if standing(surface, terrain)):
         inside = surface.faces[_within(surface, box)]
         if len(inside):
             used, index = np.unique(inside, return_inverse=True)

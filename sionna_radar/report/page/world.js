@@ -81,7 +81,7 @@ views.push(async data => {
     const size = Math.max(spans[0], spans[1]);
     return {x: spans[0] / size * 1.5, y: spans[1] / size * 1.5, z: Math.max(spans[2] / size * 1.5 * up, 0.02)};
   };
-  const far = spans[1] > spans[0] ? {x: 1.2, y: -0.85, z: 0.72} : {x: -0.62, y: -1.25, z: 0.74};
+  const far = spans[1] > spans[0] ? {x: 1.28, y: -0.9, z: 0.8} : {x: -0.65, y: -1.34, z: 0.82};
   await Plotly.newPlot(place, traces, layoutOf({margin: {l: 0, r: 0, t: 0, b: 0}, showlegend: false, uirevision: "kept",
     scene: {xaxis: sceneAxis(frame.east, 0), yaxis: sceneAxis(frame.north, 1), zaxis: sceneAxis(frame.height, 2),
     aspectmode: "manual", aspectratio: ratio(1), camera: {eye: far, center: {x: 0, y: 0, z: -0.2}}, dragmode: "turntable"}}),

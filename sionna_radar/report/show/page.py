@@ -53,7 +53,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     frame, pack = frame_of(prepared.scene.scene.georeference, coordinates), Pack()
     index = spread_pulses(len(prepared), PULSES)
     beams, looks = cast_beams(prepared, index), look(prepared.flight, prepared.scene)
-    solids = solids_within(prepared.scene.scene, box_of(prepared))
+    solids = solids_within(prepared.scene.scene, prepared.scenario.terrain.kind, box_of(prepared))
     ground = _ground(prepared, solids)
     numbers = {
         "frame": frame_of_page(frame),
@@ -69,7 +69,7 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
     """Return the ground under what is drawn as triangles; the highest surface where nothing is."""
     built, box = prepared.scene, box_of(prepared)
-    lying = [surface for surface in built.scene.surfaces if not standing(surface)]
+    lying = [surface for surface in built.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
     if solids is None or not lying:
         return surroundings(built.caster, built.scene, box, MOST_CELLS)
     return surroundings(RayCaster(lying), built.scene, box, MOST_CELLS)
