@@ -161,7 +161,7 @@ def _body(result: Comparison, title: str, notes: list[str]) -> str:
         markup.section(
             "errors",
             "Errors",
-            markup.table(["Lit cells, DEM minus truth", *ERRORS], rows),
+            markup.table(["DEM minus truth of lit cells (m)", *ERRORS], rows),
             charts,
             markup.paragraph("Curves: all cells that a DEM fills, lit or not.", "note"),
         ),

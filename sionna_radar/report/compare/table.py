@@ -9,11 +9,11 @@ from sionna_radar.report.terminal import console
 from sionna_radar.studies.comparison import Comparison
 
 ERRORS = {
-    "RMS (m)": ("rms_m", ".3f"),
-    "mean (m)": ("mean_m", "+.3f"),
-    "std. dev. (m)": ("std_m", ".3f"),
-    "NMAD (m)": ("nmad_m", ".3f"),
-    "LE90 (m)": ("le90_m", ".3f"),
+    "RMS": ("rms_m", ".3f"),
+    "mean": ("mean_m", "+.3f"),
+    "std": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
     "cells": ("count", ",.0f"),
     "coverage": ("coverage", ".1%"),
 }
@@ -43,7 +43,7 @@ def _value(value: Any) -> str:
 
 def print_comparison(result: Comparison) -> None:
     """Print the errors of lit cells, and the settings that differ."""
-    errors = Table(title="DEM minus truth, lit cells", title_justify="left")
+    errors = Table(title="DEM minus truth of lit cells, m", title_justify="left")
     errors.add_column("folder", overflow="fold")
     for name in ERRORS:
         errors.add_column(name, justify="right")

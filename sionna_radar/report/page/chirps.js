@@ -21,8 +21,8 @@ views.push(async data => {
     yanchor: "bottom"}, xaxis: axis("Range, not corrected for Doppler (m)"),
     yaxis: axis(chirps.power_label, {range: [lowest, highest]})}), config);
   const show = row => {
-    const k = row_of.indexOf(row);
-    if (k < 0) return;
+    let k = 0;  // the nearest pulse whose chirp is here
+    row_of.forEach((other, i) => { if (Math.abs(other - row) < Math.abs(row_of[k] - row)) k = i; });
     const found = [];
     for (let i = 0; i < chirps.echo_row.length; i++)
       if (chirps.echo_row[i] === k) found.push([chirps.echo_range_m[i], chirps.echo_db[i]]);
@@ -48,7 +48,8 @@ views.push(async data => {
     {type: "scatter", mode: "lines", line: {shape: "hvh", color: colours[i % 6], width: 2}, x: middles, y: one.share,
       name: one.name, hovertemplate: "%{x:.3f} m: %{y:.2f} %<extra></extra>"}),
     layoutOf({title: heading("Errors of the DEM"), showlegend: !bars, bargap: 0, xaxis: axis("DEM minus truth (m)"),
-      yaxis: axis("Share of cells (%)"), legend: {x: 1, xanchor: "right", y: 1},
+      yaxis: axis(data.histogram.heavy ? "Share of cells (%), logarithmic" : "Share of cells (%)",
+      data.histogram.heavy ? {type: "log", dtick: 1, exponentformat: "none"} : {}), legend: {x: 1, xanchor: "right", y: 1},
       shapes: [{type: "line", x0: 0, x1: 0, yref: "paper", y0: 0, y1: 1, line: {color: "#5b6b7a", width: 1, dash: "dot"}}]}), config);
 });
 

@@ -5,9 +5,7 @@ views.push(async data => {
   if (!data.maps || document.getElementById("swipe")) return;
   const places = [];
   for (const place of document.querySelectorAll("[data-map]")) {
-    const map = data.maps[Number(place.dataset.map)];
-    await Plotly.newPlot(place, [heatmap(map, data.scales)], mapLayout(data.frame, map, {title: heading(map.name),
-      margin: {l: 70, r: 84, t: 42, b: 48}}), zooming);
+    await drawMap(place, data.maps[Number(place.dataset.map)], data);
     places.push(place);
   }
   if (data.linked) linked(places);

@@ -54,10 +54,11 @@ views.push(async data => {
   const empty = {type: "scatter3d", x: [null], y: [null], z: [null], hoverinfo: "skip"};
   const gains = world.beams ? rowsOf(world.beams.gain_db) : [];
   const weakest = Math.min(...gains.flatMap(row => Array.from(row)));
-  const gainScale = [[0, "#5b3a00"], [0.5, "#e69f00"], [1, "#fff3b0"]];
+  const gainScale = [[0, "#fdd49e"], [0.5, "#fc8d59"], [1, "#b30000"]];
   add("rays", {...empty, mode: "lines", line: {width: 2, color: [0], colorscale: gainScale, cmin: Math.max(weakest, -30),
-    cmax: 0, showscale: true, colorbar: {...bar("Two-way gain of a ray (dB)"), x: 0.0, xanchor: "left", len: 0.4, y: 0.25,
-    thickness: 10, title: {text: "Two-way gain of a ray (dB)", side: "right", font: {size: 11}}, tickfont: {size: 11}}}});
+    cmax: 0, showscale: true, colorbar: {orientation: "h", x: 0.01, xanchor: "left", len: 0.22, y: 0.01, yanchor: "bottom",
+    thickness: 9, outlinewidth: 0, title: {text: "Two-way gain of a ray (dB)", side: "top", font: {size: 11}},
+    tickfont: {size: 11}}}});
   add("outline", {...empty, mode: "lines", line: {width: 5, color: RED}});
   add("axis", {...empty, mode: "lines", line: {width: 4, color: RED}});
   add("echoes", {...empty, mode: "markers", marker: {size: 6, color: RED, symbol: "diamond",

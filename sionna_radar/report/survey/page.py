@@ -34,7 +34,7 @@ from sionna_radar.report.page.world import (
     packed_track,
     track_of,
 )
-from sionna_radar.report.survey.page_chirps import chirps_that_fit, packed_chirps, record_chirps
+from sionna_radar.report.survey.page_chirps import chirps_of, packed_chirps, record_chirps
 from sionna_radar.report.survey.reference_paper import reference_for
 from sionna_radar.report.survey.summary import crs_name, summary
 from sionna_radar.report.terminal import number
@@ -45,6 +45,8 @@ PULSES = 240
 MOST_ECHOES_OF_BEAMS = 4_000
 AROUND_CELLS = 12_000
 BINS = 81
+# A histogram that extends this many NMADs to each side has a logarithmic scale.
+HEAVY_TAILS = 10
 ERRORS = {
     "RMS (m)": ("rms_m", ".3f"),
     "Mean (m)": ("mean_m", "+.3f"),
@@ -62,10 +64,10 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     Raises OutputError where it would be too large, or plotly is not installed.
     """
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
-    most = max(1, chirps_that_fit(survey, PULSES)) if survey.chirp is not None else PULSES
-    index = spread_pulses(survey.pulses, most)
+    index = spread_pulses(survey.pulses, PULSES)
     beams = cast_beams(survey.prepared, index)
-    chirps = packed_chirps(pack, record_chirps(survey, index), index, survey)
+    records = record_chirps(survey, chirps_of(survey, index))
+    chirps = packed_chirps(pack, records, index, survey)
     thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
     truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
     sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
@@ -82,7 +84,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         "summary": summary(survey),
     }
     title = survey.scenario.description or "A survey"
-    body = _body(survey, len(index), chirps is not None, [one["name"] for one in maps], notes + more, world)
+    body = _body(survey, len(index), len(records), [one["name"] for one in maps], notes + more, world)
     return document(title, body, pack.text(numbers), ("world.js", "maps.js", "chirps.js"))
 
 
@@ -219,7 +221,8 @@ def _histogram(survey: Survey) -> dict[str, Any]:
     percent = np.arange(0, 100)
     below = np.percentile(np.abs(values), percent).tolist() if len(values) else []
     series = {"name": "lit cells", "share": share.tolist(), "below": below}
-    return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series]}
+    heavy = limit > HEAVY_TAILS * survey.lit_error.nmad_m
+    return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series], "heavy": bool(heavy)}
 
 
 def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
@@ -241,18 +244,18 @@ def _limit(values: Float[np.ndarray, "..."]) -> float:
 
 
 def _body(
-    survey: Survey, pulses: int, has_chirps: bool, maps: list[str], notes: list[str], world: dict[str, Any]
+    survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]
 ) -> str:
     sections = [
         _flown(survey),
         _errors(survey),
         _world_section(survey, pulses, world, notes),
         _map_section(survey, maps, notes),
-        *([_chirp_section(pulses)] if has_chirps else []),
+        *([_chirp_section(pulses, chirps)] if chirps else []),
         _made(survey),
     ]
     names = {"flown": "What was flown", "errors": "Errors", "world-view": "In three dimensions", "map-view": "Maps"}
-    names |= {"chirp-view": "Chirps"} if has_chirps else {}
+    names |= {"chirp-view": "Chirps"} if chirps else {}
     return markup.head("Survey", survey.scenario.description or "A survey", {**names, "made": "How it was made"}) + (
         "\n".join(sections)
     )
@@ -299,9 +302,9 @@ def _errors(survey: Survey) -> str:
 def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
     values = asdict(error)
     cells: list[markup.Cell | str] = [name]
-    for field, form in (*ERRORS.values(), ("count", ",d"), ("coverage", ".1%")):
-        value = values[field]
-        exact = float(value) if value == value else None
+    for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
+        value = float(values[field])
+        exact = value if value == value else None
         cells.append(markup.Cell(text=number(value, form), key=f"{key}.{field}", value=exact))
     return cells
 
@@ -342,15 +345,16 @@ def _map_section(survey: Survey, maps: list[str], notes: list[str]) -> str:
     )
 
 
-def _chirp_section(pulses: int) -> str:
+def _chirp_section(pulses: int, chirps: int) -> str:
+    nearest = "" if chirps == pulses else "; the one nearest to the pulse chosen is shown"
     return markup.section(
         "chirp-view",
         "Chirps",
         markup.controls(markup.slider("pulse-chirp", "Pulse", pulses - 1, pulses // 2)),
         f'<div class="grid small">{markup.plot("beat", "chart")}{markup.plot("spectrum", "chart")}</div>',
         markup.paragraph(
-            f"{pulses:,} pulses spread over the survey; the slider and that of the view in three dimensions move "
-            "together. Powers are shown to 0.1 dB.",
+            f"Chirps of {chirps:,} pulses spread over the survey{nearest}. This slider and that of the view in three "
+            "dimensions move together. Powers are shown to 0.1 dB.",
             "note",
         ),
     )

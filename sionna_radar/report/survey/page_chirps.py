@@ -13,23 +13,27 @@ from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 # Of a custom sensor, which records one at a time.
 MOST_ONE_BY_ONE = 40
-MOST_BYTES = 3_500_000
+# Numbers of a page, and paths traced again for it: of wide beams over fixed scatterers a pulse has tens of thousands.
+MOST_BYTES, MOST_PATHS = 3_500_000, 200_000
+LEAST_CHIRPS = 12
 LEVEL_STEP_DB = 0.1
 
 
-def chirps_that_fit(survey: Survey, most: int) -> int:
-    """Return how many chirps of a survey a page has room for."""
-    if survey.chirp is None:
-        return 0
+def chirps_of(survey: Survey, index: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " chirp"]:
+    """Return those of some pulses whose chirps a page has room and time for, spread over them."""
+    if survey.chirp is None or len(index) == 0:
+        return index[:0]
     beat, cells = survey.chirp.beat, len(survey.chirp.power)
     size = 2 * (len(beat) * (2 if np.iscomplexobj(beat) else 1) + 2 * cells)
-    return max(1, min(most, MOST_BYTES // size))
+    fast = max(LEAST_CHIRPS, MOST_PATHS * survey.pulses // max(survey.paths, 1))
+    most = max(1, min(MOST_BYTES // size, fast))
+    return index[:: -(-len(index) // most)]
 
 
 @on_one_thread
 def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[ChirpRecord]:
     """Return the records of some pulses; fewer from a sensor that records one at a time."""
-    if survey.chirp is None or len(index) == 0:
+    if len(index) == 0:
         return []
     sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
     together = getattr(sensor, "record_chirps", None)
@@ -81,5 +85,5 @@ def packed_chirps(
 
 def _levels(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
     """Return powers in dB; what is 200 dB under the strongest is none."""
-    level = decibels(power)
+    level = decibels(power.ravel()).reshape(power.shape)
     return np.where(level > np.nanmax(level, initial=-np.inf) - 200.0, level, np.nan)
