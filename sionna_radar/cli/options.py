@@ -36,7 +36,9 @@ MapOption = Annotated[
 ]
 ReportOption = Annotated[
     bool,
-    typer.Option("--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."),
+    typer.Option(
+        "--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."
+    ),
 ]
 NetworkOption = Annotated[
     bool,

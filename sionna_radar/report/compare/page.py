@@ -44,10 +44,10 @@ def comparison_page(result: Comparison) -> str:
     """Return the page of a comparison as HTML."""
     pack = Pack()
     one_map = len({one.crs for one in result.results}) == 1
-    names = {"origin": (0.0, 0.0, 0.0), **(MAP if one_map and result.results[0].crs else LOCAL)}
-    maps, notes = _maps(result, pack, names["height"])
+    axes = MAP if one_map and result.results[0].crs else LOCAL
+    maps, notes = _maps(result, pack, axes["height"])
     numbers = {
-        "frame": names,
+        "frame": {"origin": (0.0, 0.0, 0.0), **axes},
         "scales": colour_scales(),
         "maps": maps,
         "linked": one_map,

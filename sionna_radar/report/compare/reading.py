@@ -71,7 +71,9 @@ def _number(value: Any) -> bool:
     """Whether a value is a number or null."""
     if value is None:
         return True
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 and math.isfinite(value)
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 and math.isfinite(value)
+    )
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -92,8 +94,9 @@ def _raster(path: Path) -> tuple[str, Raster]:
             with rasterio.open(path, driver="GTiff") as file:
                 turn = file.transform
                 if file.count < 1 or file.width * file.height > MOST_CELLS:
-                    message = f"raster = {shown(path)} has {file.width} x {file.height} cells, more than {MOST_CELLS:,}"
-                    raise InputFileError(f"{message}; {REMEDY}")
+                    size = f"{file.width} x {file.height} cells, more than {MOST_CELLS:,}"
+                    message = f"raster = {shown(path)} has {size}; {REMEDY}"
+                    raise InputFileError(message)
                 square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
                 if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
                     message = f"raster = {shown(path)} has no square cells with north up; {REMEDY}"

@@ -32,7 +32,7 @@ def setting_rows(result: Comparison) -> dict[str, list[str]]:
     return {key: [_value(value) for value in values] for key, values in result.differing.items()}
 
 
-def figure(value: float | None, form: str) -> str:
+def figure(value: float | int | None, form: str) -> str:
     """Return a number in a format; a dash for one that does not exist."""
     return "-" if value is None else f"{value:{form}}"
 

@@ -10,7 +10,8 @@ from sionna_radar.survey.preparation import Prepared
 MEANING = (
     "sigma0 is the backscatter coefficient that the scene's material has, in the radar's polarization, at the local "
     "incidence angle under which the pulse whose beam axis met the ground nearest saw the cell; it is a property of "
-    "the scene, not an estimate from the echoes, and is empty where no main beam lit the cell or that pulse could not see it"
+    "the scene, not an estimate from the echoes, and is empty where no main beam lit the cell or that pulse could not "
+    "see it"
 )
 LOOKS = 20_000
 ABOVE_M = 0.01

@@ -16,19 +16,22 @@ RAYS, OUTLINE_RAYS = 72, 24
 # Two-way power that the rays leave out: the outermost are about 15 dB down.
 OUTSIDE = 0.03
 # An outline is searched so far from the boresight, in so many steps.
-WIDEST_RAD, OUTLINE_STEPS = np.deg2rad(80.0), 240
+WIDEST_RAD, OUTLINE_STEPS = float(np.deg2rad(80.0)), 60
 GOLDEN_RAD = np.pi * (3 - np.sqrt(5))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fan:
-    """Directions of an antenna's beam in its frame: first the boresight, then the outline, then the rays.
+    """Directions of a beam in its frame: first the boresight, then for an antenna the outline, then the rays.
 
     gain_db: two-way, over the peak.
     """
 
     direction: Float[np.ndarray, "ray 3"]
     gain_db: Float[np.ndarray, " ray"]
+
+
+AXIS = Fan(direction=np.array([[1.0, 0.0, 0.0]]), gain_db=np.zeros(1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,15 +67,16 @@ class Beams:
             "directions": pack.exact(np.stack([fan.direction for fan in self.fans])),
             "gain_db": pack.rounded(np.stack([fan.gain_db for fan in self.fans]), 0.1),
             "distance": pack.rounded(self.distance_m, 0.01),
-            "outline": OUTLINE_RAYS,
+            "outline": min(OUTLINE_RAYS, self.distance_m.shape[1] - 1),
         }
 
 
 def cast_beams(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> Beams:
-    """Return the beams of some pulses of a survey, cast against its scene."""
+    """Return the beams of some pulses of a survey, cast against its scene; of a lidar the axes alone."""
     pulses = prepared.flight.pulses(index)
     steered = bool(prepared.beams) and pulses.beam is not None
-    fans = tuple(map(fan_of, prepared.beams if steered else (prepared.antenna,)))
+    antennas = prepared.beams if steered else (prepared.antenna,)
+    fans = (AXIS,) * len(antennas) if prepared.scenario.sensor == "lidar" else tuple(map(fan_of, antennas))
     fan = np.asarray(pulses.beam if steered else np.zeros(len(pulses)), dtype=np.int64)
     local = np.stack([each.direction for each in fans])[fan]
     direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
@@ -104,9 +108,14 @@ def _outline(antenna: Antenna) -> Float[np.ndarray, "ray 3"]:
     angle, turn = np.meshgrid(off, around)
     direction = np.stack([np.cos(angle), np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn)], axis=-1)
     gain = antenna.gain(direction.reshape(-1, 3)).reshape(angle.shape)
-    weak = gain**2 < LIT * antenna.peak_gain**2
-    first = np.where(weak.any(axis=1), weak.argmax(axis=1), OUTLINE_STEPS - 1)
-    return direction[np.arange(OUTLINE_RAYS), first]
+
+    level = 20 * np.log10(np.maximum(gain / antenna.peak_gain, 1e-9)) - 10 * np.log10(LIT)
+    rows, first = np.arange(OUTLINE_RAYS), np.maximum((level < 0).argmax(axis=1), 1)
+    first[~(level < 0).any(axis=1)] = OUTLINE_STEPS - 1
+    before, after = level[rows, first - 1], level[rows, first]
+    share = np.clip(before / np.maximum(before - after, 1e-9), 0.0, 1.0)
+    out = off[first - 1] + share * (off[first] - off[first - 1])
+    return np.column_stack([np.cos(out), np.sin(out) * np.cos(around), np.sin(out) * np.sin(around)])
 
 
 def _ends(

@@ -18,7 +18,7 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
         "Time in the air": f"{end - start:.1f} s, {len(prepared.flight):,} pulses",
         "Sensor": scenario.sensor,
         "Scan": _scan(prepared),
-        "Beam at half power": _beam(prepared),
+        "Beam at half power": "" if scenario.sensor == "lidar" else _beam(prepared),
     }
     if scenario.sensor == "radar":
         rows |= {
@@ -29,7 +29,7 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
             "Noise": _noise(prepared),
         }
     rows |= {
-        "Chirps": f"{scenario.radar.chirp_rate_hz:g} a second",
+        "Pulse rate": f"{scenario.radar.chirp_rate_hz:g} Hz",
         "Navigation": "pose known exactly" if prepared.flight.navigation is None else scenario.platform.navigation.kind,
         "Map": f"{prepared.mapper.name}, {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m",
         "Seed": str(scenario.seed),

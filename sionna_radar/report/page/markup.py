@@ -20,7 +20,7 @@ class Cell:
 
     text: str
     key: str = ""
-    value: float | None = None
+    value: float | int | None = None
 
 
 def head(kind: str, title: str, sections: Mapping[str, str]) -> str:

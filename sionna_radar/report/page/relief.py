@@ -1,6 +1,7 @@
 """Heights as a page shows them: thinned to what a browser draws at once, and cast where no map has any."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,5 @@ def _lines(
 ) -> Float[np.ndarray, " line"]:
     """Return places from low to high about a step apart, two of them given."""
     stops = np.unique(np.clip(np.concatenate([[low], [] if between is None else between, [high]]), low, high))
-    parts = [
-        np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in zip(stops[:-1], stops[1:], strict=True)
-    ]
+    parts = [np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in pairwise(stops)]
     return np.concatenate([*parts, stops[-1:]])

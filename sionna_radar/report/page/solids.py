@@ -76,6 +76,8 @@ def _within(surface: Surface, box: tuple[float, float, float, float]) -> Bool[np
     return inside[surface.faces].any(axis=1)
 
 
-def _normals(vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]) -> Float[np.ndarray, "face 3"]:
+def _normals(
+    vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+) -> Float[np.ndarray, "face 3"]:
     a, b, c = (vertices_m[faces[:, corner]] for corner in range(3))
     return np.cross(b - a, c - a)

@@ -56,7 +56,7 @@ views.push(async data => {
   const weakest = Math.min(...gains.flatMap(row => Array.from(row)));
   const gainScale = [[0, "#fdd49e"], [0.5, "#fc8d59"], [1, "#b30000"]];
   add("rays", {...empty, mode: "lines", line: {width: 2, color: [0], colorscale: gainScale, cmin: Math.max(weakest, -30),
-    cmax: 0, showscale: true, colorbar: {orientation: "h", x: 0.01, xanchor: "left", len: 0.22, y: 0.01, yanchor: "bottom",
+    cmax: 0, showscale: world.beams?.outline > 0, colorbar: {orientation: "h", x: 0.01, xanchor: "left", len: 0.22, y: 0.01, yanchor: "bottom",
     thickness: 9, outlinewidth: 0, title: {text: "Two-way gain of a ray (dB)", side: "top", font: {size: 11}},
     tickfont: {size: 11}}}});
   add("outline", {...empty, mode: "lines", line: {width: 5, color: RED}});
@@ -79,7 +79,7 @@ views.push(async data => {
     world.bounds[1][k]], gridcolor: "#d5dce2", backgroundcolor: "#f5f7f9", showbackground: true, zeroline: false,
     showspikes: false, tickfont: {size: 11}});
   const ratio = up => {
-    const size = Math.max(spans[0], spans[1]);
+    const size = Math.max(spans[0], spans[1], 1.5 * spans[2] * up);
     return {x: spans[0] / size * 1.5, y: spans[1] / size * 1.5, z: Math.max(spans[2] / size * 1.5 * up, 0.02)};
   };
   const far = spans[1] > spans[0] ? {x: 1.28, y: -0.9, z: 0.8} : {x: -0.65, y: -1.34, z: 0.82};
@@ -123,7 +123,7 @@ views.push(async data => {
     // Drawn a little above the ground, which would hide half of it.
     const ring = [];
     for (let ray = 1; ray <= beams.outline; ray++) ring.push(met(ray) ? end(ray, 0.996) : [null, null, null]);
-    ring.push(ring[0]);
+    if (ring.length) ring.push(ring[0]);
     const tip = met(0) ? end(0) : null;
     const pulse = beams.pulse[row], found = [];
     if (world.echoes) for (let i = 0; i < world.echoes.pulse.length; i++)

@@ -1,5 +1,6 @@
 """The world of a page in three dimensions: ground, what stands on it, flight, echoes and beams, in local metres."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -69,10 +70,9 @@ def packed_track(pack: Pack, schedule: PulseSchedule) -> dict[str, Any]:
     }
 
 
-def rim_of(grid: Grid, surface: Raster) -> Float[np.ndarray, "n 3"]:
-    """Return the edge of a map, draped over a surface around it; NaN where that has no height."""
+def rim_of(grid: Grid) -> Float[np.ndarray, "n 2"]:
+    """Return places along the edge of a map."""
     west, east, south, north = grid.extent_m
     corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
-    sides = [np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:], strict=True)]
-    edge = np.concatenate([*sides, corners[:1]])
-    return np.column_stack([edge, surface.at(edge)])
+    sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
+    return np.concatenate([*sides, corners[:1]])

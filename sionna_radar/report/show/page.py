@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.page import markup
 from sionna_radar.report.page.beams import Beams, cast_beams, spread_pulses
@@ -96,7 +96,7 @@ def _world(
         "paints": [{"name": "Height (m)", "scale": "height", "low": span[0] + up, "high": span[1] + up}],
         "solids": solids.packed(pack) if solids else None,
         "rim": pack.exact(_rim(prepared)),
-        "footprints": pack.exact(_rings(beams)),
+        "footprints": pack.exact(_rings(beams)) if beams.outline_m.shape[1] else None,
         "hits": pack.exact(looks.hit_m),
         "track": packed_track(pack, prepared.flight),
         "beams": beams.packed(pack),
@@ -106,12 +106,9 @@ def _world(
 
 def _rim(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
     """Return the edge of the DEM, a little above the surface."""
-    grid = prepared.mapper.grid
-    surface = Raster(grid=grid, height_m=np.zeros(grid.shape))
-    edge = rim_of(grid, surface)
-    top = float(prepared.scene.scene.bounds_m[1, 2]) + 10.0
-    edge[:, 2] = prepared.scene.caster.from_above(edge[:, :2], top) + 0.1
-    return edge
+    edge = rim_of(prepared.mapper.grid)
+    height_m = prepared.scene.caster.from_above(edge, float(prepared.scene.scene.bounds_m[1, 2]) + CLEAR_M)
+    return np.column_stack([edge, height_m + 0.1])
 
 
 def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
@@ -123,13 +120,11 @@ def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
     return (closed + above).reshape(-1, 3)
 
 
-def _body(
-    prepared: Prepared, title: str, pulses: int, beams: Beams, looks: Looks, solids: Solids | None
-) -> str:
+def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, looks: Looks, solids: Solids | None) -> str:
     heard = np.isfinite(looks.range_m)
     range_m = looks.range_m[heard]
     rings = beams.outline_m
-    wide = np.linalg.norm(rings.max(axis=1) - rings.min(axis=1), axis=-1)
+    wide = np.linalg.norm(np.ptp(rings, axis=1), axis=-1) if rings.shape[1] else np.zeros(0)
     wide = wide[np.isfinite(wide)]
     trajectory = prepared.flight.trajectory
     start, end = trajectory.cruise_s()
@@ -148,15 +143,23 @@ def _body(
             name="footprint",
             note="diagonal of its box at half power, median",
         ),
-        markup.Tile(value=f"{east - west:.0f} x {north - south:.0f} m", name="area of the DEM", note="dashed in the view"),
+        markup.Tile(
+            value=f"{east - west:.0f} x {north - south:.0f} m", name="area of the DEM", note="dashed in the view"
+        ),
         markup.Tile(value=f"{1 - heard.mean():.1%}", name="beams without ground", note="of the axes"),
     ]
-    switches = {"track": "flight", "rim": "edge of the DEM", "footprints": "footprints", "hits": "beam axes on the ground"}
+    switches = {
+        "track": "flight",
+        "rim": "edge of the DEM",
+        "footprints": "footprints",
+        "hits": "beam axes on the ground",
+    }
     shown = [markup.switch(key, label) for key, label in switches.items()] + [markup.switch("beam", "beam")]
     shown += [markup.switch("solids", "buildings and objects")] if solids else []
     notes = (
-        f"Dots: where the beam axes of pulses spread over the flight meet the ground (the swath). Orange rings: footprints "
-        f"at half power of {min(FOOTPRINTS, pulses)} pulses. Nothing is traced yet: rays are cast against the scene. "
+        f"Dots: where the beam axes of pulses spread over the flight meet the ground (the swath). Orange rings: "
+        f"footprints at half power of {min(FOOTPRINTS, pulses)} pulses. Nothing is traced yet: "
+        "rays are cast against the scene. "
     )
     return markup.head("Scenario", title, {"world-view": "In three dimensions", "flown": "Settings"}) + "\n".join(
         [
@@ -171,7 +174,9 @@ def _body(
                     markup.slider("pulse-world", "Pulse", pulses - 1, pulses // 2),
                 ),
                 markup.plot("world", "world"),
-                markup.paragraph(notes + (f"Of what stands there, {solids.note}." if solids and solids.note else ""), "note"),
+                markup.paragraph(
+                    notes + (f"Of what stands there, {solids.note}." if solids and solids.note else ""), "note"
+                ),
             ),
             markup.section(
                 "flown",

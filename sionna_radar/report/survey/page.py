@@ -97,9 +97,7 @@ def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
     return Raster(grid=lit.grid, height_m=level) if np.isfinite(level).any() else None
 
 
-def _maps(
-    survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None
-) -> tuple[list[dict[str, Any]], list[str]]:
+def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the maps of a survey, and what was left out of them."""
     thin = thinned(survey.dem.grid, MOST_MAP_CELLS)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
@@ -133,7 +131,7 @@ def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
     """Return the mean power of the echoes placed in each of some cells, wide enough for a few, in dB."""
     grid, points = survey.dem.grid, survey.points
     area = grid.columns * grid.rows * grid.spacing_m**2
-    wide = float(np.sqrt(2.5 * area / max(len(points), 1)))
+    wide = float(np.sqrt(4.0 * area / max(len(points), 1)))
     step = max(thinned(grid, MOST_MAP_CELLS).every, round(wide / grid.spacing_m), 1)
     west, _, south, _ = grid.extent_m
     size = grid.spacing_m * step
@@ -158,9 +156,7 @@ def _world(
     prepared = survey.prepared
     thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
-    outside = surroundings(
-        prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells
-    )
+    outside = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
     drawn = _thinned_rows(len(survey.points), MOST_POINTS)
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MOST_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
@@ -181,7 +177,12 @@ def _world(
         bottom, top = _span(sigma0.height_m, share=1.0)
         levels = pack.rounded(sigma0.height_m, 0.1)
         paints.append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
-    surfaces = [outside.height_m[np.isfinite(outside.height_m)], truth.height_m[truth.filled], dem.height_m[dem.filled], track[:, 2]]
+    surfaces = [
+        outside.height_m[np.isfinite(outside.height_m)],
+        truth.height_m[truth.filled],
+        dem.height_m[dem.filled],
+        track[:, 2],
+    ]
     bottom, top = min(s.min() for s in surfaces if s.size), max(s.max() for s in surfaces if s.size)
     west, east, south, north = box_of(prepared)
     pad = 0.04 * (top - bottom) + 0.1
@@ -243,9 +244,7 @@ def _limit(values: Float[np.ndarray, "..."]) -> float:
 # ------------------------------------------------------------------------------------------------- text
 
 
-def _body(
-    survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]
-) -> str:
+def _body(survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]) -> str:
     sections = [
         _flown(survey),
         _errors(survey),
@@ -311,8 +310,10 @@ def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
 
 def _world_section(survey: Survey, pulses: int, world: dict[str, Any], notes: list[str]) -> str:
     named = [paint["name"] for paint in world["paints"]]
-    explained = "The rays lie inside the main lobe, cast against the scene, coloured by their two-way gain; "
-    explained += "red: the beam axis, the footprint at half power, and the echoes found in the pulse. "
+    explained = "Red: the beam axis and the echoes found in the pulse. "
+    if survey.scenario.sensor != "lidar":
+        explained = "The rays lie inside the main lobe, cast against the scene, coloured by their two-way gain; "
+        explained += "red: the beam axis, the footprint at half power, and the echoes found in the pulse. "
     explained += "A click on an echo chooses the pulse nearest to it. "
     if "sigma0 (dB)" in named:
         explained += SIGMA0_MEANING[0].upper() + SIGMA0_MEANING[1:] + ". "

@@ -11,9 +11,9 @@ from sionna_radar.report.page.backscatter import sigma0_db
 from sionna_radar.report.page.beams import OUTLINE_RAYS, cast_beams, fan_of, spread_pulses
 from sionna_radar.report.page.relief import surroundings, thinned
 from sionna_radar.report.page.solids import MOST_FACES, solids_within, standing
+from sionna_radar.scenario.objects import Building
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scenario.objects import Building
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.preparation import Prepared, prepare
 from surveys import make_scenario
