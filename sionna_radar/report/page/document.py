@@ -1,8 +1,8 @@
 """One self-contained HTML document: style, scripts, numbers and plotly.js inside, and nothing loaded from anywhere.
 
-Plotly rather than pyvista's export: it draws maps and spectra too, and installs 40 MB where VTK installs 564; a surface of
-160 x 200 cells takes pyvista 4.0 s and 2.4 MB to write, the whole page of `hills` 0.5 s and 3.9 MB. Of the plotly package
-only plotly.js is used: its Python half takes half a second for a first figure, and pages pack their own numbers.
+Plotly rather than pyvista's export: it draws maps and spectra too, and installs 40 MB where VTK installs 564; to write
+one surface of 160 x 200 cells takes pyvista 4.0 s and 2.4 MB, the whole page of `hills` 0.5 s and 3.9 MB. Of the plotly
+package only plotly.js is used: its Python half takes half a second for a first figure.
 """
 
 from functools import cache

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,8 +60,6 @@ def test_the_page_has_the_numbers_of_the_folders(results, folders):
 
 
 def test_maps_in_different_systems_have_no_profile(results):
-    from dataclasses import replace
-
     other = replace(results[1], crs="EPSG:32616")
     result = compare_results([results[0], other])
     assert result.common is None
@@ -79,9 +78,8 @@ def damaged(folder, what):
         path = folder / "dem.tif"
         path.write_bytes(path.read_bytes()[:300])
     elif what == "other cells":
-        with rasterio.open(
-            folder / "error.tif", "w", driver="GTiff", width=3, height=3, count=1, dtype="float32"
-        ) as file:
+        profile = {"driver": "GTiff", "width": 3, "height": 3, "count": 1, "dtype": "float32"}
+        with rasterio.open(folder / "error.tif", "w", transform=rasterio.Affine(2, 0, 5, 0, -2, 5), **profile) as file:
             file.write(np.zeros((1, 3, 3), dtype=np.float32))
     elif what == "text as raster":
         (folder / "dem.tif").write_text("<VRTDataset/>")
