@@ -36,7 +36,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
-        "manifest.json", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif", "error.tif", *figures
+        "manifest.json", "report.html", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif",
+        "error.tif", *figures
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {

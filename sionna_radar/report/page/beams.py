@@ -8,13 +8,13 @@ from jaxtyping import Float, Int
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.main_lobe import LIT, reach_of_power
+from sionna_radar.radar.main_lobe import LIT
 from sionna_radar.report.page.packing import Pack
 from sionna_radar.survey.preparation import Prepared
 
 RAYS, OUTLINE_RAYS = 72, 24
-# Two-way power that the rays leave out: the outermost are about 15 dB down.
-OUTSIDE = 0.03
+# The rays reach so much farther than half power: the outermost are about 11 dB down, there and back.
+REACH = 1.35
 # An outline is searched so far from the boresight, in so many steps.
 WIDEST_RAD, OUTLINE_STEPS = float(np.deg2rad(80.0)), 60
 GOLDEN_RAD = np.pi * (3 - np.sqrt(5))
@@ -90,32 +90,33 @@ def cast_beams(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> Beams:
 
 def fan_of(antenna: Antenna) -> Fan:
     """Return the directions of an antenna's beam, spread evenly over its main lobe (Vogel's spiral)."""
-    left, up = (min(reach, 0.7) for reach in reach_of_power(antenna, OUTSIDE))
-    turn = GOLDEN_RAD * np.arange(RAYS)
-    out = np.sqrt((np.arange(RAYS) + 0.5) / RAYS)
-    u, v = left * out * np.cos(turn), up * out * np.sin(turn)
-    spread = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
-    direction = np.concatenate([[[1.0, 0.0, 0.0]], _outline(antenna), spread])
+    around = 2 * np.pi * np.arange(OUTLINE_RAYS) / OUTLINE_RAYS
+    edge = _half_power_rad(antenna, around)
+    turn = np.mod(GOLDEN_RAD * np.arange(RAYS), 2 * np.pi)
+    off = REACH * np.sqrt((np.arange(RAYS) + 0.5) / RAYS) * np.interp(turn, around, edge, period=2 * np.pi)
+    spread = _directions(np.minimum(off, WIDEST_RAD), turn)
+    direction = np.concatenate([[[1.0, 0.0, 0.0]], _directions(edge, around), spread])
     ratio = np.maximum(antenna.gain(direction) / antenna.peak_gain, 1e-5)
     return Fan(direction=direction, gain_db=20 * np.log10(ratio))
 
 
-def _outline(antenna: Antenna) -> Float[np.ndarray, "ray 3"]:
-    """Return the directions around the boresight in which the gain first falls to half of the peak's."""
-    around = 2 * np.pi * np.arange(OUTLINE_RAYS) / OUTLINE_RAYS
+def _half_power_rad(antenna: Antenna, around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, " ray"]:
+    """Return how far from the boresight, toward some sides, the gain first falls to half of the peak's."""
     # Steps grow with the angle: beams are one degree wide or fifty.
     off = WIDEST_RAD * np.linspace(0.0, 1.0, OUTLINE_STEPS + 1)[1:] ** 3
-    angle, turn = np.meshgrid(off, around)
-    direction = np.stack([np.cos(angle), np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn)], axis=-1)
-    gain = antenna.gain(direction.reshape(-1, 3)).reshape(angle.shape)
-
+    gain = antenna.gain(_directions(*(grid.ravel() for grid in np.meshgrid(off, around))))
     level = 20 * np.log10(np.maximum(gain / antenna.peak_gain, 1e-9)) - 10 * np.log10(LIT)
-    rows, first = np.arange(OUTLINE_RAYS), np.maximum((level < 0).argmax(axis=1), 1)
-    first[~(level < 0).any(axis=1)] = OUTLINE_STEPS - 1
+    level = level.reshape(len(around), len(off))
+    rows, first = np.arange(len(around)), np.maximum((level < 0).argmax(axis=1), 1)
+    first[~(level < 0).any(axis=1)] = len(off) - 1
     before, after = level[rows, first - 1], level[rows, first]
     share = np.clip(before / np.maximum(before - after, 1e-9), 0.0, 1.0)
-    out = off[first - 1] + share * (off[first] - off[first - 1])
-    return np.column_stack([np.cos(out), np.sin(out) * np.cos(around), np.sin(out) * np.sin(around)])
+    return off[first - 1] + share * (off[first] - off[first - 1])
+
+
+def _directions(off: Float[np.ndarray, " ray"], around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, "ray 3"]:
+    """Return unit vectors at angles off the boresight, toward the left and on to up around it."""
+    return np.column_stack([np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)])
 
 
 def _ends(

@@ -15,7 +15,7 @@ from sionna_radar.survey.sensors.sweeps import ChirpRecord
 MOST_ONE_BY_ONE = 40
 # Numbers of a page, and paths traced again for it: of wide beams over fixed scatterers a pulse has tens of thousands.
 MOST_BYTES, MOST_PATHS = 3_500_000, 200_000
-LEAST_CHIRPS = 12
+LEAST_CHIRPS, AT_ONCE = 12, 256
 LEVEL_STEP_DB = 0.1
 
 
@@ -38,7 +38,7 @@ def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[Chir
     sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
     together = getattr(sensor, "record_chirps", None)
     if together is not None:
-        blocks = np.array_split(index, -(-len(index) // 128))
+        blocks = np.array_split(index, -(-len(index) // AT_ONCE))
         return [record for block in blocks for record in together(flight.pulses(block))]
     every = -(-len(index) // MOST_ONE_BY_ONE)
     records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))

@@ -55,6 +55,7 @@ FILES = [
     "figures/power_map.png",
     "manifest.json",
     "points.laz",
+    "report.html",
     "scenario.toml",
     "summary.json",
     "truth.tif",
