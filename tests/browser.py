@@ -58,7 +58,8 @@ class Opened:
 
 def opened(browser: object, path: Path, width: int = 1000) -> Opened:
     """Return a page once it has drawn itself."""
-    found = Opened(browser.new_page(viewport={"width": width, "height": 700}))
+    # Half the pixels each way: WebGL is drawn by the processor.
+    found = Opened(browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=0.5))
     found.page.on("console", lambda said: found.errors.append(said.text) if said.type == "error" else None)
     found.page.on("pageerror", lambda error: found.errors.append(str(error)))
     found.page.on("request", lambda asked: found.requests.append(asked.url))

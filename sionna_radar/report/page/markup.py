@@ -78,13 +78,13 @@ def pairs(rows: Mapping[str, str]) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell | str]], caption: str = "", style: str = "") -> str:
-    """Return a table whose first column names the rows."""
+    """Return a table whose first column names the rows, with a caption under it."""
     top = "".join(f'<th scope="col">{escape(name)}</th>' for name in head)
     body = "".join(f"<tr>{_row(row)}</tr>" for row in rows)
-    under = f"<caption>{escape(caption)}</caption>" if caption else ""
+    under = paragraph(caption, "note") if caption else ""
     return (
-        f'<div class="scroll"><table class="{escape(style)}">{under}<thead><tr>{top}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
+        f'<div class="scroll"><table class="{escape(style)}"><thead><tr>{top}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>{under}"
     )
 
 

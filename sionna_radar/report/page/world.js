@@ -132,8 +132,9 @@ views.push(async data => {
     const one = {x: [rays.x, part(ring, 0), tip ? [origin[0], tip[0]] : [null], part(found, 0)],
       y: [rays.y, part(ring, 1), tip ? [origin[1], tip[1]] : [null], part(found, 1)],
       z: [rays.z, part(ring, 2), tip ? [origin[2], tip[2]] : [null], part(found, 2)]};
-    Plotly.restyle(place, {...one}, [number.rays, number.outline, number.axis, number.echoes]);
-    Plotly.restyle(place, {"line.color": [rays.c]}, [number.rays]);
+    // All in one: each call draws the whole scene again.
+    Plotly.restyle(place, {...one, "line.color": [rays.c, RED, RED, RED]},
+      [number.rays, number.outline, number.axis, number.echoes]);
     const range = met(0) ? `${distances[row][0].toFixed(2)} m to the ground` : "meets nothing in reach";
     for (const out of document.querySelectorAll('[data-shows="pulse-world"]')) out.textContent =
       `pulse ${pulse}, ${beams.time_s[row].toFixed(2)} s, scan ${beams.scan_deg[row].toFixed(1)}°, ${range}`;

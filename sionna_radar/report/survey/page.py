@@ -116,9 +116,11 @@ def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tu
     if np.isfinite(survey.points.snr_db).any():
         grid, level = _echo_power(survey)
         low, high = _span(level, share=1.0)
-        unit = "dB rel. to transmitted" if survey.scenario.radar.snr_db is not None else "dBW"
-        look = {"low": low, "high": high, "scale": "level", "unit": f"Mean echo power ({unit})", "hover": "echo power"}
-        maps.append({"name": "Echo power", **look, **packed_map(pack, grid, level, 0.1, frame.origin_m)})
+        relative = survey.scenario.radar.snr_db is not None
+        unit = f"Mean echo power ({'dB' if relative else 'dBW'})"
+        look = {"low": low, "high": high, "scale": "level", "unit": unit, "hover": "echo power"}
+        name = "Echo power, relative to transmitted" if relative else "Echo power"
+        maps.append({"name": name, **look, **packed_map(pack, grid, level, 0.1, frame.origin_m)})
     if sigma0 is not None:
         low, high = _span(sigma0.height_m, share=1.0)
         look = {"low": low, "high": high, "scale": "level", "unit": "sigma0 (dB)", "hover": "sigma0"}
