@@ -2,22 +2,21 @@
 
 import json
 import math
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
+from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
+from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.studies.comparison import FlownResult
 
 REMEDY = "give a folder that `sionna-radar run` wrote"
-MOST_RASTER_BYTES, MOST_CELLS = 500_000_000, 25_000_000
+# Cells of the largest DEM that a survey makes; heights beyond this are damage.
+MOST_CELLS, HIGHEST_M = 25_000_000, 1e7
 ERRORS = ("lit_error", "dem_error")
 NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
 
@@ -87,25 +86,19 @@ def _settings(path: Path) -> dict[str, Any]:
 
 def _raster(path: Path) -> tuple[str, Raster]:
     """Return the CRS and the heights of a raster, rows from south to north."""
-    regular_file(path, "raster =", REMEDY, MOST_RASTER_BYTES)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path, driver="GTiff") as file:
-                turn = file.transform
-                if file.count < 1 or file.width * file.height > MOST_CELLS:
-                    size = f"{file.width} x {file.height} cells, more than {MOST_CELLS:,}"
-                    message = f"raster = {shown(path)} has {size}; {REMEDY}"
-                    raise InputFileError(message)
-                square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
-                if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
-                    message = f"raster = {shown(path)} has no square cells with north up; {REMEDY}"
-                    raise InputFileError(message)
-                values = file.read(1, masked=True).astype(np.float64).filled(np.nan)
-                crs = file.crs.to_wkt() if file.crs else ""
-    except (RasterioError, ValueError, OSError) as error:
-        message = f"raster = {shown(path)} cannot be read ({shown(str(error))}); {REMEDY}"
-        raise InputFileError(message) from None
+    named = f"raster = {shown(path)}"
+    with open_raster(path, "raster") as file:
+        require_cells(file, named, "heights")
+        turn = file.transform
+        square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
+        if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
+            message = f"{named} has no square cells with north up; {REMEDY}"
+            raise InputFileError(message)
+        if file.width * file.height > MOST_CELLS:
+            message = f"{named} has {file.width:,} x {file.height:,} cells, more than {MOST_CELLS:,}; {REMEDY}"
+            raise InputFileError(message)
+        values = file.read(1, masked=True).astype(np.float32).filled(np.nan)
+        crs = file.crs.to_wkt() if file.crs else ""
     rows, columns = values.shape
     grid = Grid(
         west_m=turn.c + turn.a / 2,
@@ -114,5 +107,5 @@ def _raster(path: Path) -> tuple[str, Raster]:
         columns=columns,
         rows=rows,
     )
-    values[~(np.abs(values) < 1e7)] = np.nan
+    values[~(np.abs(values) < HIGHEST_M)] = np.nan
     return crs, Raster(grid=grid, height_m=values[::-1])

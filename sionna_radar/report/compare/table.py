@@ -1,5 +1,6 @@
 """The tables of a comparison, for the terminal and for its page."""
 
+from itertools import islice
 from typing import Any
 
 from rich.table import Table
@@ -8,6 +9,7 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.comparison import Comparison
 
+MOST_KEYS = 200
 ERRORS = {
     "RMS": ("rms_m", ".3f"),
     "mean": ("mean_m", "+.3f"),
@@ -28,8 +30,12 @@ def error_rows(result: Comparison) -> dict[str, list[str]]:
 
 
 def setting_rows(result: Comparison) -> dict[str, list[str]]:
-    """Return the settings that differ by dotted key, one value for each folder."""
-    return {key: [_value(value) for value in values] for key, values in result.differing.items()}
+    """Return the settings that differ by dotted key, one value for each folder; the first `MOST_KEYS` of many."""
+    rows = {
+        _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MOST_KEYS)
+    }
+    more = len(result.differing) - len(rows)
+    return {**rows, **({f"and {more:,} more": [""] * len(result.results)} if more else {})}
 
 
 def figure(value: float | int | None, form: str) -> str:

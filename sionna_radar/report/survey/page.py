@@ -48,13 +48,13 @@ BINS = 81
 # A histogram that extends this many NMADs to each side has a logarithmic scale.
 HEAVY_TAILS = 10
 ERRORS = {
-    "RMS (m)": ("rms_m", ".3f"),
-    "Mean (m)": ("mean_m", "+.3f"),
-    "Std. dev. (m)": ("std_m", ".3f"),
-    "NMAD (m)": ("nmad_m", ".3f"),
-    "LE90 (m)": ("le90_m", ".3f"),
-    "Least (m)": ("min_m", "+.2f"),
-    "Greatest (m)": ("max_m", "+.2f"),
+    "RMS": ("rms_m", ".3f"),
+    "Mean": ("mean_m", "+.3f"),
+    "Std. dev.": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
+    "Least": ("min_m", "+.2f"),
+    "Greatest": ("max_m", "+.2f"),
 }
 
 
@@ -295,7 +295,7 @@ def _errors(survey: Survey) -> str:
         "Lit cells are those that the main beam reached; coverage is the share of them that the DEM fills. LE90 is the "
         f"90th percentile of |error|, not the width |P95 - P5|. {paper.conditions}"
     )
-    table = markup.table(["DEM minus truth", *ERRORS, "Cells", "Coverage"], rows, note)
+    table = markup.table(["DEM minus truth (m)", *ERRORS, "Cells", "Coverage"], rows, note)
     charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
     return markup.section("errors", "Errors of the elevation model", table, charts)
 

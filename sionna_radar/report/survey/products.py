@@ -1,5 +1,6 @@
 """The folder of a survey's results: numbers, scenario, point cloud, rasters and figures."""
 
+import logging
 import warnings
 from collections.abc import Mapping
 from enum import Enum
@@ -11,6 +12,7 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 
+from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates
@@ -23,6 +25,7 @@ from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
 
 MARKER = "summary.json"
+logger = logging.getLogger("sionna_radar")
 
 
 class Report(Enum):
@@ -87,7 +90,15 @@ def _write_all(survey: Survey, coordinates: Coordinates, report: Report, directo
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
     draw_all(survey, directory / "figures", coordinates)
     if report is Report.PAGE:
-        write_text(directory / "report.html", survey_page(survey, coordinates))
+        _write_page(survey, coordinates, directory / "report.html")
+
+
+def _write_page(survey: Survey, coordinates: Coordinates, path: Path) -> None:
+    """Write the page; one that cannot be made does not keep the results from being written."""
+    try:
+        write_text(path, survey_page(survey, coordinates))
+    except OutputError as error:
+        logger.warning("no report.html: %s", error)
 
 
 def _header(survey: Survey) -> str:

@@ -118,7 +118,7 @@ def test_what_is_no_result_is_refused_in_one_sentence(folders, tmp_path, what):
         read_results([folders[0], bad])
     assert "bad" in str(error.value)
     assert "\n" not in str(error.value)
-    assert "sionna-radar run" in str(error.value)
+    assert "; " in str(error.value)  # the remedy
 
 
 def test_compare_prints_tables_and_writes_a_page(cli, folders, tmp_path):

@@ -12,6 +12,7 @@ from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page import document as document_module
 from sionna_radar.report.page.packing import array_of, unpacked
 from sionna_radar.report.survey.page import survey_page
+from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.reference_paper import reference_for
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
@@ -86,10 +87,14 @@ def test_a_survey_that_found_nothing_has_a_page(empty):
     assert document["summary"]["lit_error"]["rms_m"] is None
 
 
-def test_a_page_too_large_is_refused(monkeypatch, survey):
+def test_a_page_too_large_is_refused_and_the_results_are_written_without(monkeypatch, survey, tmp_path, caplog):
     monkeypatch.setattr(document_module, "MOST_BYTES", 100_000)
     with pytest.raises(OutputError, match="--no-report"):
         survey_page(survey)
+    files = write_survey(survey, tmp_path / "out")
+    assert "summary.json" in [file.name for file in files]
+    assert "report.html" not in [file.name for file in files]
+    assert "no report.html" in caplog.text
 
 
 def test_the_paper_is_quoted_only_where_it_compares():
