@@ -42,10 +42,10 @@ def _things(prepared: Prepared) -> str:
     counts = {
         "buildings": len(scenario.buildings),
         "objects": len(scenario.objects),
-        "sets of footprints": len(scenario.footprints),
+        "files of footprints": len(scenario.footprints),
         "point targets": len(prepared.scene.scene.targets),
     }
-    return ", ".join(f"{count:,} {name}" for name, count in counts.items() if count)
+    return ", ".join(f"{name}: {count:,}" for name, count in counts.items() if count)
 
 
 def _scan(prepared: Prepared) -> str:

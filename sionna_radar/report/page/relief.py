@@ -16,6 +16,8 @@ from sionna_radar.scene.raycast import RayCaster
 # Cells of one map, and of one surface in three dimensions.
 MOST_MAP_CELLS, MOST_RELIEF_CELLS = 400_000, 60_000
 HEIGHT_STEP_M = 0.001
+# How much lower surroundings are under the edge of a map: of itself, and of their cells.
+UNDER_M, UNDER_SHARE = 0.05, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +77,10 @@ def packed_map(
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """The highest surface around a map, on lines of which some are the map's first and last; empty inside the map."""
+    """The highest surface around a map, on lines of which some are the map's first and last.
+
+    Plotly drops cells next to empty ones: it goes on for one cell under the map, a little lower, and is empty inside.
+    """
 
     x_m: Float[np.ndarray, " column"]
     y_m: Float[np.ndarray, " row"]
@@ -95,21 +100,25 @@ def surroundings(
     """
     west, east, south, north = box
     step_m = max(float(np.sqrt((east - west) * (north - south) / most)), 1e-3)
-    x = _lines(west, east, inner.x_m[[0, -1]] if inner else None, step_m)
-    y = _lines(south, north, inner.y_m[[0, -1]] if inner else None, step_m)
+    x = _lines(west, east, inner.x_m if inner else None, step_m)
+    y = _lines(south, north, inner.y_m if inner else None, step_m)
     across, along = np.meshgrid(x, y)
     places = np.column_stack([across.ravel(), along.ravel()])
     height = caster.from_above(places, float(scene.bounds_m[1, 2]) + CLEAR_M).reshape(across.shape)
     if inner:
-        columns, rows = ((v > edges[0]) & (v < edges[-1]) for v, edges in ((x, inner.x_m), (y, inner.y_m)))
-        height[np.ix_(rows, columns)] = np.nan
+        for depth_m, value in ((0.0, -UNDER_M - UNDER_SHARE * step_m), (step_m, np.nan)):
+            columns, rows = (
+                (v > edges[0] + depth_m) & (v < edges[-1] - depth_m) for v, edges in ((x, inner.x_m), (y, inner.y_m))
+            )
+            height[np.ix_(rows, columns)] += value
     return Surroundings(x_m=x, y_m=y, height_m=height)
 
 
 def _lines(
-    low: float, high: float, between: Float[np.ndarray, "2"] | None, step_m: float
+    low: float, high: float, inner: Float[np.ndarray, " cell"] | None, step_m: float
 ) -> Float[np.ndarray, " line"]:
-    """Return places from low to high about a step apart, two of them given."""
-    stops = np.unique(np.clip(np.concatenate([[low], [] if between is None else between, [high]]), low, high))
+    """Return places from low to high about a step apart, among them the ends of an inner map and a step within."""
+    first, last = (low, high) if inner is None else (float(inner[0]), float(inner[-1]))
+    stops = np.unique(np.clip([low, first, first + step_m, last - step_m, last, high], low, high))
     parts = [np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in pairwise(stops)]
     return np.concatenate([*parts, stops[-1:]])

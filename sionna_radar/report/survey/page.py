@@ -224,7 +224,7 @@ def _histogram(survey: Survey) -> dict[str, Any]:
     percent = np.arange(0, 100)
     below = np.percentile(np.abs(values), percent).tolist() if len(values) else []
     series = {"name": "lit cells", "share": share.tolist(), "below": below}
-    heavy = limit > HEAVY_TAILS * survey.lit_error.nmad_m
+    heavy = limit > HEAVY_TAILS * survey.lit_error.nmad_m > 0
     return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series], "heavy": bool(heavy)}
 
 
