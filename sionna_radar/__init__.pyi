@@ -27,8 +27,10 @@ from .studies.sweep import plan_sweep as plan_sweep
 from .surfaces import register_material as register_material
 from .survey import CustomParts as CustomParts
 from .survey import Prepared as Prepared
+from .survey import Processed as Processed
 from .survey import Survey as Survey
 from .survey import prepare as prepare
+from .survey import process as process
 from .survey import register_sensor as register_sensor
 from .survey import run as run
 from .tracing import register_engine as register_engine
@@ -43,6 +45,7 @@ __all__ = [
     "Parameters",
     "Points",
     "Prepared",
+    "Processed",
     "RadarError",
     "Raster",
     "Scenario",
@@ -57,6 +60,7 @@ __all__ = [
     "parse_scenario",
     "plan_sweep",
     "prepare",
+    "process",
     "register_antenna",
     "register_dem_method",
     "register_engine",

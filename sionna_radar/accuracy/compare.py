@@ -10,6 +10,19 @@ from sionna_radar.foundation.raster import Raster
 LE90_MEANING = (
     "90th percentile of |error|, bias included; tools that report the width |P95 - P5| print about twice as much"
 )
+# The words of the trade beside the names of the fields.
+MEANING = {
+    "rms_m": "RMSE: root of the mean squared error, bias included",
+    "mean_m": "bias: mean error, DEM minus truth",
+    "std_m": "STD: standard deviation of the error about its mean",
+    "nmad_m": "1.4826 times the median of |error - median error|",
+    "le68_m": "68.27th percentile of |error|, bias included",
+    "le90_m": LE90_MEANING,
+    "le95_m": "95th percentile of |error|, bias included",
+    "p95_p5_m": "width between the 5th and the 95th percentile of the error, which other tools call LE90",
+}
+# The share of a normal distribution within one standard deviation.
+ONE_SIGMA_PERCENT = 68.27
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +33,8 @@ class DemError:
     coverage: their share of the illuminated cells that have a truth.
     nmad_m: 1.4826 times the median absolute deviation from the median error: the standard deviation of a normal
         distribution with the same middle half, robust to outliers.
-    le90_m: linear error at 90 %: the 90th percentile of |error|, bias included. Some tools use the name for the width
-        |P95 - P5|, about twice as much for normal errors.
+    le68_m, le90_m, le95_m: linear errors: the percentiles of |error|, bias included. Some tools use the name LE90 for
+        the width |P95 - P5|, about twice as much for normal errors: p95_p5_m.
     """
 
     count: int
@@ -33,6 +46,9 @@ class DemError:
     rms_m: float
     nmad_m: float
     le90_m: float
+    le68_m: float
+    le95_m: float
+    p95_p5_m: float
 
 
 def difference(dem: Raster, truth: Raster) -> Raster:
@@ -59,11 +75,11 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
     """
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
     if len(values) == 0:
-        nan = float("nan")
-        return DemError(
-            count=0, coverage=0.0, min_m=nan, max_m=nan, std_m=nan, mean_m=nan, rms_m=nan, nmad_m=nan, le90_m=nan
-        )
+        unknown = {name: float("nan") for name in DemError.__annotations__ if name.endswith("_m")}
+        return DemError(count=0, coverage=0.0, **unknown)
     mappable = int(illuminated.sum())
+    le68, le90, le95 = np.percentile(np.abs(values), [ONE_SIGMA_PERCENT, 90, 95])
+    low, high = np.percentile(values, [5, 95])
     return DemError(
         count=len(values),
         coverage=float((error.filled & illuminated).sum() / mappable) if mappable else 0.0,
@@ -72,6 +88,14 @@ def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> Dem
         std_m=float(values.std()),
         mean_m=float(values.mean()),
         rms_m=float(np.sqrt(np.mean(values**2))),
-        nmad_m=float(1.4826 * np.median(np.abs(values - np.median(values)))),
-        le90_m=float(np.percentile(np.abs(values), 90)),
+        nmad_m=nmad(values),
+        le90_m=float(le90),
+        le68_m=float(le68),
+        le95_m=float(le95),
+        p95_p5_m=float(high - low),
     )
+
+
+def nmad(values: Float[np.ndarray, " cell"]) -> float:
+    """Return the normalised median absolute deviation (Hoehle and Hoehle 2009)."""
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))

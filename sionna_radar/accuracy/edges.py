@@ -40,6 +40,16 @@ class Walls:
             near |= KDTree(self.foot_m).query(place_m, distance_upper_bound=float(reach_m.max()) + 1e-6)[0] <= reach_m
         return near
 
+    def distance_m(self, place_m: Float[np.ndarray, "n 2"], farthest_m: float) -> Float[np.ndarray, " n"]:
+        """Return how far places are from the nearest wall, in front of it or behind; infinite beyond `farthest_m`."""
+        distance = np.full(len(place_m), np.inf)
+        for building in self.buildings:
+            distance = np.minimum(distance, np.abs(_outside(place_m, building)))
+        if len(self.foot_m):
+            foot = KDTree(self.foot_m).query(place_m, distance_upper_bound=farthest_m + 1e-6)[0]
+            distance = np.minimum(distance, foot)
+        return np.where(distance <= farthest_m, distance, np.inf)
+
 
 def walls_on(grid: Grid, scene: Scene, buildings: Sequence[Building]) -> Walls:
     """Return the walls within a map; the last surfaces of the scene are the buildings."""

@@ -13,18 +13,19 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli import commands, logs, pages, tools
+from sionna_radar.cli import commands, logs, pages, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
 
 app = typer.Typer(
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 commands.add_to(app)
+recordings.add_to(app)
 logs.add_to(app)
 pages.add_to(app)
+writing.add_to(app)
 tools.add_to(app)
 
 

@@ -10,19 +10,30 @@ from sionna_radar.cli.options import (
     MapOption,
     NetworkOption,
     OutputOption,
+    PointsOption,
     QuietOption,
     ReportOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
     SetOption,
+    complete_key,
 )
-from sionna_radar.cli.session import Session, log_to_stderr
+from sionna_radar.cli.recordings import (
+    RecordAsOption,
+    RecordOption,
+    parse_records,
+    parse_sample_type,
+    with_the_results,
+)
+from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.foundation.interrupts import Interrupted, held_back
+from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 
 if TYPE_CHECKING:
     from sionna_radar.studies.crosscheck_result import CrossCheck
     from sionna_radar.studies.sweep import Sweep
+    from sionna_radar.survey.result import Survey
 
 DEMO = "san_francisco"
 
@@ -57,15 +68,27 @@ def run_command(
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    points: PointsOption = None,
+    record: RecordOption = None,
+    record_as: RecordAsOption = "float64",
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    _fly(session, block_size, map_coordinates, report)
+    _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
-def _fly(session: Session, block_size: int | None, map_coordinates: bool, report: bool) -> None:
+def _fly(
+    session: Session,
+    block_size: int | None,
+    map_coordinates: bool,
+    report: bool,
+    points: list[PointsFile] | None = None,
+    record: list[str] | None = None,
+    record_as: str = "float64",
+) -> None:
     from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.survey.points_table import check_parquet
     from sionna_radar.report.survey.products import MARKER, Report, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.survey.chain import run
@@ -73,13 +96,32 @@ def _fly(session: Session, block_size: int | None, map_coordinates: bool, report
 
     checked = session.load()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    session.produce(
-        lambda progress: run(checked, block_size=block_size or BLOCK_SIZE, progress=progress),
-        suffix="",
-        marker=MARKER,
-        write=lambda survey, folder: write_survey(survey, folder, coordinates, Report.PAGE if report else Report.NONE),
-        show=print_survey,
-    )
+    files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
+    if PointsFile.PARQUET in files:
+        check_parquet()
+
+    def write(survey: "Survey", folder: Path) -> list[Path]:
+        with progress_of(session.quiet) as progress:
+            return write_survey(
+                survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
+            )
+
+    outside, kinds = parse_records(record)
+    sample_type = parse_sample_type(record_as)
+    with with_the_results(kinds, session.directory("")) as inside:
+        session.produce(
+            lambda progress: run(
+                checked,
+                block_size=block_size or BLOCK_SIZE,
+                recordings=outside | inside,
+                sample_type=sample_type,
+                progress=progress,
+            ),
+            suffix="",
+            marker=MARKER,
+            write=write,
+            show=print_survey,
+        )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
@@ -172,7 +214,12 @@ def sweep(
     scenario: ScenarioArgument,
     vary: Annotated[
         list[str],
-        typer.Option("--vary", metavar="KEY=V1,V2,...", help="Values of a dotted key; repeat for all combinations."),
+        typer.Option(
+            "--vary",
+            metavar="KEY=V1,V2,...",
+            help="Values of a dotted key; repeat for all combinations.",
+            autocompletion=complete_key,
+        ),
     ],
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each combination.")] = 1,
     output: OutputOption = None,

@@ -5,8 +5,30 @@ from typing import Annotated
 
 import typer
 
+from sionna_radar.report.survey.points_file import PointsFile
+
+
+def complete_scenario(incomplete: str) -> list[str]:
+    """Return the scenarios, shipped ones and TOML files, that a word may become."""
+    from sionna_radar.scenario.loading import shipped_scenarios
+
+    folder = Path(incomplete).parent
+    files = [str(path) for path in folder.glob("*.toml")] if folder.is_dir() else []
+    return [name for name in [*shipped_scenarios(), *files] if name.startswith(incomplete)]
+
+
+def complete_key(incomplete: str) -> list[str]:
+    """Return the dotted keys that the left side of an assignment may become."""
+    from sionna_radar.scenario.reference import dotted_keys
+
+    return [f"{key}=" for key in dotted_keys() if key.startswith(incomplete)]
+
+
 ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A TOML file, or the name of a shipped scenario.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help="A TOML file, or the name of a shipped scenario.", autocompletion=complete_scenario
+    ),
 ]
 OutputOption = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Where results go; default results/NAME.")
@@ -17,6 +39,7 @@ SetOption = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Replace a value by its dotted key, e.g. radar.antenna.beamwidth_deg=4; KEY=none removes it.",
+        autocompletion=complete_key,
     ),
 ]
 SetFileOption = Annotated[
@@ -38,6 +61,12 @@ ReportOption = Annotated[
     bool,
     typer.Option(
         "--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."
+    ),
+]
+PointsOption = Annotated[
+    list[PointsFile] | None,
+    typer.Option(
+        "--points", help="Format of the points; repeat for several. Default: laz and csv. Parquet needs pyarrow."
     ),
 ]
 NetworkOption = Annotated[

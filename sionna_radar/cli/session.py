@@ -63,6 +63,10 @@ class Session:
 
         return load_scenario(self.scenario, self.overrides)
 
+    def directory(self, suffix: str) -> Path:
+        """Return the folder of the results; the suffix is that of the default folder's name."""
+        return self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}"
+
     def produce(
         self,
         fly: "Callable[[Progress], Result]",
@@ -86,7 +90,7 @@ class Session:
             Prints a result.
 
         """
-        directory = check_output(self.output or Path("results") / f"{Path(self.scenario).stem}{suffix}", marker)
+        directory = check_output(self.directory(suffix), marker)
         with progress_of(self.quiet) as progress, self.reach():
             result = fly(progress)
         written = write(result, directory)

@@ -21,7 +21,6 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.processing import ExpectedGroundTable
 
 KEY = "processing.expected_ground.path"
@@ -74,14 +73,14 @@ class ExpectedGround:
 
 
 def build_expected_ground(
-    scenario: Scenario, altitude_m: float, antenna: Antenna, grid: Grid, place: Georeference | None
+    table: ExpectedGroundTable | None, altitude_m: float, antenna: Antenna, grid: Grid, place: Georeference | None
 ) -> ExpectedGround | None:
     """Return the expected ground of a scenario; None if it has none.
 
     Parameters
     ----------
-    scenario:
-        The survey, with its `[processing.expected_ground]`.
+    table:
+        `[processing.expected_ground]`.
     altitude_m:
         Nominal height of the flight above ground.
     antenna:
@@ -99,7 +98,6 @@ def build_expected_ground(
         Only one of the rough DEM and the terrain is georeferenced.
 
     """
-    table = scenario.processing.expected_ground
     if table is None:
         return None
     azimuth, elevation = antenna.beamwidths_rad

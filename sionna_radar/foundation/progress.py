@@ -15,8 +15,64 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 
+# Called after each step by what does not know of which stage it is a part.
+Step = Callable[[], object]
+
+
 def silent(stage: str, done: int, total: int) -> None:
     """Report nothing."""
+
+
+def no_step() -> None:
+    """Count nothing."""
+
+
+class Steps:
+    """Counts the steps of a stage, and reports each.
+
+    Parameters
+    ----------
+    progress, stage:
+        Whom to tell, and of what.
+    total:
+        Number of steps; 0 if unknown.
+
+    """
+
+    def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
+        self._progress, self._stage, self._total, self._done = progress, stage, total, 0
+        progress(stage, 0, total)
+
+    def __call__(self, count: int = 1) -> None:
+        """Count some steps."""
+        self._done += count
+        self._progress(self._stage, self._done, self._total)
+
+    def finish(self) -> None:
+        """Report the end of a stage of which the number of steps was unknown, or too large."""
+        if self._done != self._total or self._done == 0:
+            last = max(self._done, self._total, 1)
+            self._progress(self._stage, last, last)
+
+
+class Overheard:
+    """Passes progress on, and completes a stage that another ends before its last step or does not count at all."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._last: dict[str, tuple[int, int]] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report a step."""
+        self._last[stage] = done, total
+        self._progress(stage, done, total)
+
+    def complete(self, stage: str) -> None:
+        """Report the end of a stage, unless its last step was reported."""
+        done, total = self._last.get(stage, (0, 0))
+        if done != total or done == 0:
+            last = max(done, total, 1)
+            self._progress(stage, last, last)
 
 
 @contextmanager

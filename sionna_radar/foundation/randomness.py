@@ -27,6 +27,9 @@ class Stream(IntEnum):
     LIDAR = 52
     LIDAR_DROPS = 53
     GUSTS = 54
+    CHECKPOINTS = 60
+    VARIOGRAM = 61
+    CELLS = 62
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import Sightings, echo_level
 
@@ -41,6 +42,7 @@ def evidence_against(
     base_m: Float[np.ndarray, "row column"],
     level_m: Float[np.ndarray, " level"],
     in_view_m: Float[np.ndarray, "row column"] | None = None,
+    step: Step = no_step,
 ) -> Float32[np.ndarray, "row column level"]:
     """Return the evidence against a surface at some heights over the cells of a grid.
 
@@ -54,6 +56,8 @@ def evidence_against(
         Base heights of the cells, and the levels above them, increasing.
     in_view_m:
         Heights above which the cells are known to be in view; None if unknown.
+    step:
+        Called after each pulse.
 
     Returns
     -------
@@ -66,6 +70,7 @@ def evidence_against(
     against = np.zeros((len(bright.step), *grid.shape, len(level_m)), dtype=np.float32)
     span_m = float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])
     for pulse in range(len(sightings)):
+        step()
         rows, columns = _window(sightings, pulse, grid, span_m)
         height_m = base_m[rows, columns, None] + level_m
         patch = np.broadcast_arrays(grid.x_m[None, columns, None], grid.y_m[rows, None, None], height_m)
@@ -73,8 +78,8 @@ def evidence_against(
             in_view = height_m > (np.inf if in_view_m is None else in_view_m[rows, columns, None])
             seen = _seen(sightings, pulse, np.stack(patch, axis=-1), in_view, bright)
             part = against[:, rows, columns]
-            for number, step in enumerate(bright.step):
-                part[number][seen.where] -= seen.support(step)
+            for number, reflectivity in enumerate(bright.step):
+                part[number][seen.where] -= seen.support(reflectivity)
     lowest: Float32[np.ndarray, "row column level"] = against.min(axis=0)
     return lowest
 

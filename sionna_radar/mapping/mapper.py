@@ -16,6 +16,7 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.progress import Overheard, Progress, silent
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.mapping.echo_model import Sightings
@@ -38,6 +39,7 @@ class MapInputs:
     grid: cells of the DEM.
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
+    progress: a method that takes long calls it with "mapping", the steps done and their number.
     """
 
     points: Points
@@ -45,6 +47,7 @@ class MapInputs:
     grid: Grid
     max_gap_m: float
     shadow_incidence_rad: float
+    progress: Progress = silent
 
 
 @runtime_checkable
@@ -136,6 +139,7 @@ class Mapper:
         points: Points,
         profiles: Profiles | None,
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
+        progress: Progress = silent,
     ) -> Raster:
         """Return the DEM of a survey.
 
@@ -147,6 +151,8 @@ class Mapper:
             Range profiles around them; None if the sensor provides none.
         measured:
             Returns the measured poses of pulses by their indices.
+        progress:
+            Called with the method's steps, and at the end of the stage "mapping".
 
         Raises
         ------
@@ -160,13 +166,15 @@ class Mapper:
         sightings = None
         if profiles is not None and self.keeps_profiles:
             sightings = self.sightings(profiles, measured(profiles.pulse))
-        dem = self.method(self.inputs(points, sightings))
+        overheard = Overheard(progress)
+        dem = self.method(self.inputs(points, sightings, overheard))
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
+        overheard.complete("mapping")
         return dem
 
-    def inputs(self, points: Points, sightings: Sightings | None = None) -> MapInputs:
+    def inputs(self, points: Points, sightings: Sightings | None = None, progress: Progress = silent) -> MapInputs:
         """Return the input of the method."""
         return MapInputs(
             points=points,
@@ -174,6 +182,7 @@ class Mapper:
             grid=self.grid,
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
+            progress=progress,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:
@@ -188,3 +197,38 @@ class Mapper:
             doppler=1.0 if self.doppler_corrected else 0.0,
             reach_m=self.analyser.chirp.max_range_m,
         )
+
+
+def build_mapper(
+    dem: DemTable,
+    grid: Grid,
+    max_gap_m: float,
+    antenna: Antenna,
+    analyser: SpectrumAnalyser,
+    doppler_corrected: bool,
+    method: DemMethod | None = None,
+) -> Mapper:
+    """Return the mapper of a scenario.
+
+    Parameters
+    ----------
+    dem:
+        The scenario's `[dem]`.
+    grid, max_gap_m:
+        Cells of the DEM, and the largest distance of a filled one from a measured one.
+    antenna, analyser, doppler_corrected:
+        See `Mapper`.
+    method:
+        A custom method in place of the scenario's.
+
+    """
+    return Mapper(
+        method=method or build_dem_method(dem),
+        name=type(method).__name__ if method else dem.method,
+        grid=grid,
+        max_gap_m=max_gap_m,
+        shadow_incidence_rad=float(np.deg2rad(dem.shadow_incidence_deg)),
+        antenna=antenna,
+        analyser=analyser,
+        doppler_corrected=doppler_corrected,
+    )

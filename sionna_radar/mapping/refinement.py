@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
@@ -29,11 +30,18 @@ OVERLAP_M = 30.0
 FEWEST_PULSES = 20
 # A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
 FIRST_STEPS, LAST_STEPS = 2, 5
+# These, and two smoothing surfaces.
+STEPS_OF_A_TILE = FIRST_STEPS + LAST_STEPS + 2
 CELLS_BELOW_PEAK = 1e-2
 OUTLIER_SIGMAS = 4.0
 
 
-def refine(sightings: Sightings, grid: Grid) -> Heightfield:
+def refinement_steps(grid: Grid) -> int:
+    """Return how many steps `refine` takes over a grid."""
+    return STEPS_OF_A_TILE * len(_tiles(grid.x_m)) * len(_tiles(grid.y_m))
+
+
+def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Heightfield:
     """Return the most probable surface over a grid, defined everywhere whether seen or not.
 
     Parameters
@@ -42,6 +50,8 @@ def refine(sightings: Sightings, grid: Grid) -> Heightfield:
         Profiles and measured poses.
     grid:
         Cells of the DEM.
+    step:
+        Called after each of `refinement_steps`.
 
     """
     total, weight = np.zeros(grid.shape), np.zeros(grid.shape)
@@ -53,8 +63,10 @@ def refine(sightings: Sightings, grid: Grid) -> Heightfield:
             core = _taper(x, west, east) * _taper(y, south, north)
             here = _inside(place, west, east, south, north, OVERLAP_M)
             if here.sum() < FEWEST_PULSES:
+                for _ in range(STEPS_OF_A_TILE):
+                    step()
                 continue
-            surface = _refine_tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0))
+            surface = _refine_tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0), step)
             rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
             window = np.ix_(rows, columns)
             total[window] += core[window] * surface.at(x[window].ravel(), y[window].ravel()).reshape(len(rows), -1)
@@ -95,18 +107,22 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     return MeanRanges(range_m=range_m - sightings.shift_m(axis)[:, 0], sigma_m=sigma)
 
 
-def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Heightfield:
+def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> Heightfield:
     grid = _reaching(grid, sightings, echoes)
     fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
+    step()
     for _ in range(FIRST_STEPS):
         fitted = _score_step(sightings, fitted, 1.0)
+        step()
     bias, outlier = _bias(sightings, fitted.surface, echoes)
     heights = _heights(sightings, echoes, bias)
     keep = ~outlier
     heights = Heights(heights.place_m[keep], heights.height_m[keep], heights.sigma_m[keep])
     fitted = smooth(heights, grid)
+    step()
     for _ in range(LAST_STEPS):
         fitted = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))
+        step()
     return fitted.surface
 
 

@@ -18,6 +18,7 @@ import scipy.fft
 from jaxtyping import Float
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
 
@@ -82,7 +83,7 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(heights: Heights, grid: Grid) -> Smoothed:
+def smooth(heights: Heights, grid: Grid, step: Step = no_step) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -91,16 +92,20 @@ def smooth(heights: Heights, grid: Grid) -> Smoothed:
         The measured heights.
     grid:
         Cells that the surface must cover; it extends beyond them.
+    step:
+        Called after each iteration of the solution.
 
     """
     x, y = heights.place_m.T
     design = np.column_stack([np.ones(len(x)), x, y])
     trend = np.linalg.lstsq(design, heights.height_m, rcond=None)[0]
     fitted = fit_covariance(heights.place_m, heights.height_m - design @ trend, heights.sigma_m)
-    return smooth_with(heights, grid, trend, fitted)
+    return smooth_with(heights, grid, trend, fitted, step)
 
 
-def smooth_with(heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fitted: FittedCovariance) -> Smoothed:
+def smooth_with(
+    heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fitted: FittedCovariance, step: Step = no_step
+) -> Smoothed:
     """Return the most probable surface under a known trend and covariance."""
     model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance)
     flat = Heightfield(grid=model.grid, height_m=model.trend_m)
@@ -109,6 +114,7 @@ def smooth_with(heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fit
     precision = 1 / (fitted.noise_factor * np.maximum(heights.sigma_m, 1e-3) ** 2)
 
     def normal(white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        step()
         return white + model.coloured(transposed @ (precision * (weights @ model.coloured(white))))
 
     excess = heights.height_m - weights @ model.trend_m.ravel()

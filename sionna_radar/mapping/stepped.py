@@ -8,6 +8,9 @@
    heights scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import distance_transform_edt, map_coordinates
@@ -16,16 +19,19 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.progress import Progress, Step, Steps, silent
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import evidence_against
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, refine
+from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, refine, refinement_steps
 
 # The coarse map is computed in blocks of cells, each with the cells around it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24
+# Over the pulses of a block: from the echoes, and then also from visibility.
+PASSES = 2
 MARGIN_M = 3.0
 MOST_LEVELS = 128
 # A step is more than this many levels, and steeper than 45 deg.
@@ -35,7 +41,7 @@ PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
 
 
 def step_surface(
-    sightings: Sightings, points: Points, grid: Grid, gap_m: float
+    sightings: Sightings, points: Points, grid: Grid, gap_m: float, progress: Progress = silent
 ) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
     """Return the most probable surface, with steps, and the cells supported by an echo.
 
@@ -49,21 +55,26 @@ def step_surface(
         Cells of the DEM.
     gap_m:
         Widest gap, within a part, that is filled between cells supported by echoes.
+    progress:
+        Called for the pulses of the coarse map ("levels"), and for the steps in its parts ("mapping").
 
     """
-    coarse, supported, level_m = _coarse(sightings, points, grid)
+    coarse, supported, level_m = _coarse(sightings, points, grid, progress)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
     height, refined, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), supported.copy()
-    for number in np.unique(part):
+    windows = {int(number): _window(part == number) for number in np.unique(part)}
+    own_pulses = {number: whole == number for number in windows}
+    alone = [number for number, own in own_pulses.items() if own.sum() >= FEWEST_PULSES]
+    step = Steps(progress, "mapping", len(windows) + sum(refinement_steps(grid.cut(*windows[n])) for n in alone))
+    for number, window in windows.items():
         inside = part == number
-        window = _window(inside)
         filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
-        own = whole == number
-        if own.sum() >= FEWEST_PULSES:
-            mapped = refine(sightings.rows(own), grid.cut(*window)).height_m
+        if number in alone:
+            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).height_m
             height[window] = np.where(inside[window], mapped, height[window])
             refined |= inside
+        step()
     spread_m = max(_spread((coarse - height)[refined & supported]), level_m / 2)
     for number in np.unique(part[~refined]):
         inside = part == number
@@ -71,13 +82,46 @@ def step_surface(
     return Heightfield(grid=grid, height_m=height), filled
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Block:
+    """A block of cells of the coarse map, with the cells around it that its pulses reach.
+
+    row, column: its first cell; rows, columns: all cells; near: pulses that look at them.
+    base_m, level_m: base heights of the cells, and the levels above them.
+    """
+
+    row: int
+    column: int
+    rows: slice
+    columns: slice
+    near: Bool[np.ndarray, " pulse"]
+    base_m: Float[np.ndarray, "row column"]
+    level_m: Float[np.ndarray, " level"]
+
+
 def _coarse(
-    sightings: Sightings, points: Points, grid: Grid
+    sightings: Sightings, points: Points, grid: Grid, progress: Progress
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"], float]:
     """Return heights of the cells by levels, block by block, whether echoes support them, and the widest level."""
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     widest = sightings.profiles.cell_m
     axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
+    blocks = list(_blocks(sightings, points, grid))
+    step = Steps(progress, "levels", PASSES * sum(int(block.near.sum()) for block in blocks))
+    for block in blocks:
+        cells = grid.cut(block.rows, block.columns)
+        found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block, step)
+        core = slice(block.row, block.row + BLOCK_CELLS), slice(block.column, block.column + BLOCK_CELLS)
+        inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
+        height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+        supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+        widest = max(widest, float(block.level_m[1] - block.level_m[0]))
+    step.finish()
+    return height, supported, widest
+
+
+def _blocks(sightings: Sightings, points: Points, grid: Grid) -> Iterator[_Block]:
+    """Yield the blocks of cells with enough points, and pulses that look at them."""
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
@@ -88,30 +132,20 @@ def _coarse(
                 continue
             base, level = _levels(here, block, sightings.profiles.cell_m)
             near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
-            if not near.any():
-                continue
-            found, for_it = _block(sightings.rows(near), axis_m[near], block, base, level)
-            core = slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)
-            inner = slice(row - rows.start, None), slice(column - columns.start, None)
-            height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-            supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-            widest = max(widest, float(level[1] - level[0]))
-    return height, supported, widest
+            if near.any():
+                yield _Block(row=row, column=column, rows=rows, columns=columns, near=near, base_m=base, level_m=level)
 
 
 def _block(
-    sightings: Sightings,
-    axis_m: Float[np.ndarray, "pulse 3"],
-    grid: Grid,
-    base_m: Float[np.ndarray, "row column"],
-    level_m: Float[np.ndarray, " level"],
+    sightings: Sightings, axis_m: Float[np.ndarray, "pulse 3"], grid: Grid, block: _Block, step: Step
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
     """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
-    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m))]
+    base_m, level_m = block.base_m, block.level_m
+    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m, step=step))]
     nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
     origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
-    against = evidence_against(sightings, grid, base_m, level_m, in_view)
+    against = evidence_against(sightings, grid, base_m, level_m, in_view, step)
     chosen = choose_levels(against)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     return base_m + level_m[chosen], supported

@@ -16,6 +16,7 @@ class Chirp:
 
     carrier_hz: the frequency in the middle of the sweep.
     centre_s: time from the pose of the pulse to the middle of the sweep; zero for a sawtooth.
+    propagation_mps: speed of the wave, which only a recording made in another medium than air has different.
     """
 
     carrier_hz: float
@@ -25,6 +26,7 @@ class Chirp:
     sweep: Literal["up", "down"] = "up"
     sampling: Literal["real", "iq"] = "real"
     centre_s: float = 0.0
+    propagation_mps: float = speed_of_light
 
     @property
     def duration_s(self) -> float:
@@ -34,7 +36,7 @@ class Chirp:
     @property
     def wavelength_m(self) -> float:
         """Wavelength of the carrier."""
-        return speed_of_light / self.carrier_hz
+        return self.propagation_mps / self.carrier_hz
 
     @property
     def slope_hz_s(self) -> float:
@@ -59,12 +61,12 @@ class Chirp:
     @property
     def range_resolution_m(self) -> float:
         """Range corresponding to one beat period per sweep: c / (2 B)."""
-        return speed_of_light / (2 * self.bandwidth_hz)
+        return self.propagation_mps / (2 * self.bandwidth_hz)
 
     @property
     def beat_per_metre_hz(self) -> float:
         """Beat frequency per metre of range: 2 B / (c T)."""
-        return 2 * self.bandwidth_hz * self.rate_hz / speed_of_light
+        return 2 * self.bandwidth_hz * self.rate_hz / self.propagation_mps
 
     @property
     def max_range_m(self) -> float:
@@ -77,7 +79,7 @@ class Chirp:
         Source: Rouveure et al. 2017, eq. 2, with the sign of the range rate: an approaching target appears
         too near on an up-sweep and too far on a down-sweep.
         """
-        return self.direction * 2 * self.carrier_hz * range_rate_mps / speed_of_light
+        return self.direction * 2 * self.carrier_hz * range_rate_mps / self.propagation_mps
 
     def doppler_range_m(self, range_rate_mps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the range shift of an echo by its Doppler frequency."""

@@ -16,12 +16,14 @@ from .survey.figures import draw_dem as draw_dem
 from .survey.figures import draw_error as draw_error
 from .survey.figures import draw_power as draw_power
 from .survey.page import survey_page as survey_page
+from .survey.points_file import PointsFile as PointsFile
 from .survey.products import Report as Report
 from .survey.products import write_survey as write_survey
 from .sweep.products import write_sweep as write_sweep
 
 __all__ = [
     "Coordinates",
+    "PointsFile",
     "Report",
     "colour_bar",
     "draw_chirp",

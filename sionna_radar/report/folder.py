@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
+from sionna_radar.foundation.staging import abandoned, in_use, staged
 from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
-from sionna_radar.report.staging import abandoned, in_use, staged
 
 # Inside a staging folder: the new result, the files of the earlier one, and the manifest of the new one.
 FRESH, RETIRED, COMING = "fresh", "retired", "coming.json"

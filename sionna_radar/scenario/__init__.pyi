@@ -35,7 +35,9 @@ from .radar import PatternAntennaTable as PatternAntennaTable
 from .radar import RadarTable as RadarTable
 from .radar import ReceiverTable as ReceiverTable
 from .radar import ScanTable as ScanTable
+from .reference import reference as reference
 from .scenario import Scenario as Scenario
+from .schema import scenario_schema as scenario_schema
 from .table import NonNegative as NonNegative
 from .table import Parameters as Parameters
 from .table import Positive as Positive
@@ -100,6 +102,8 @@ __all__ = [
     "load_scenario",
     "parse_overrides",
     "parse_scenario",
+    "reference",
+    "scenario_schema",
     "shipped_scenarios",
     "to_toml",
 ]

@@ -61,6 +61,11 @@ class CoveredTerrain(TerrainParameters):
     """Ground of one material, with others over it: classes of a raster, then of a vector file, then polygons.
 
     Each covers those before it; polygons do in the order given.
+
+    material: of the ground; a name of the scenario's materials.
+    cover_raster: a raster of land-cover classes.
+    cover_vector: a vector file of land-cover classes.
+    cover: polygons of other materials.
     """
 
     material: str = "ground"

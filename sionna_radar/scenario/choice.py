@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from pydantic import AfterValidator, GetCoreSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from sionna_radar.scenario.registry import Registry
@@ -53,20 +54,46 @@ class ChosenBy:
         assert checked is not None  # parts that are chosen by a table have one
         return checked
 
+    def __get_pydantic_json_schema__(self, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        found = [handler(table.__pydantic_core_schema__) for table in self.tables()]
+        for table, schema in zip(self.tables(), map(handler.resolve_ref_schema, found), strict=True):
+            self._say_what_chooses(table, schema)
+        return {"anyOf": [*found, *([{"enum": list(self.registry.known())}] if self.by_name else [])]}
+
+    def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
+        """Put the names that choose a table into its schema; they must be given unless one is the default."""
+        names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
+        schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table"}
+        if self.default not in names and not set(self.implied.values()) & set(names):
+            schema["required"] = [self.tag, *(key for key in schema.get("required", []) if key != self.tag)]
+
     def tables(self) -> list[type[Table]]:
         """Return the tables that may stand here."""
         return self.registry.tables()
 
 
-def name_in(registry: Registry) -> AfterValidator:
-    """Return the check of a key that names a registered part."""
+@dataclass(frozen=True)
+class NameIn:
+    """Validation of a key that names a registered part."""
 
-    def check(name: str) -> str:
-        if name not in registry:
-            raise refuse("", registry.unknown(name))
+    registry: Registry
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        # Text besides: a script may register more.
+        return {"anyOf": [{"enum": list(self.registry.known())}, {"type": "string"}]}
+
+    def _check(self, name: str) -> str:
+        if name not in self.registry:
+            raise refuse("", self.registry.unknown(name))
         return name
 
-    return AfterValidator(check)
+
+def name_in(registry: Registry) -> NameIn:
+    """Return the check of a key that names a registered part."""
+    return NameIn(registry)
 
 
 @dataclass(frozen=True)
@@ -89,6 +116,9 @@ class ParametersOf:
         if entry.parameters is None and value is not None:
             raise refuse("", f"{self.registry.kind} {name!r} has no parameters; remove them")
         return entry.check(value)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return {"type": "object"}
 
     def tables(self) -> list[type[Table]]:
         """Return the tables that may stand here."""

@@ -10,7 +10,12 @@ from sionna_radar.scenario.table import InputPath, Point2, Positive, Table, refu
 
 
 class MaterialField(Table):
-    """A rectangle of another material on the terrain."""
+    """A rectangle of another material on the terrain.
+
+    centre_m: of the rectangle: east and north.
+    size_m: of the rectangle along east and north.
+    material: on it; a name of the scenario's materials.
+    """
 
     centre_m: Point2
     size_m: tuple[Positive, Positive]
@@ -18,7 +23,11 @@ class MaterialField(Table):
 
 
 class CoverPolygon(Table):
-    """A polygon of another material on the terrain, by its corners in local metres."""
+    """A polygon of another material on the terrain, by its corners in local metres.
+
+    polygon_m: corners of the polygon in their order, each in the coordinates of the scenario.
+    material: on it; a name of the scenario's materials.
+    """
 
     polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)]
     material: str
@@ -27,6 +36,7 @@ class CoverPolygon(Table):
 class CoverRaster(Table):
     """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid.
 
+    path: the raster.
     classes: material by class value; ground of any other class keeps `terrain.material`. Over synthetic
     ground the raster's own coordinates are the local metres, and it has no CRS.
     """
@@ -52,9 +62,12 @@ class CoverRaster(Table):
 class CoverVector(Table):
     """Polygons with a class, each class mapped to a material: GeoJSON, GeoPackage or Shapefile.
 
-    attribute: that which holds the class. classes: material by class; ground of any other class, and beyond all
-    polygons, keeps `terrain.material`. Where polygons overlap the later one in the file covers the earlier. They are
-    transformed from the file's CRS; over ground that is on no map their coordinates are local metres.
+    Where polygons overlap the later one in the file covers the earlier. They are transformed from the file's CRS; over
+    ground that is on no map their coordinates are local metres.
+
+    path: the vector file.
+    attribute: that which holds the class.
+    classes: material by class; ground of any other class, and beyond all polygons, keeps `terrain.material`.
     layer: of a GeoPackage with several.
     """
 

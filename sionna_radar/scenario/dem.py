@@ -19,6 +19,10 @@ class DemTable(Table):
     echoes say for and against every height, and maps each level by itself; set processing.echoes = "all" with it.
     Custom methods are named here as well.
     method_parameters: of a custom method that has some.
+    spacing_m: size of a cell.
+    max_gap_m: farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on
+        level ground, and no less than two cells.
+    shadow_incidence_deg: surfaces seen at a greater incidence count as shadow.
     """
 
     method: Annotated[str, name_in(DEM_METHODS)] = "linear"

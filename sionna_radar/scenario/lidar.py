@@ -16,9 +16,13 @@ class LidarTable(Table):
     clear_range_m: in clear air, of a Lambertian target of 10 % at right angles: what sets the receiver's threshold.
     least_reflectivity: of the weakest target that is reported, however near it is.
     returns: the first or the last one of a pulse is its range.
-    pulse_ns, divergence_mrad, aperture_mm: length of the pulse, full width of the beam and its width at the lidar.
+    pulse_ns: length of the pulse.
+    divergence_mrad: full width of the beam.
+    aperture_mm: width of the beam at the lidar.
     near_range_m: nothing closer is detected; from there on the receiver sees the whole beam.
     ground_reflectivity: Lambertian, of the ground at the wavelength.
+    range_noise_m: standard deviation of a range.
+    wavelength_nm: of the light.
     """
 
     range_noise_m: NonNegative = 0.0

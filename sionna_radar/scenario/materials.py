@@ -38,6 +38,7 @@ class SurfaceTable(MaterialParameters):
     from all sides about the line of sight, 1 - 2 cross-polar ratio: 0.8 at -10 dB.
     specular: also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone.
     permittivity: [real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from.
+    medium: what the surface is made of, for a permittivity by a published formula; instead of one given.
     """
 
     cross_polar_db: Annotated[Real, Field(ge=-100, le=0)] | None = None
@@ -58,7 +59,10 @@ class SurfaceTable(MaterialParameters):
 
 
 class EmpiricalTable(SurfaceTable):
-    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it."""
+    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it.
+
+    rms_height_m: roughness of the mirror; 0 for a smooth one.
+    """
 
     rms_height_m: NonNegative | None = None
 
@@ -75,7 +79,11 @@ class EmpiricalTable(SurfaceTable):
 
 
 class ConstantGamma(EmpiricalTable):
-    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value."""
+    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value.
+
+    terrain_class: a class of the paper's Table 1.
+    gamma_db: the value itself, instead of a class.
+    """
 
     model: Literal["constant_gamma"] = "constant_gamma"
     terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
@@ -97,7 +105,10 @@ class ConstantGamma(EmpiricalTable):
 
 
 class Lambertian(EmpiricalTable):
-    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
+    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection.
+
+    nadir_sigma0_db: sigma0 at normal incidence.
+    """
 
     model: Literal["lambertian"] = "lambertian"
     nadir_sigma0_db: Level
@@ -107,6 +118,16 @@ class UlabyDobson(EmpiricalTable):
     """sigma0 (dB) = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t in radians, with the user's own parameters.
 
     None is shipped: those published could not be read for this band (see `scene.measured_backscatter`).
+
+    p1: level in dB.
+    p2: in dB.
+    p3: per radian.
+    p4: in dB.
+    p5: without unit.
+    p6: in radians.
+    min_incidence_deg: from which on the parameters are valid.
+    max_incidence_deg: up to which the parameters are valid.
+    source: of the parameters: document, band, polarization.
     """
 
     model: Literal["ulaby_dobson"] = "ulaby_dobson"
@@ -133,14 +154,22 @@ class UlabyDobson(EmpiricalTable):
 
 
 class MeasuredTable(EmpiricalTable):
-    """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db."""
+    """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db.
+
+    path: the CSV file.
+    """
 
     model: Literal["table"] = "table"
     path: InputPath
 
 
 class RoughTable(SurfaceTable):
-    """A randomly rough surface of a homogeneous medium."""
+    """A randomly rough surface of a homogeneous medium.
+
+    rms_height_m: standard deviation of the surface's height.
+    correlation_length_m: over which heights are alike.
+    correlation: shape of the correlation function.
+    """
 
     rms_height_m: Positive
     correlation_length_m: Positive
@@ -184,6 +213,8 @@ class IntegralEquation(RoughTable):
 
     "transition" goes from "incidence" to "nadir" as the surface gets rougher. At "nadir" sigma0 grows without bound
     toward grazing.
+
+    fresnel_angle: where the reflection coefficient is taken.
     """
 
     model: Literal["integral_equation"] = "integral_equation"
@@ -195,6 +226,11 @@ class SionnaItu(MaterialParameters):
 
     The scattering matrix is that of the materials above, which keeps the polarization at every scan angle; Sionna's
     own loses 4.5 to 24 dB of the co-polar echo off nadir.
+
+    itu_type: material of ITU-R P.2040, as Sionna RT names it.
+    scattering_coefficient: share of the reflected field that scatters.
+    xpd_coefficient: share of the scattered power that is cross-polarized.
+    thickness_m: of the slab.
     """
 
     model: Literal["sionna_itu"] = "sionna_itu"

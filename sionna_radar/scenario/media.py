@@ -14,7 +14,15 @@ Fraction = Annotated[Real, Field(ge=0, le=1)]
 
 
 class Soil(Table):
-    """Unfrozen moist soil; water_fraction is by volume, specific_gravity that of the dry grains."""
+    """Unfrozen moist soil.
+
+    temperature_c: of the soil.
+    sand_percent: by weight, of the dry soil.
+    clay_percent: by weight, of the dry soil.
+    water_fraction: by volume.
+    specific_gravity: of the dry grains.
+    bulk_density_g_cm3: of the dry soil; without it that which its composition has.
+    """
 
     kind: Literal["soil"] = "soil"
     temperature_c: Real
@@ -26,21 +34,31 @@ class Soil(Table):
 
 
 class Water(Table):
-    """Pure liquid water."""
+    """Pure liquid water.
+
+    temperature_c: of the water.
+    """
 
     kind: Literal["water"] = "water"
     temperature_c: Real
 
 
 class Ice(Table):
-    """Pure ice."""
+    """Pure ice.
+
+    temperature_c: of the ice.
+    """
 
     kind: Literal["ice"] = "ice"
     temperature_c: Real
 
 
 class DrySnow(Table):
-    """Dry snow: absorption only, no scattering by its grains."""
+    """Dry snow: absorption only, no scattering by its grains.
+
+    temperature_c: of the snow.
+    density_g_cm3: of the snow.
+    """
 
     kind: Literal["dry_snow"] = "dry_snow"
     temperature_c: Real
@@ -48,7 +66,12 @@ class DrySnow(Table):
 
 
 class WetSnow(Table):
-    """Wet snow; liquid_fraction is by volume."""
+    """Wet snow.
+
+    temperature_c: of the snow.
+    dry_density_g_cm3: without its liquid water.
+    liquid_fraction: by volume.
+    """
 
     kind: Literal["wet_snow"] = "wet_snow"
     temperature_c: Real
@@ -57,7 +80,11 @@ class WetSnow(Table):
 
 
 class Vegetation(Table):
-    """Leaves and stalks themselves, not a canopy; water_fraction is by mass."""
+    """Leaves and stalks themselves, not a canopy.
+
+    temperature_c: of the leaves.
+    water_fraction: by mass.
+    """
 
     kind: Literal["vegetation"] = "vegetation"
     temperature_c: Real
@@ -65,7 +92,10 @@ class Vegetation(Table):
 
 
 class Asphalt(Table):
-    """A dry asphalt road; the number of the mix is its largest grain in millimetres."""
+    """A dry asphalt road.
+
+    mix: asphalt concrete or stone mastic, with the largest grain in millimetres.
+    """
 
     kind: Literal["asphalt"] = "asphalt"
     mix: Literal["AC11DS", "SMA8S", "SMA11S"]

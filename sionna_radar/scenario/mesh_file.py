@@ -25,12 +25,14 @@ METRES = {
 class MeshFile(Table):
     """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
 
-    units: of its coordinates. up: its axis that points up; None takes y of GLB and glTF, whose standard says so, and z
-    of all others. scale: what it is enlarged by besides. heading_deg: clockwise turn of its y axis (of -z where y is
-    up) from north.
-    material: of all of it but what `materials` names: a table from the mesh's own material names (without Sionna's
-    "mat-"), or from the names of its objects where these have no material, to materials of the scenario. A table as
-    `material` is the same as one as `materials`.
+    path: the file.
+    units: of its coordinates.
+    up: its axis that points up; without it y of GLB and glTF, whose standard says so, and z of all others.
+    scale: what it is enlarged by besides.
+    heading_deg: clockwise turn of its y axis (of -z where y is up) from north.
+    material: of all of it but what `materials` names; a table is taken for `materials`.
+    materials: materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of
+        its objects where these have no material.
     """
 
     path: InputPath

@@ -34,6 +34,22 @@ class NavigationTable(NavigationParameters):
     first-order Gauss-Markov process with a correlation time. The lever arm leads from the navigation system to
     the antenna (nose, right, down) and is believed to be longer by its error; the mount of the antenna is
     believed to be turned by boresight_error_deg about the same axes.
+
+    position_constant_m: constant error of the position.
+    position_white_m: standard deviation from chirp to chirp.
+    position_markov_m: standard deviation of its Gauss-Markov part.
+    position_correlation_s: correlation time of that part.
+    velocity_constant_mps: constant error of the velocity.
+    velocity_white_mps: standard deviation from chirp to chirp.
+    velocity_markov_mps: standard deviation of its Gauss-Markov part.
+    velocity_correlation_s: correlation time of that part.
+    attitude_constant_deg: constant error of the attitude.
+    attitude_white_deg: standard deviation from chirp to chirp.
+    attitude_markov_deg: standard deviation of its Gauss-Markov part.
+    attitude_correlation_s: correlation time of that part.
+    time_offset_s: lag of the report behind the radar's clock.
+    lever_arm_error_m: nose, right, down.
+    boresight_error_deg: about the nose, right and down axes.
     """
 
     kind: Literal["errors"] = "errors"

@@ -11,7 +11,13 @@ from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive
 
 
 class Building(Table):
-    """A box that stands on the lowest ground under it; heading 0 puts its length along north."""
+    """A box that stands on the lowest ground under it; heading 0 puts its length along north.
+
+    position_m: of its middle.
+    size_m: length, width and height.
+    heading_deg: of its length, clockwise from north.
+    material: of its walls and roof.
+    """
 
     position_m: Point2
     size_m: tuple[Positive, Positive, Positive]
@@ -23,6 +29,7 @@ class MeshObject(MeshFile):
     """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang.
 
     position_m: place of the file's origin. With `on_ground`, east and north, and the lowest point of the mesh stands on
+    on_ground: whether it stands on the ground.
     the lowest ground in its outline; without it a third number, the height of the file's origin, in the heights of the
     terrain (above its datum where it has one).
     """
@@ -47,6 +54,9 @@ class Footprints(Table):
     height: attribute with the height: metres, or text as in OpenStreetMap, such as "12", "12.5 m" or "40 ft".
     levels: attribute with the number of storeys, where that is not known, of `level_height_m` each.
     height_m: height of all outlines for which the attributes say nothing; without it these are left out.
+    path: the vector file.
+    level_height_m: height of a storey.
+    material: of walls and roofs.
 
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
@@ -69,7 +79,13 @@ class Footprints(Table):
 
 
 class PointTarget(Table):
-    """A point of given mean radar cross-section, constant or by Swerling's cases, at a height above the ground."""
+    """A point of given mean radar cross-section, constant or by Swerling's cases, at a height above the ground.
+
+    position_m: east and north.
+    height_m: above the ground.
+    rcs_dbsm: mean radar cross-section, in dB over a square metre.
+    swerling: case 0 (constant) to 4.
+    """
 
     position_m: Point2
     height_m: NonNegative = 0.0

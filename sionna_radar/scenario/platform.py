@@ -28,11 +28,13 @@ class WindTable(Table):
     The flight keeps its ground speed and its track. With `crab` the nose points along the motion through the air, as
     that of an aeroplane; without, along the track, as that of a multirotor.
 
-    speed_mps, from_deg: mean wind, and where it comes from, clockwise from grid north.
+    speed_mps: mean wind.
+    from_deg: where it comes from, clockwise from grid north.
     gust_mps: standard deviation of the vertical gusts; without it a tenth of the wind at 20 feet (MIL-F-8785C), taken
         as the mean wind. Horizontal ones follow from the height.
     attitude_response_s: time constant with which the attitude follows the angle of the gusts.
     position_response_s: period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns.
+    crab: whether the nose points along the motion through the air.
     """
 
     speed_mps: Annotated[NonNegative, Field(le=100.0)] = 0.0
@@ -49,7 +51,9 @@ class LinesTable(Table):
     They run along `platform.heading_deg`, side by side about centre_m. With bank_deg or turn_radius_m the
     aircraft turns outside of them, in a bulb where they are nearer than two radii.
 
-    count, spacing_m, length_m: of the lines.
+    count: of the lines.
+    spacing_m: between them.
+    length_m: of each.
     centre_m: middle of the area; without it the local origin.
     crossing: a second set, at right angles to the first, is flown after it.
     transmit_in_turns: the radar also transmits on the way from one line to the next.
@@ -68,15 +72,31 @@ class Platform(Table):
 
     Planned flights
     ---------------
-    altitude_m, speed_mps: height above the ground under the start, and speed over the ground.
-    bank_deg or turn_radius_m: turns at waypoints are arcs, flown at this bank; without either they are instantaneous.
+    altitude_m: height above the ground under the start.
+    speed_mps: over the ground.
+    start_m: east and north of the start; without it the track is centred on the local origin.
+    heading_deg: of the track, clockwise from grid north.
+    length_m: of the track.
+    waypoints_m: corners of the track, instead of start, heading and length.
+    height: level, or at altitude_m above the ground under the track.
+    follow_length_m: over which the ground is smoothed that the flight follows.
+    profile: the cruise alone, or with take-off and landing.
+    climb_rate_mps: of the take-off.
+    descent_rate_mps: of the landing.
+    acceleration_mps2: of take-off, climb, descent and landing.
+    takeoff_height_m: over the ground, where the take-off ends and the climb begins.
+    navigation: errors of the measured pose, or from_log.
+    bank_deg: of the turns at waypoints, which are arcs then; without it or a radius they are instantaneous.
+    turn_radius_m: of the turns, instead of a bank.
     roll_in_s: how long the aircraft takes to roll into a turn, and out of it.
-    wind, lines: see their tables.
+    wind: wind and gusts.
+    lines: parallel lines over an area, instead of one track.
 
     Recorded flights
     ----------------
     log: PX4 ULog, ArduPilot DataFlash or telemetry log, GPX, or CSV; see `sionna_radar.flight.logs.csv_log`.
-    log_start_s, log_stop_s: part of it that is flown, in seconds from its first position.
+    log_start_s: where the part of it begins that is flown, from its first position.
+    log_stop_s: where it ends; without it with the log.
     log_shift: "to_terrain" moves its middle to the local origin; or metres east, north and up.
     log_height: what heights are taken for. "datum": heights in the vertical datum of the terrain, without any change of
         datum (metres of a log that is on no map: local ones); "above_takeoff": above the ground under the first

@@ -11,7 +11,14 @@ from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, 
 
 
 class CfarTable(Table):
-    """Constant false-alarm rate detection; guard and training count range cells on each side."""
+    """Constant false-alarm rate detection; guard and training count range cells on each side.
+
+    kind: cell averaging, greatest of, smallest of, or ordered statistic.
+    guard: range cells next to the cell under test that are left out, on each side.
+    training: range cells whose power is the noise, on each side.
+    rank: of an ordered statistic, as a share of the training cells.
+    false_alarm_probability: in one cell.
+    """
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
     guard: Annotated[int, Field(strict=True, ge=0, le=4096)] = 48
@@ -53,6 +60,14 @@ class ProcessingTable(Table):
     volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
     is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
     expected_ground: ranges in which the ground of a pulse may lie; without it all.
+    window: of `scipy.signal.get_window`.
+    zero_padding: bins of the spectrum in a range cell.
+    cfar: detection.
+    echoes: which echoes of a pulse are kept.
+    merge_gap_m: detected cells no farther apart are one echo.
+    dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
+    min_range_m: nothing nearer is detected.
+    doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
     window: str = "hann"

@@ -23,6 +23,8 @@ class AntennaTable(AntennaParameters):
     """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane.
 
     axial_ratio_db: major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's.
+    beamwidth_deg: half-power, one way; or [azimuth, elevation].
+    side_lobe_db: nearest side lobes under the peak, one way.
     """
 
     kind: Literal["taylor"] = "taylor"
@@ -79,12 +81,14 @@ Elements = Annotated[int, Field(strict=True, ge=1, le=1024)]
 class ArrayAntennaTable(AntennaParameters):
     """A planar array, by its elements.
 
-    elements: number of columns (left) and rows (up) of a rectangular array; spacing_wavelengths: between them.
+    elements: number of columns (left) and rows (up) of a rectangular array.
+    spacing_wavelengths: between them; or [columns, rows].
     taper_db: side lobes of a Taylor taper over both; without it the weights are uniform.
     path: instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
         phase_deg: one row an element.
     element_exponent: power of the cosine of the angle from an element's axis that its power pattern follows.
-    element_pattern: instead of it, a file as in `PatternAntennaTable`; element_boresight: see boresight there.
+    element_pattern: instead of it, a file as in `PatternAntennaTable`.
+    element_boresight: see boresight there.
     steer_deg: of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic".
     efficiency_db: gain over directivity, each way.
     """
@@ -114,8 +118,11 @@ class ElectronicScanTable(ScanParameters):
     """An array whose beam is steered by its phases, in equal steps of direction cosine, from left to right.
 
     The array's face looks forward at incidence_deg from nadir, or to a side of the track.
-    beams: directions of a scan; half_swath_deg: of the outermost ones from the face's normal.
+    beams: directions of a scan.
+    half_swath_deg: of the outermost ones from the face's normal.
     scans_per_s: from left to right; the beam goes back at once.
+    look: where the array's face looks: along the track, or to a side of it.
+    incidence_deg: of the face's normal from nadir.
     """
 
     mode: Literal["electronic"] = "electronic"
@@ -131,6 +138,14 @@ class ScanTable(ScanParameters):
 
     side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
     the track.
+
+    mode: whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
+        still.
+    side: to which a side-looking antenna looks.
+    incidence_deg: of the beam from nadir in the middle of the scan.
+    half_swath_deg: of the sector in which the radar transmits, to either side of its middle; 180 for all around.
+    rotation_rpm: of the antenna.
+    start_deg: scan angle at the start of the flight.
     """
 
     mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
@@ -155,7 +170,8 @@ class ScanTable(ScanParameters):
 class ReceiverTable(Table):
     """The receiver between mixer and sampler.
 
-    high_pass_corner_hz, high_pass_order: a Butterworth high-pass on the beat signal; 0 for none.
+    high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
+    high_pass_order: of that filter.
     """
 
     high_pass_corner_hz: NonNegative = 0.0
@@ -180,6 +196,20 @@ class RadarTable(Table):
     """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure.
 
     preset: a published radar, whose figures stand where none are given; `sionna-radar presets` lists them.
+    carrier_hz: frequency in the middle of the sweep.
+    bandwidth_hz: of the sweep: the range cell is c over twice it.
+    chirp_rate_hz: chirps a second, each as long as its period; of a triangle, pairs of sweeps a second.
+    samples_per_chirp: of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as
+        many.
+    sweep: rising, falling, or one after the other.
+    sampling: real, or in phase and quadrature.
+    snr_db: of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers.
+    transmit_power_dbm: at the antenna.
+    noise_figure_db: of the receiver.
+    temperature_k: of the noise that the figure counts from.
+    receiver: between mixer and sampler.
+    antenna: its beam and polarization.
+    scan: how the beam moves.
     """
 
     preset: Annotated[str, AfterValidator(_published)] | None = None

@@ -53,10 +53,27 @@ LONGEST_CRS = 100_000
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
 
+    description: in a line; it stands over tables and figures.
+    seed: of all random numbers.
     coordinates: what horizontal positions of the platform, cover polygons, buildings, objects and targets are given in:
     "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
     CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
     Headings count from the grid north of the map.
+    sensor: what is flown: a radar, a lidar, or a custom sensor.
+    sensor_parameters: of a custom sensor that has some.
+    terrain: the ground.
+    buildings: boxes on it.
+    objects: meshes on it.
+    footprints: buildings from a file of outlines.
+    targets: points of a given radar cross-section.
+    materials: by their names, which surfaces refer to.
+    platform: the flight.
+    radar: the radar.
+    weather: what the air holds.
+    lidar: the lidar.
+    tracing: how the scene is turned into paths.
+    processing: how beat signals are turned into ranges.
+    dem: how echoes are turned into heights.
 
     Raises ScenarioError, with every problem, for values that do not fit.
 

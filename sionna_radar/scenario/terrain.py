@@ -17,7 +17,12 @@ KEEP_SIONNA = "sionna"
 
 
 class FlatTerrain(CoveredTerrain):
-    """A horizontal plane."""
+    """A horizontal plane.
+
+    size_m: along east and north.
+    spacing_m: of the posts.
+    fields: rectangles of other materials.
+    """
 
     kind: Literal["flat"] = "flat"
     size_m: tuple[Positive, Positive] = (300.0, 300.0)
@@ -26,7 +31,15 @@ class FlatTerrain(CoveredTerrain):
 
 
 class HillsTerrain(CoveredTerrain):
-    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
+    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height.
+
+    size_m: along east and north.
+    spacing_m: of the posts.
+    filter_sigma_m: standard deviation of the Gaussian filter, over which heights are alike.
+    height_m: of the highest point over the lowest.
+    seed: of the surface.
+    fields: rectangles of other materials.
+    """
 
     kind: Literal["hills"] = "hills"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
@@ -38,7 +51,15 @@ class HillsTerrain(CoveredTerrain):
 
 
 class FractalTerrain(CoveredTerrain):
-    """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent."""
+    """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent.
+
+    size_m: along east and north.
+    spacing_m: of the posts.
+    hurst: exponent: near 1 smooth, near 0 rough.
+    height_m: of the highest point over the lowest.
+    seed: of the surface.
+    fields: rectangles of other materials.
+    """
 
     kind: Literal["fractal"] = "fractal"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
@@ -50,14 +71,22 @@ class FractalTerrain(CoveredTerrain):
 
 
 class SampleTerrain(CoveredTerrain):
-    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
+    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data.
+
+    spacing_m: of the posts; without it the tile's.
+    """
 
     kind: Literal["jacksboro"] = "jacksboro"
     spacing_m: Positive | None = None
 
 
 class Roughness(Table):
-    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square."""
+    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square.
+
+    hurst: exponent: near 1 smooth, near 0 rough.
+    rms_m: root mean square of the detail.
+    seed: of the detail.
+    """
 
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.7
     rms_m: Annotated[Positive, Field(le=100)]
@@ -71,6 +100,7 @@ class RasterTerrain(CoveredTerrain):
     holes: cells without data are kept as holes, filled from around them, or refused.
     roughen: adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's.
     crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
+    spacing_m: of the posts; without it the file's.
     "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
     """
 
@@ -92,6 +122,8 @@ class PointsTerrain(CoveredTerrain):
     spacing_m: of the cells; without it, four points fall into one on average.
     crs, vertical_crs, height_unit, holes: see `RasterTerrain`. A file without a CRS is in local metres, about its
         middle, unless crs says more.
+    path: the point cloud.
+    percentile: of the heights in a cell, where that is the statistic.
     """
 
     kind: Literal["points"] = "points"
@@ -141,6 +173,8 @@ class CityTerrain(TerrainParameters):
     """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name.
 
     A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
+
+    materials: materials of the scenario, by the names of Sionna's.
     """
 
     kind: Literal["sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"]

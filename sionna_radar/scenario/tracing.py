@@ -21,6 +21,9 @@ class TracingTable(Table):
     engine_parameters: of a custom engine that has some.
     speckle: per_pulse draws new phases each pulse; persistent keeps scatterers on the surface, so that phase from
         chirp to chirp is that of a real scene.
+    scatterers_per_m2: density of persistent scatterers.
+    paths_per_pulse: rays inside the beam of a pulse.
+    side_lobe_share: share of the rays that look for side lobes over the lower hemisphere.
     """
 
     engine: Annotated[str, name_in(ENGINES)] = "sionna"

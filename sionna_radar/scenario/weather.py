@@ -19,7 +19,12 @@ FASTEST_WIND_MPS = 60.0
 
 
 class RainCellTable(Table):
-    """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL)."""
+    """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL).
+
+    centre_m: east and north.
+    radius_m: over which the rate falls to 1/e.
+    peak_mm_per_h: rate in its middle.
+    """
 
     centre_m: Point2
     radius_m: Annotated[Positive, Field(ge=1)]
@@ -31,6 +36,7 @@ class RainFieldTable(Table):
 
     correlation_m: distance at which the correlation of the rate in dB has fallen to 1/e.
     spread_db: standard deviation of the rate in dB.
+    seed: of the field.
     """
 
     correlation_m: Annotated[Positive, Field(ge=1)]
@@ -50,8 +56,23 @@ class WetRadomeTable(Table):
 class WeatherTable(Table):
     """The weather; the default is clear air without attenuation.
 
-    snowfall_mm_per_h: as water. fog_visibility_m: gives the fog's liquid water too, unless that is given.
+    snowfall_mm_per_h: as water.
+    fog_visibility_m: how far one sees through the fog alone; gives its liquid water too, unless that is given.
     wind_mps: toward east, north and up, the same everywhere; what falls and what hangs in the air moves with it.
+    rain_rate_mm_per_h: rain everywhere.
+    rain_cell: a shower.
+    rain_field: rain that differs from place to place.
+    wet_radome: water on the radome.
+    snow: whether snowfall is dry or wet.
+    fog: a class of fog.
+    liquid_water_g_per_m3: of a fog.
+    haze_visibility_m: how far one sees through the haze alone.
+    dust_visibility_m: how far one sees through the dust alone.
+    smoke_visibility_m: how far one sees through the smoke alone.
+    gases: whether oxygen and water vapour attenuate.
+    temperature_k: of the air, and of fog and rain.
+    dry_pressure_hpa: of the dry air.
+    vapour_g_per_m3: density of the water vapour.
     """
 
     rain_rate_mm_per_h: RainRate = 0.0

@@ -8,6 +8,7 @@ import numpy as np
 from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.buildings import build_box
@@ -18,6 +19,9 @@ from sionna_radar.scene.objects import build_objects
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
+
+# After each of them `build_scene` reports.
+BUILDING_STEPS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +44,7 @@ def build_scene(
     window_m: tuple[float, float, float, float],
     terrain: Callable[[TerrainInputs], Landscape] | None = None,
     materials: Mapping[str, Backscatter] | None = None,
+    step: Step = no_step,
 ) -> BuiltScene:
     """Build the scene of a scenario.
 
@@ -51,6 +56,8 @@ def build_scene(
         Extent that the survey can see (west, south, east, north); no more of a file is read.
     terrain, materials:
         A custom terrain and custom materials instead of the scenario's.
+    step:
+        Called after each of `BUILDING_STEPS`: the ground, what stands on it, and the search for what rays hit.
 
     Raises
     ------
@@ -73,6 +80,7 @@ def build_scene(
     known: dict[str, Backscatter] = {**build_materials(tables, radar), **custom}
     land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
     _check_landscape(land, known)
+    step()
     boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
     scene = Scene(
         surfaces=land.surfaces + _objects(scenario, land) + _footprints(scenario, land, window_m) + boxes,
@@ -81,10 +89,13 @@ def build_scene(
         ground_material=land.ground_material,
         georeference=land.georeference,
     )
+    step()
+    caster = RayCaster(scene.surfaces)
+    step()
     return BuiltScene(
         scene=scene,
         ground_m=land.ground_m,
-        caster=RayCaster(scene.surfaces),
+        caster=caster,
         may_overhang=land.may_overhang or bool(scenario.objects),
     )
 

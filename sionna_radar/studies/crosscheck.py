@@ -65,12 +65,10 @@ def crosscheck(
     True
 
     """
-    progress("preparing", 0, 0)
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
         raise ScenarioError([Problem("sensor", message)])
-    prepared = prepare(scenario)
-    progress("preparing", 1, 1)
+    prepared = prepare(scenario, progress=progress)
     total = 4 * len(prepared)
     results: dict[str, EngineResult] = {}
     for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):

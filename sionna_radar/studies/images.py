@@ -130,9 +130,7 @@ def fly_images(
 
     """
     _check(scenario)
-    progress("preparing", 0, 0)
-    prepared = prepare(scenario)
-    progress("preparing", 1, 1)
+    prepared = prepare(scenario, progress=progress)
     formation = _ImageFormation(prepared)
     tracer = prepared.sensor_inputs().tracer()
     for pulses in prepared.flight.blocks(block_size):

@@ -72,9 +72,7 @@ def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent
         It cannot be flown there; see `prepare`.
 
     """
-    progress("preparing", 0, 0)
-    prepared = prepare(scenario)
-    progress("preparing", 1, 1)
+    prepared = prepare(scenario, progress=progress)
     echoes = []
     for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
         paths = trace_boresights(pulses, prepared.scene.caster)

@@ -2,12 +2,14 @@ from .chain import run as run
 from .preparation import CustomParts as CustomParts
 from .preparation import Prepared as Prepared
 from .preparation import prepare as prepare
+from .processed import Processed as Processed
 from .recording import Recording as Recording
 from .recording import fly as fly
 from .recording import place as place
 from .recording import record as record
 from .remapping import RecordedSurvey as RecordedSurvey
 from .remapping import record_survey as record_survey
+from .reprocessing import process as process
 from .result import Survey as Survey
 from .sensors.lidar import Lidar as Lidar
 from .sensors.radar import Radar as Radar
@@ -23,6 +25,7 @@ __all__ = [
     "Lidar",
     "Observation",
     "Prepared",
+    "Processed",
     "Radar",
     "RecordedSurvey",
     "Recording",
@@ -32,6 +35,7 @@ __all__ = [
     "fly",
     "place",
     "prepare",
+    "process",
     "record",
     "record_survey",
     "register_sensor",

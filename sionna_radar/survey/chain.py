@@ -1,7 +1,10 @@
 """The whole chain, from a scenario to a DEM and its error: this file is its table of contents."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +22,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place, record
+from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place, record
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.warnings import steered_warnings, warnings_of
@@ -41,6 +44,8 @@ def run(
     sensor: Callable[[SensorInputs], Sensor] | None = None,
     range_estimator: RangeEstimator | None = None,
     dem_method: DemMethod | None = None,
+    recordings: Mapping[str, str | Path] | None = None,
+    sample_type: SampleType = "float64",
     progress: Progress | None = None,
 ) -> Survey:
     """Fly a survey and return its points, its DEM and its error.
@@ -57,6 +62,11 @@ def run(
         What builds a custom terrain, tracing engine or sensor from what that is built from.
     materials:
         Models of backscatter by the names that the scenario's surfaces use.
+    recordings:
+        Files that the survey is recorded in while it flies, netCDF, by what they hold: "signals" (the beat signals, for
+        `process`), "paths" or "profiles".
+    sample_type:
+        How recorded samples of beat signals are kept; those of "float64" give the same result again, bit for bit.
     progress:
         Called at the start of each stage and after each of its steps; see `Progress`. Without it a notebook shows a
         bar, and a script nothing.
@@ -69,6 +79,8 @@ def run(
     ------
     ScenarioError, InputFileError
         The scenario cannot be flown; see `prepare`.
+    OutputError
+        A recording exists already, or cannot be written.
     PluginError
         A custom part lacks a method.
 
@@ -96,26 +108,43 @@ def run(
     if block_size < 1:
         raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
     with default_progress(progress) as shown:
-        return _run(scenario, custom, block_size, shown)
+        return _run(scenario, custom, block_size, _Recordings(recordings or {}, sample_type), shown)
+
+
+@dataclass(frozen=True)
+class _Recordings:
+    files: Mapping[str, str | Path]
+    sample_type: SampleType
+
+    def of(self, prepared: Prepared) -> AbstractContextManager[Sequence[Recorder]]:
+        """Return what yields the recorders of a survey."""
+        if not self.files:
+            return nullcontext(())
+        from sionna_radar.survey.recordings.recorder import recorders
+
+        return recorders({kind: Path(path) for kind, path in self.files.items()}, prepared, self.sample_type)
 
 
 @on_one_thread
-def _run(scenario: Scenario | Prepared, custom: CustomParts, block_size: int, progress: Progress) -> Survey:
+def _run(
+    scenario: Scenario | Prepared, custom: CustomParts, block_size: int, recordings: _Recordings, progress: Progress
+) -> Survey:
     watch = Stopwatch()
-    progress("preparing", 0, 0)
     with watch("prepare"):
-        prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom)
+        prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom, progress)
+        progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
-    progress("preparing", 1, 1)
-    recording = record(prepared, sensor, block_size=block_size, progress=progress, watch=watch)
-    progress("mapping", 0, 0)
-    with watch("map"):
-        points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
-        dem = prepared.mapper.map(points, recording.profiles, prepared.measured)
-    progress("mapping", 1, 1)
-    with watch("compare"):
-        comparison = prepared.truth().compare(dem, points, recording.lit)
-        chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
+    with recordings.of(prepared) as kept:
+        recording = record(prepared, sensor, block_size=block_size, progress=progress, watch=watch, recorders=kept)
+        progress("mapping", 0, 0)
+        with watch("map"):
+            points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
+            dem = prepared.mapper.map(points, recording.profiles, prepared.measured, progress)
+        with watch("compare"):
+            comparison = prepared.truth().compare(dem, points, recording.lit)
+            chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
+        for recorder in kept:
+            recorder.finish(comparison)
     return Survey(
         prepared=prepared,
         paths=recording.paths,

@@ -1,4 +1,4 @@
-"""Whether a survey can be flown: the checks that need the terrain and the flight, and the grid of its DEM."""
+"""Whether a survey can be flown: the checks that need the terrain and the flight."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,13 @@ from jaxtyping import Bool, Float
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.coverage import closing_cells
+from sionna_radar.mapping.dem_grid import Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
-MAX_DEM_CELLS = 25_000_000
-MAX_CLOSED_CELLS = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -34,6 +30,14 @@ class Looks:
         """Where those that hit something do."""
         hit = np.isfinite(self.range_m)
         return self.origin_m[hit] + self.range_m[hit, None] * self.direction[hit]
+
+    @property
+    def extent_m(self) -> Extent:
+        """West, south, east and north of what they hit; ScenarioError where they hit nothing."""
+        if not len(self.hit_m):
+            raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
+        (west, south), (east, north) = self.hit_m[:, :2].min(axis=0), self.hit_m[:, :2].max(axis=0)
+        return float(west), float(south), float(east), float(north)
 
 
 def look(schedule: PulseSchedule, built: BuiltScene) -> Looks:
@@ -115,26 +119,3 @@ def _over_hole(looks: Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarra
     reach = (low[2] - looks.origin_m[:, 2]) / down
     foot = looks.origin_m[:, :2] + reach[:, None] * looks.direction[:, :2]
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
-
-
-def dem_grid(scenario: Scenario, looks: Looks, max_gap_m: float, place: Georeference | None) -> Grid:
-    """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it."""
-    spacing_m = scenario.dem.spacing_m
-    if not len(looks.hit_m):
-        raise ScenarioError([Problem("terrain", "no beam meets it; move the track, or enlarge the terrain")])
-    (west, south), (east, north) = looks.hit_m[:, :2].min(axis=0), looks.hit_m[:, :2].max(axis=0)
-    cells = (east - west + 2 * spacing_m) * (north - south + 2 * spacing_m) / spacing_m**2
-    if cells > MAX_DEM_CELLS:
-        enough = spacing_m * 1.05 * np.sqrt(cells / MAX_DEM_CELLS)
-        message = (
-            f"{spacing_m:g} m makes {cells:.3g} cells of {east - west:.0f} x {north - south:.0f} m, more than "
-            f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
-        )
-        raise ScenarioError([Problem("dem.spacing_m", message)])
-    centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
-    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
-    border = 2 * closing_cells(max_gap_m, spacing_m)
-    if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
-        message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"
-        raise ScenarioError([Problem("dem.max_gap_m", message)])
-    return grid

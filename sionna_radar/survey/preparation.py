@@ -18,9 +18,10 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.progress import Progress, Steps, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
-from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method
+from sionna_radar.mapping.dem_grid import Extent, dem_grid
+from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
@@ -28,7 +29,7 @@ from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
-from sionna_radar.scene.build import BuiltScene, build_scene
+from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
@@ -41,7 +42,6 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
-    dem_grid,
     look,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
@@ -124,6 +124,7 @@ class Prepared(Brief):
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
+    ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
 
     Examples
     --------
@@ -143,6 +144,7 @@ class Prepared(Brief):
     detector: Detector
     expected_ground: ExpectedGround | None
     mapper: Mapper
+    ground_extent_m: Extent
     custom: CustomParts = CustomParts()
     beams: tuple[Antenna, ...] = ()
 
@@ -213,7 +215,7 @@ class Prepared(Brief):
 
 
 @on_one_thread
-def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
+def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Progress = silent) -> Prepared:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
@@ -222,6 +224,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
         The survey.
     custom:
         What replaces parts of it.
+    progress:
+        Called with the steps of the stage "preparing"; see `Progress`.
 
     Raises
     ------
@@ -238,6 +242,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     True
 
     """
+    # The flight before the scene, the scene, the flight over it, and what it looks at.
+    step = Steps(progress, "preparing", BUILDING_STEPS + 3)
     custom = custom or CustomParts()
     local = in_local_frame(scenario)
     chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
@@ -249,20 +255,27 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
-    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
+    step()
+    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
     place = scene.scene.georeference
     flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:
         check_paths(local, chirp, flown.altitude_m, antenna.beamwidths_rad, scan.incidence_rad)
     flight = _schedule(local, flown.trajectory, scan, custom.navigation)
     check_pulses(flight, local)
+    step()
     looks = look(flight, scene)
     check_geometry(looks, flight, scene, chirp)
     if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
         check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
-    grid = dem_grid(local, looks, max_gap_m, place)
+    grid = dem_grid(local.dem.spacing_m, looks.extent_m, max_gap_m, place)
+    mapper = build_mapper(
+        local.dem, grid, max_gap_m, antenna, detector.analyser, local.processing.doppler_correction, custom.dem_method
+    )
+    _check_profiles(local, mapper, custom)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
+    step()
     return Prepared(
         scenario=scenario,
         local=local,
@@ -279,33 +292,16 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None) -> Prepared:
             high_pass=high_pass,
         ),
         detector=detector,
-        expected_ground=build_expected_ground(local, flown.altitude_m, antenna, grid, place),
-        mapper=_mapper(local, custom, grid, max_gap_m, antenna, detector),
+        expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),
+        mapper=mapper,
         custom=custom,
+        ground_extent_m=looks.extent_m,
     )
 
 
-def _mapper(
-    scenario: Scenario, custom: CustomParts, grid: Grid, max_gap_m: float, antenna: Antenna, detector: Detector
-) -> Mapper:
-    """Return the mapper of a survey, with a method that has what it needs."""
-    method = custom.dem_method or build_dem_method(scenario.dem)
-    name = type(method).__name__ if custom.dem_method else scenario.dem.method
-    _check_profiles(scenario, method, name, custom)
-    return Mapper(
-        method=method,
-        name=name,
-        grid=grid,
-        max_gap_m=max_gap_m,
-        shadow_incidence_rad=float(np.deg2rad(scenario.dem.shadow_incidence_deg)),
-        antenna=antenna,
-        analyser=detector.analyser,
-        doppler_corrected=scenario.processing.doppler_correction,
-    )
-
-
-def _check_profiles(scenario: Scenario, method: DemMethod, name: str, custom: CustomParts) -> None:
+def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> None:
     """Refuse a DEM method without the range profiles that it requires; a custom sensor shows what it has in flight."""
+    method, name = mapper.method, mapper.name
     if method.profiles not in ("unused", "optional", "required"):
         message = f"DEM method {name!r}: profiles = {method.profiles!r}; give 'unused', 'optional' or 'required'"
         raise PluginError(message)

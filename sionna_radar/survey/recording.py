@@ -1,12 +1,13 @@
 """Flying a prepared survey: what its sensor observes, block by block, and where that is placed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool
 
-from sionna_radar.accuracy.truth import Tally
+from sionna_radar.accuracy.truth import Comparison, Tally
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
@@ -18,6 +19,25 @@ from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
 
 BLOCK_SIZE = 256
+# How recorders keep the samples of beat signals.
+SampleType = Literal["float64", "float32", "int16"]
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """Keeps one kind of what a survey observes, such as its beat signals; see `sionna_radar.survey.recordings`."""
+
+    def write(self, pulses: Pulses, seen: Observation) -> None:
+        """Keep a block of pulses."""
+        ...
+
+    def finish(self, comparison: Comparison) -> None:
+        """Keep what is known after the flight, and close the file."""
+        ...
+
+    def close(self) -> None:
+        """Close the file as it is."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +87,9 @@ def record(
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
     watch: Stopwatch | None = None,
+    recorders: Sequence[Recorder] = (),
 ) -> Recording:
-    """Fly a prepared survey and return what the sensor observed, block by block."""
+    """Fly a prepared survey and return what the sensor observed, block by block; recorders keep more of it."""
     watch = watch or Stopwatch()
     tally = Tally(prepared.truth(), prepared.receiver.chirp)
     keeps_profiles = prepared.mapper.keeps_profiles
@@ -81,6 +102,10 @@ def record(
             profiles.append(seen.profiles)
         with watch("map"):
             tally.add(seen.paths, pulses)
+        if recorders:
+            with watch("record"):
+                for recorder in recorders:
+                    recorder.write(pulses, seen)
         if seen.through_volume:
             lost += len(pulses) - len(np.unique(seen.echoes.pulse))
         else:

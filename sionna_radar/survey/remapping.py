@@ -78,9 +78,7 @@ def record_survey(
         The scenario cannot be flown; see `prepare`.
 
     """
-    progress("preparing", 0, 0)
-    prepared = prepare(scenario, custom)
-    progress("preparing", 1, 1)
+    prepared = prepare(scenario, custom, progress)
     sensor = prepared.build_sensor()
     recording = record(prepared, sensor, block_size=block_size, progress=progress)
     return RecordedSurvey(prepared=prepared, sensor=sensor, recording=recording, truth=prepared.truth())

@@ -1,10 +1,12 @@
 """What a survey returns."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool
 
+from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.brief import Brief
@@ -87,13 +89,25 @@ class Survey(Brief):
         """What the caller gave in place of parts of the scenario, by their keys in it."""
         return self.prepared.custom.described()
 
+    @cached_property
+    def breakdown(self) -> Breakdown:
+        """Where the DEM errs: checkpoints, classes of terrain and view, variogram; computed when first asked for."""
+        return break_down(
+            error=self.error,
+            truth=self.truth,
+            lit=self.lit,
+            points=self.points,
+            walls=self.prepared.truth().walls,
+            seed=self.scenario.seed,
+        )
+
     def __repr__(self) -> str:
         lit, description = self.lit_error, self.scenario.description
         lines = [
             f"Survey: {description or 'no description'}",
             f"  {self.pulses:,} pulses, {len(self.points):,} echoes, DEM of {self.dem.grid.columns} x "
             f"{self.dem.grid.rows} cells of {self.dem.grid.spacing_m:g} m",
-            f"  lit cells: RMS error {lit.rms_m:.3f} m, mean {lit.mean_m:+.3f} m, coverage {lit.coverage:.1%}"
+            f"  lit cells: RMSE {lit.rms_m:.3f} m, bias {lit.mean_m:+.3f} m, coverage {lit.coverage:.1%}"
             if lit.count
             else "  no cell of the DEM is filled where the main beam reached",
         ]

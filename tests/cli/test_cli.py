@@ -36,17 +36,18 @@ def test_run_writes_every_product(cli, small, tmp_path):
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
-        "manifest.json", "report.html", "summary.json", "scenario.toml", "points.laz", "dem.tif", "truth.tif",
-        "error.tif", *figures
+        "manifest.json", "report.html", "summary.json", "scenario.toml", "points.laz", "points.csv", "trajectory.csv",
+        "dem.tif", "truth.tif", "error.tif", *figures,
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
         "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
-        "flight_log", "dem_error", "lit_error", "off_wall_error", "overhang", "meaning", "timing_s", "peak_memory_mb",
-        "points_sha256", "versions",
+        "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "overhang", "meaning", "timing_s",
+        "peak_memory_mb", "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
-        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m", "le90_m"
+        "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
+        "le68_m", "le90_m", "le95_m", "p95_p5_m",
     }  # fmt: skip
     assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
     again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")

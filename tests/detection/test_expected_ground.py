@@ -49,7 +49,7 @@ def expected(antenna, *, place=None, **table):
             "processing": {"expected_ground": {"tolerance_m": 3.0} | table},
         }
     )
-    return build_expected_ground(scenario, 50.0, antenna, GRID, place)
+    return build_expected_ground(scenario.processing.expected_ground, 50.0, antenna, GRID, place)
 
 
 @pytest.mark.parametrize("direction", ["up", "down"])

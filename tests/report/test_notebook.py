@@ -17,7 +17,7 @@ SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_
 SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
 
 RESULTS = {
-    "survey": (lambda: run(load_scenario("hills", SHORT)), "RMS error of lit cells"),
+    "survey": (lambda: run(load_scenario("hills", SHORT)), "RMSE of lit cells"),
     "sweep": (lambda: fly_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
     "crosscheck": (lambda: crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
     "budget": (

@@ -36,9 +36,9 @@ def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.
     other = replace(survey.lit_error, rms_m=0.125, count=survey.lit_error.count - 7)
     print_survey(replace(survey, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
     printed = capsys.readouterr().out
-    lit, off_wall, everywhere = (printed.index(text) for text in ("0.125 m", "0.062 m", "RMS error of all cells"))
+    lit, off_wall, everywhere = (printed.index(text) for text in ("0.125 m", "0.062 m", "RMSE of all cells"))
     assert lit < off_wall < everywhere
-    assert "90th percentile of |error|" in printed
+    assert "LE68, 90, 95: percentiles of |error|" in printed
 
 
 # The command line once for each line of arguments, in one interpreter: the heavy libraries load once.

@@ -87,8 +87,8 @@ def test_progress_tells_every_stage_and_counts_every_pulse():
     calls = []
     run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda *step: calls.append(step))
     assert calls == [
-        ("preparing", 0, 0),
-        ("preparing", 1, 1),
+        *(("preparing", done, 6) for done in range(7)),
+        ("tracing", 0, 0),
         ("tracing", 0, 50),
         ("tracing", 25, 50),  # blocks hold whole turns of the antenna
         ("tracing", 50, 50),

@@ -2,9 +2,10 @@
 
 from typing import Literal
 
+from sionna_radar.foundation.progress import Steps
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.mapper import MapInputs, register_dem_method
-from sionna_radar.mapping.refinement import FEWEST_PULSES, refine
+from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
 from sionna_radar.mapping.seen import empty, seen_part
 
 
@@ -19,4 +20,5 @@ class Refined:
         assert given.sightings is not None
         if len(given.sightings) < FEWEST_PULSES:
             return empty(given.grid)
-        return seen_part(refine(given.sightings, given.grid), given)
+        step = Steps(given.progress, "mapping", refinement_steps(given.grid))
+        return seen_part(refine(given.sightings, given.grid, step), given)

@@ -22,6 +22,6 @@ class Stepped:
         assert given.sightings is not None
         if len(given.sightings) < FEWEST_PULSES:
             return empty(given.grid)
-        surface, supported = step_surface(given.sightings, given.points, given.grid, given.max_gap_m)
+        surface, supported = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
         seen = seen_part(surface, given)
         return Raster(grid=given.grid, height_m=np.where(supported, seen.height_m, np.nan))

@@ -4,8 +4,8 @@ import hashlib
 from pathlib import Path
 
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.staging import staged
 from sionna_radar.report.folder import write_text
-from sionna_radar.report.staging import staged
 
 SIGNATURE = "# Written by sionna-radar plan, which replaces this file only unedited. SHA-256 of the rest: "
 

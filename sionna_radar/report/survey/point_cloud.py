@@ -1,17 +1,19 @@
 """The point cloud of a survey as a LAZ file."""
 
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
 import laspy
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import Float, Int, UInt16
+from laspy.header import GpsTimeType
 from laspy.vlrs.known import WktCoordinateSystemVlr
 from pyproj import CRS
 from pyproj.enums import WktVersion
 from pyproj.exceptions import CRSError
 
-from sionna_radar.flight.pulses import PulseSchedule
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.mapping.points import Points
 
@@ -28,12 +30,14 @@ RADAR_PLACE = {
 def write_laz(
     path: Path,
     points: Points,
-    schedule: PulseSchedule,
+    time_s: Float[np.ndarray, " pulse"],
+    measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
     georeference: Georeference | None,
 ) -> None:
     """Write points as LAZ (LAS 1.4, point format 6).
 
-    Beside the coordinates a point has `gps_time` (s since the start of the flight), `scan_angle` (steps of 0.006 deg:
+    Beside the coordinates a point has `gps_time` (s since the start of the flight; the header says GPS week time, so
+    the flight of a scenario, which has no date, starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
     the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
     the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo` and, in the
     coordinates of the points, the measured position of the radar: `radar_x`, `radar_y`, `radar_z`.
@@ -44,8 +48,10 @@ def write_laz(
         Where to write.
     points:
         Points in the local frame.
-    schedule:
-        The pulses of the survey.
+    time_s:
+        Times of all pulses, by their index.
+    measured:
+        Returns the measured poses of pulses by their indices.
     georeference:
         Georeference of the local frame; without one the file has local coordinates and no CRS.
 
@@ -53,8 +59,8 @@ def write_laz(
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     las = laspy.LasData(_las_header(georeference, np.floor(origin)))
     las.xyz = points.position_m + origin
-    las.gps_time = schedule.time_s[points.pulse]
-    las.scan_angle = np.rint(_scan_angle_deg(points, schedule) / SCAN_ANGLE_STEP_DEG).astype(np.int16)
+    las.gps_time = time_s[points.pulse]
+    las.scan_angle = np.rint(_scan_angle_deg(points, measured) / SCAN_ANGLE_STEP_DEG).astype(np.int16)
     las.intensity = _intensity(points.power)
     _, inverse, echoes = np.unique(points.pulse, return_inverse=True, return_counts=True)
     # LAS numbers the returns of a pulse in four bits, from one.
@@ -70,13 +76,15 @@ def write_laz(
     las.write(path)
 
 
-def _scan_angle_deg(points: Points, schedule: PulseSchedule) -> Float[np.ndarray, " point"]:
+def _scan_angle_deg(
+    points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
+) -> Float[np.ndarray, " point"]:
     """Return the angle of the beam from the vertical about the direction of flight, positive to the right."""
     angle = np.zeros(len(points))
     for first in range(0, len(points), POINTS_AT_ONCE):
         part = slice(first, first + POINTS_AT_ONCE)
         pulse, row = np.unique(points.pulse[part], return_inverse=True)
-        forward = schedule.pulses(pulse).measured.velocity_mps[row, :2]
+        forward = measured(pulse).velocity_mps[row, :2]
         east, north, up = (points.position_m[part] - points.origin_m[part]).T
         to_the_right = (forward[:, 1] * east - forward[:, 0] * north) / np.linalg.norm(forward, axis=1)
         angle[part] = np.rad2deg(np.arctan2(to_the_right, -up))
@@ -93,6 +101,7 @@ def _las_header(georeference: Georeference | None, offset_m: Float[np.ndarray, "
     header.creation_date = date(2000, 1, 1)
     # The standard requires this bit with point format 6, with or without a CRS.
     header.global_encoding.wkt = True
+    header.global_encoding.gps_time_type = GpsTimeType.WEEK_TIME
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(name="snr_db", type="float32", description="signal to noise (dB)"),

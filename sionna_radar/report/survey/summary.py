@@ -7,7 +7,7 @@ from typing import Any
 
 from pyproj import CRS
 
-from sionna_radar.accuracy.compare import LE90_MEANING
+from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey.result import Survey
@@ -25,7 +25,10 @@ MEANING = {
     "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
-    "le90_m": LE90_MEANING,
+    **ERROR_MEANING,
+    "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
+    "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
+    "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
 }
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 
@@ -50,6 +53,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
+        "breakdown": asdict(survey.breakdown),
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "meaning": MEANING,
         "timing_s": survey.timing_s,

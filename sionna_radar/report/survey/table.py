@@ -38,16 +38,18 @@ def _errors(survey: Survey) -> dict[str, str]:
     rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
     if lit.count:
         rows |= {
-            "RMS error of lit cells": f"{lit.rms_m:.3f} m",
-            "mean, standard deviation": f"{lit.mean_m:+.3f} m, {lit.std_m:.3f} m",
-            "NMAD": f"{lit.nmad_m:.3f} m",
-            "LE90, 90th percentile of |error|": f"{lit.le90_m:.3f} m",
+            "RMSE of lit cells": f"{lit.rms_m:.3f} m",
+            "bias, STD, NMAD": f"{lit.mean_m:+.3f} m, {lit.std_m:.3f} m, {lit.nmad_m:.3f} m",
+            "LE68, 90, 95: percentiles of |error|": f"{lit.le68_m:.3f} m, {lit.le90_m:.3f} m, {lit.le95_m:.3f} m",
             "least, greatest": f"{lit.min_m:+.2f} m, {lit.max_m:+.2f} m",
         }
     if off_wall is not None and off_wall.count:
-        rows["RMS error of lit cells off walls"] = f"{off_wall.rms_m:.3f} m"
+        rows["RMSE of lit cells off walls"] = f"{off_wall.rms_m:.3f} m"
     if everywhere.count > lit.count:
-        rows["RMS error of all cells"] = f"{everywhere.rms_m:.3f} m ({everywhere.count:,} cells)"
+        rows["RMSE of all cells"] = f"{everywhere.rms_m:.3f} m ({everywhere.count:,} cells)"
+    test = survey.breakdown.checkpoints
+    if test.class_cm is not None:
+        rows["ASPRS 2023"] = f"{test.class_cm}-cm class, {test.rms_m:.3f} m at {test.count} checkpoints"
     return rows
 
 

@@ -15,9 +15,10 @@ from pyproj import CRS
 from beams import make_antenna
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.point_cloud import write_laz
-from sionna_radar.report.survey.products import write_geotiff, write_survey
+from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.preparation import CustomParts
@@ -38,6 +39,7 @@ KEYS = [
     "dem_error",
     "lit_error",
     "off_wall_error",
+    "breakdown",
     "overhang",
     "meaning",
     "timing_s",
@@ -54,10 +56,12 @@ FILES = [
     "figures/error_map.png",
     "figures/power_map.png",
     "manifest.json",
+    "points.csv",
     "points.laz",
     "report.html",
     "scenario.toml",
     "summary.json",
+    "trajectory.csv",
     "truth.tif",
 ]
 
@@ -196,7 +200,7 @@ def test_a_geotiff_says_what_made_it(survey: Survey, tmp_path: Path) -> None:
 def test_laz_reads_back(georeferenced: Survey, tmp_path: Path) -> None:
     path, points, place = tmp_path / "points.laz", georeferenced.points, georeferenced.georeference
     assert place is not None
-    write_laz(path, points, georeferenced.schedule, place)
+    write_laz(path, points, georeferenced.schedule.time_s, georeferenced.prepared.measured, place)
     las = laspy.read(path)
     assert las.header.creation_date == date(2000, 1, 1)  # no clock, no time zone
     assert (str(las.header.version), las.header.point_format.id) == ("1.4", 6)
@@ -227,7 +231,7 @@ def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> No
         number=np.arange(20),
         **{name: getattr(points, name)[row] for name in columns},
     )
-    write_laz(tmp_path / "points.laz", twenty, survey.schedule, None)
+    write_laz(tmp_path / "points.laz", twenty, survey.schedule.time_s, survey.prepared.measured, None)
     las = laspy.read(tmp_path / "points.laz")
     assert list(las["echo"]) == list(range(20))
     assert np.asarray(las.return_number).max() == 15
@@ -236,7 +240,7 @@ def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> No
 
 
 def test_laz_scan_angle_is_to_the_right_of_the_flight(survey: Survey, tmp_path: Path) -> None:
-    write_laz(tmp_path / "points.laz", survey.points, survey.schedule, None)
+    write_laz(tmp_path / "points.laz", survey.points, survey.schedule.time_s, survey.prepared.measured, None)
     las = laspy.read(tmp_path / "points.laz")
     # A whisk broom's scan angle is the one about the forward axis.
     scan_deg = np.rad2deg(survey.schedule.pulses(survey.points.pulse).scan_rad)
@@ -249,7 +253,7 @@ def test_laz_scan_angle_is_to_the_right_of_the_flight(survey: Survey, tmp_path: 
 
 
 def test_laz_of_no_points(empty: Survey, tmp_path: Path) -> None:
-    write_laz(tmp_path / "points.laz", empty.points, empty.schedule, None)
+    write_laz(tmp_path / "points.laz", empty.points, empty.schedule.time_s, empty.prepared.measured, None)
     las = laspy.read(tmp_path / "points.laz")
     assert len(las.points) == 0
     assert {"snr_db", "range_m", "pulse", "echo"} <= set(las.point_format.extra_dimension_names)

@@ -1,0 +1,146 @@
+"""The vertical accuracy test of ASPRS with checkpoints, as a surveyor would make it.
+
+American Society for Photogrammetry and Remote Sensing, "Positional Accuracy Standards for Digital Geospatial Data",
+Edition 2 (2023): at least 30 checkpoints, 10 more for each 1000 km2 beyond the first, at most 120 (annex C);
+spread over the whole area; on even ground no steeper than 10 %, so that their horizontal error does not count; and the
+accuracy is their RMSE, no multiple of it. The survey's own error, which the standard adds in squares, is zero here.
+All checkpoints count as non-vegetated (NVA): surfaces carry no plants, and a model with trees has these in the truth.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sionna_radar.accuracy.slope import slope_deg
+from sionna_radar.foundation.randomness import Stream, pulse_generator
+from sionna_radar.foundation.raster import Raster
+
+FEWEST, MOST = 30, 120
+MORE, AREA_OF_MORE_KM2 = 10, 1000.0
+STEEPEST_DEG = float(np.rad2deg(np.arctan(0.1)))
+# Of the diagonal: the distance of checkpoints that is tried first, and the factor by which it shrinks.
+SPREAD, CLOSER = 0.1, 0.8
+# Candidates beyond these add nothing to 120.
+MOST_CANDIDATES = 5000
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckpointTest:
+    """A test with checkpoints; heights in metres, NaN without any.
+
+    count, wanted: number of checkpoints, and how many the standard asks for.
+    even: whether they lie on slopes up to 10 % only; too few such cells leave the choice to all lit ones.
+    spacing_m: shortest distance of two of them.
+    rms_m: RMSE_V; mean_m, std_m, greatest_m: bias, standard deviation and greatest |error|.
+    class_cm: vertical accuracy class that is met, the RMSE_V rounded up to a centimetre; None with too few checkpoints.
+    statement: the result in the words of the standard.
+    """
+
+    count: int
+    wanted: int
+    even: bool
+    spacing_m: float
+    rms_m: float
+    mean_m: float
+    std_m: float
+    greatest_m: float
+    class_cm: int | None
+    statement: str
+
+
+def checkpoints_wanted(area_m2: float) -> int:
+    """Return how many checkpoints the standard asks for."""
+    beyond = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
+    return min(FEWEST + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MOST)
+
+
+def checkpoint_test(error: Raster, truth: Raster, lit: Bool[np.ndarray, "row column"], seed: int) -> CheckpointTest:
+    """Return the test of a DEM with seeded checkpoints on lit cells that it fills.
+
+    Parameters
+    ----------
+    error, truth:
+        DEM minus truth, and the truth, for its slopes.
+    lit:
+        Cells that the main beam reached.
+    seed:
+        Of the scenario.
+
+    """
+    cells = error.filled & lit
+    wanted = checkpoints_wanted(float(cells.sum()) * error.grid.spacing_m**2)
+    with np.errstate(invalid="ignore"):
+        level = cells & (slope_deg(truth) <= STEEPEST_DEG)
+    even = int(level.sum()) >= wanted
+    candidates = np.flatnonzero(level if even else cells)
+    chosen, spacing_m = _spread(candidates, error, wanted, seed)
+    values = error.height_m.ravel()[chosen]
+    if len(values) == 0:
+        rms_m = mean_m = std_m = greatest_m = float("nan")
+    else:
+        rms_m, mean_m, std_m = float(np.sqrt(np.mean(values**2))), float(values.mean()), float(values.std())
+        greatest_m = float(np.abs(values).max())
+    class_cm = max(int(np.ceil(round(100 * rms_m, 6))), 1) if len(values) >= wanted else None
+    return CheckpointTest(
+        count=len(values),
+        wanted=wanted,
+        even=even,
+        spacing_m=spacing_m,
+        rms_m=rms_m,
+        mean_m=mean_m,
+        std_m=std_m,
+        greatest_m=greatest_m,
+        class_cm=class_cm,
+        statement=_statement(len(values), wanted, even, rms_m, class_cm),
+    )
+
+
+def _spread(
+    candidates: Int[np.ndarray, " cell"], error: Raster, wanted: int, seed: int
+) -> tuple[Int[np.ndarray, " checkpoint"], float]:
+    """Return checkpoints drawn in random order, none nearer to another than a distance that leaves enough of them."""
+    generator = pulse_generator(seed, Stream.CHECKPOINTS, 0)
+    drawn = generator.permutation(candidates)[:MOST_CANDIDATES]
+    if len(drawn) <= wanted:
+        return drawn, _closest_m(_places(drawn, error))
+    place = _places(drawn, error)
+    apart_m = SPREAD * float(np.linalg.norm(np.ptp(place, axis=0)))
+    while True:
+        kept = _darts(place, apart_m, wanted)
+        if len(kept) == wanted:
+            return drawn[kept], _closest_m(place[kept])
+        apart_m *= CLOSER
+
+
+def _darts(place_m: Float[np.ndarray, "n 2"], apart_m: float, wanted: int) -> list[int]:
+    """Return the first places, in order, that keep their distance from all before."""
+    free = np.ones(len(place_m), dtype=bool)
+    kept: list[int] = []
+    while len(kept) < wanted and free.any():
+        kept.append(int(np.argmax(free)))
+        free &= np.linalg.norm(place_m - place_m[kept[-1]], axis=1) >= max(apart_m, 1e-9)
+    return kept
+
+
+def _places(cell: Int[np.ndarray, " n"], error: Raster) -> Float[np.ndarray, "n 2"]:
+    row, column = np.divmod(cell, error.grid.columns)
+    return np.column_stack([error.grid.x_m[column], error.grid.y_m[row]])
+
+
+def _closest_m(place_m: Float[np.ndarray, "n 2"]) -> float:
+    if len(place_m) < 2:
+        return float("nan")
+    distance = np.linalg.norm(place_m[:, None] - place_m[None], axis=2)
+    return float(distance[np.triu_indices(len(place_m), 1)].min())
+
+
+def _statement(count: int, wanted: int, even: bool, rms_m: float, class_cm: int | None) -> str:
+    standard = "ASPRS Positional Accuracy Standards for Digital Geospatial Data, Edition 2 (2023)"
+    if class_cm is None:
+        return f"not tested by the {standard}: it asks for {wanted} checkpoints, and there are {count} cells for them"
+    where = "slopes up to 10 %" if even else "lit cells of any slope, as too few are no steeper than 10 %"
+    return (
+        f"tested to meet the {standard} for a {class_cm}-cm RMSE_V vertical accuracy class: non-vegetated RMSE_V = "
+        f"{100 * rms_m:.1f} cm of {count} simulated checkpoints on {where}, themselves without error"
+    )

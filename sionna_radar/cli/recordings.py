@@ -1,0 +1,113 @@
+"""Recording while flying, and the command that processes recordings."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, get_args
+
+import typer
+
+from sionna_radar.cli.options import BlockOption, MapOption, OutputOption, QuietOption, SetFileOption, SetOption
+from sionna_radar.cli.session import Session
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.staging import staged
+
+if TYPE_CHECKING:
+    from sionna_radar.survey.recording import SampleType
+
+KINDS = ("signals", "paths", "profiles")
+RecordOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--record",
+        metavar="WHAT",
+        help="Record signals, paths or profiles while flying: a kind alone goes with the results as KIND.nc, "
+        "KIND=FILE.nc or FILE.nc (signals, unless the file is named after a kind) to a file of its own. Repeatable.",
+    ),
+]
+RecordAsOption = Annotated[
+    str,
+    typer.Option(
+        "--record-as",
+        metavar="TYPE",
+        help="Samples of recorded signals: float64 (the same result again, bit for bit), float32 or int16.",
+    ),
+]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(name="process")(process_command)
+
+
+def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]:
+    """Return the files of recordings by their kinds, and the kinds that go with the results.
+
+    Raises ScenarioError for anything else, and for a kind that is wanted twice.
+    """
+    files: dict[str, Path] = {}
+    inside: list[str] = []
+    for text in wanted or []:
+        kind, separator, name = text.partition("=")
+        if not separator and text.endswith(".nc"):
+            kind, name = Path(text).stem if Path(text).stem in KINDS else "signals", text
+        if kind not in KINDS or (separator and not name):
+            message = f"{text!r} is not recorded; give {', '.join(KINDS)}, or one of them with =FILE.nc"
+            raise ScenarioError([Problem("--record", message)], "command line")
+        if kind in files or kind in inside:
+            raise ScenarioError([Problem("--record", f"{kind} are wanted twice; give them once")], "command line")
+        if name:
+            files[kind] = Path(name)
+        else:
+            inside.append(kind)
+    return files, inside
+
+
+def parse_sample_type(text: str) -> "SampleType":
+    """Return how samples are kept; ScenarioError for what is none of the ways."""
+    from sionna_radar.survey.recording import SampleType
+
+    known: tuple[SampleType, ...] = get_args(SampleType)
+    for name in known:
+        if text == name:
+            return name
+    message = f"{text!r} is unknown; give one of {', '.join(known)}"
+    raise ScenarioError([Problem("--record-as", message)], "command line")
+
+
+@contextmanager
+def with_the_results(kinds: list[str], directory: Path) -> Iterator[dict[str, Path]]:
+    """Yield files for the recordings that are to go into a folder of results, beside it until it is written."""
+    if not kinds:
+        yield {}
+        return
+    place = next(parent for parent in directory.expanduser().resolve().parents if parent.is_dir())
+    with staged(place) as folder:
+        yield {kind: folder / f"{kind}.nc" for kind in kinds}
+
+
+def process_command(
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A netCDF file of beat signals.")],
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    block_size: BlockOption = None,
+    map_coordinates: MapOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Process recorded beat signals again, or those of a real radar: ranges, points and DEM, without the scene."""
+    from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.processed.products import MARKER, write_processed
+    from sionna_radar.report.processed.table import print_processed
+    from sionna_radar.survey.recording import BLOCK_SIZE
+    from sionna_radar.survey.reprocessing import process
+
+    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    session = Session.of(str(recording), output, set_, set_file, None, quiet)
+    session.produce(
+        lambda progress: process(recording, session.overrides, block_size=block_size or BLOCK_SIZE, progress=progress),
+        suffix="_processed",
+        marker=MARKER,
+        write=lambda processed, folder: write_processed(processed, folder, coordinates),
+        show=print_processed,
+    )

@@ -1,0 +1,118 @@
+"""What may be chosen anew when recorded beat signals are processed, and what a recording says of its radar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, model_validator
+from scipy.constants import speed_of_light
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml
+from sionna_radar.scenario.bases import AntennaParameters
+from sionna_radar.scenario.choice import ChosenBy
+from sionna_radar.scenario.dem import DemTable
+from sionna_radar.scenario.loading import parse_scenario
+from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS, apply_overrides
+from sionna_radar.scenario.parts import ANTENNAS
+from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.radar import AntennaTable, ReceiverTable
+from sionna_radar.scenario.scenario import Scenario
+from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
+
+# Tables of a scenario that a recording leaves open; and those that one without a scenario leaves open besides.
+OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver")
+SLOWEST_WAVE_MPS = 1e6
+
+
+class RecordedRadar(Table):
+    """The radar of a recording, by the attributes of its variable `radar`.
+
+    carrier_hz: the frequency in the middle of the recorded samples.
+    bandwidth_hz: swept during the recorded samples: slope times samples over the sampling rate.
+    sweep: "triangular" for an up- and a down-sweep in each pulse.
+    propagation_mps: speed of the wave, c / sqrt(permittivity) in a medium such as ice.
+    transmit_power_w: of a simulated radar.
+    noise_power_w: of a sample of a simulated radar.
+    sampling_rate_hz: of the recorded samples.
+    """
+
+    carrier_hz: Annotated[Real, Field(ge=1e6, le=1e12)]
+    bandwidth_hz: Annotated[Real, Field(ge=1e3, le=1e12)]
+    sampling_rate_hz: Annotated[Real, Field(ge=1.0, le=1e12)]
+    sweep: Literal["up", "down", "triangular"] = "up"
+    propagation_mps: Annotated[Real, Field(ge=SLOWEST_WAVE_MPS, le=speed_of_light)] = speed_of_light
+    transmit_power_w: Positive | None = None
+    noise_power_w: NonNegative | None = None
+
+    @model_validator(mode="after")
+    def _narrow(self) -> RecordedRadar:
+        if self.bandwidth_hz >= 2 * self.carrier_hz:
+            raise refuse("bandwidth_hz", f"{self.bandwidth_hz:g} reaches below 0 Hz about carrier_hz; give the carrier")
+        return self
+
+
+class RecordedReception(Table):
+    """What the processing of a real recording must be told of its radar.
+
+    antenna: its beam.
+    receiver: between mixer and sampler.
+    """
+
+    antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
+        AntennaTable()
+    )
+    receiver: ReceiverTable = ReceiverTable()
+
+
+class RecordedSettings(Table):
+    """How a recording without a scenario is processed: the tables of a scenario that apply.
+
+    radar: what must be known of the radar.
+    processing: how beat signals are turned into ranges.
+    dem: how echoes are turned into heights.
+    """
+
+    radar: RecordedReception = RecordedReception()
+    processing: ProcessingTable = Field(default_factory=ProcessingTable)
+    dem: DemTable = Field(default_factory=DemTable)
+
+
+def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> Scenario:
+    """Return the scenario of a recording, with values of `processing` and `dem` replaced.
+
+    Raises ScenarioError for any other key, and for values that do not fit.
+    """
+    _check_open(overrides, OPEN, "is fixed by the recording: only processing and dem can be set; fly it again for more")
+    try:
+        data = parse_toml(text)
+    except ValueError as error:
+        raise ScenarioError([Problem("scenario", f"is not TOML: {error}; record it again")], source) from error
+    apply_overrides(data, overrides)
+    return parse_scenario(data, source)
+
+
+def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSettings:
+    """Return how a recording without a scenario is processed.
+
+    Raises ScenarioError for a key that does not apply, and for values that do not fit.
+    """
+    _check_open(
+        overrides,
+        OPEN + OPEN_BESIDES,
+        "does not apply to a recording without a scenario; set processing, dem, radar.antenna or radar.receiver",
+    )
+    data: dict[str, Any] = {}
+    apply_overrides(data, overrides)
+    try:
+        return RecordedSettings.model_validate(data)
+    except ValidationError as error:
+        raise ScenarioError(translate(error.errors(), RecordedSettings), source) from error
+
+
+def _check_open(overrides: Mapping[str, Any], tables: tuple[str, ...], why: str) -> None:
+    closed = [key for key in overrides if not any(key == table or key.startswith(f"{table}.") for table in tables)]
+    if closed:
+        raise ScenarioError([Problem(key, why) for key in closed], "overrides")

@@ -1,0 +1,291 @@
+"""Reading recorded beat signals: those of a simulated survey, and those of a real radar in the same layout.
+
+The file is netCDF-4. What it must have, and what it may:
+
+- `beat_i` (pulse, sample), or (pulse, sweep, sample) for an up- and a down-sweep in each pulse: samples of the beat
+  signal, of any number type; `scale_factor` and `add_offset` apply. `beat_q` beside it for I/Q samples.
+- `radar`, a variable whose attributes (or else those of the file) are `carrier_hz`, `bandwidth_hz`,
+  `sampling_rate_hz`, and where they differ from the usual `sweep` and `propagation_mps`: see `RecordedRadar`.
+- `time` (pulse), s; without it chirps are numbered.
+- `measured_position`, `measured_velocity` (pulse, 3) and `measured_rotation` (pulse, 3, 3), without which there are
+  ranges, but no points and no DEM. The columns of the rotation are the boresight, left and up of the antenna.
+- `crs`, a grid mapping with `crs_wkt` and `local_origin_m` (easting, northing, height): local metres plus these are map
+  coordinates.
+- `scenario`, `survey`, `x`, `y`, `true_height`, `lit`: of a simulated survey; see `SignalRecorder`.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import h5py
+import numpy as np
+from jaxtyping import Bool, Float, Inexact, Int
+from pydantic import ValidationError
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
+from sionna_radar.foundation.georeference import Georeference, MapCells
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.dem_grid import MAX_DEM_CELLS, Extent
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.recorded import RecordedRadar
+from sionna_radar.survey.recordings.netcdf_input import NetcdfInput, open_netcdf
+
+MOST_PULSES, LEAST_SAMPLES, MOST_SAMPLES = 10_000_000, 32, 2**18
+REMEDY = "give a recording of beat signals, as `run --record signals` makes it"
+POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation": (3, 3)}
+# The square of a greater sample, summed over a sweep, might have no floating-point number.
+GREATEST = 1e100
+# How far a rotation matrix may be from orthonormal.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedFlight:
+    """What maps need of a simulated flight.
+
+    ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
+    altitude_m: nominal height over it.
+    beam_spacing_m: widest distance between neighbouring beams on level ground.
+    """
+
+    ground_extent_m: Extent
+    altitude_m: float
+    beam_spacing_m: float
+
+
+@contextmanager
+def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
+    """Open a recording of beat signals.
+
+    Raises InputFileError, then or while it is read, for a file that is none or is damaged.
+    """
+    with open_netcdf(path, name, REMEDY) as file:
+        yield SignalFile(file)
+
+
+class SignalFile:
+    """An open recording of beat signals."""
+
+    def __init__(self, file: NetcdfInput) -> None:
+        self._file = file
+        self._beat = [file.variable(name) for name in ("beat_i", "beat_q") if name == "beat_i" or name in file]
+        shape, kinds = self._beat[0].shape, {beat.dtype.kind for beat in self._beat}
+        if len(shape) not in (2, 3) or not kinds <= set("fiu"):
+            file.fail(f"beat_i is {self._beat[0].dtype} of the shape {shape}; it is to hold numbers, (pulse, sample)")
+        if any(beat.shape != shape for beat in self._beat):
+            file.fail("beat_q has another shape than beat_i; both are (pulse, sample)")
+        self.radar = self._radar()
+        pair = self.radar.sweep == "triangular"
+        if (len(shape), *shape[1:-1]) != ((3, 2) if pair else (2,)):
+            file.fail(f"beat_i has the shape {shape}, which is not that of radar:sweep = {self.radar.sweep!r}")
+        if not (0 < shape[0] <= MOST_PULSES):
+            file.fail(f"beat_i has {shape[0]:,} pulses; 1 to {MOST_PULSES:,} can be processed")
+        if not (LEAST_SAMPLES <= shape[-1] <= MOST_SAMPLES):
+            file.fail(f"beat_i has {shape[-1]:,} samples a sweep; {LEAST_SAMPLES} to {MOST_SAMPLES:,} can be used")
+
+    def __len__(self) -> int:
+        return int(self._beat[0].shape[0])
+
+    @cached_property
+    def sweeps(self) -> tuple[Chirp, ...]:
+        """The sweeps of one pulse."""
+        radar, samples = self.radar, int(self._beat[0].shape[-1])
+        directions: tuple[Literal["up", "down"], ...]
+        directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
+        pair = len(directions) == 2
+        return tuple(
+            Chirp(
+                carrier_hz=radar.carrier_hz,
+                bandwidth_hz=radar.bandwidth_hz,
+                rate_hz=radar.sampling_rate_hz / samples,
+                samples=samples,
+                sweep=direction,
+                sampling="iq" if len(self._beat) == 2 else "real",
+                centre_s=(number - 0.5) * samples / radar.sampling_rate_hz if pair else 0.0,
+                propagation_mps=radar.propagation_mps,
+            )
+            for number, direction in enumerate(directions)
+        )
+
+    @cached_property
+    def scenario(self) -> str | None:
+        """The scenario of a simulated survey, TOML; None for a recording of a real radar."""
+        return self._file.text("scenario") if "scenario" in self._file else None
+
+    @cached_property
+    def replaced(self) -> dict[str, str]:
+        """What was flown in place of parts of the scenario, by their keys in it."""
+        try:
+            found = json.loads(str(self._file.attributes.get("replaced", "{}")))
+        except ValueError:
+            found = None
+        if not isinstance(found, dict):
+            self._file.fail("the attribute replaced is not a JSON table; record it again")
+        return {str(key): str(what) for key, what in found.items()}
+
+    @cached_property
+    def pulses(self) -> "RecordedPulses":
+        """The pulses."""
+        given = [name for name in POSE if name in self._file]
+        missing = ", ".join(name for name in POSE if name not in given)
+        if given and missing:
+            self._file.fail(f"has {given[0]} and lacks {missing}; poses need all of them")
+        number, beam = (self._column(name) for name in ("scan_number", "beam"))
+        time_s, scan_rad = self._column("time"), self._column("scan_angle")
+        return RecordedPulses(
+            file=self,
+            located=bool(given),
+            time_s=np.arange(len(self), dtype=np.float64) if time_s is None else time_s,
+            scan_rad=np.zeros(len(self)) if scan_rad is None else scan_rad,
+            scan_number=None if number is None else number.astype(np.int64),
+            beam=None if beam is None else beam.astype(np.int64),
+        )
+
+    @cached_property
+    def flight(self) -> RecordedFlight | None:
+        """What maps need of a simulated flight; None for a recording without poses, or of a real radar."""
+        kept = self._file.attributes_of("survey")
+        if not kept or not self.pulses.located:
+            return None
+        west, south, east, north = self._vector(kept, "ground_extent_m", 4)
+        return RecordedFlight(
+            ground_extent_m=(west, south, east, north),
+            altitude_m=self._vector(kept, "altitude_m", 1)[0],
+            beam_spacing_m=self._vector(kept, "beam_spacing_m", 1)[0],
+        )
+
+    @cached_property
+    def georeference(self) -> Georeference | None:
+        """The place of local metres on the map; None without one."""
+        kept = self._file.attributes_of("crs")
+        if not kept:
+            return None
+        wkt = str(kept.get("crs_wkt"))
+        try:
+            CRS.from_wkt(wkt)
+        except CRSError:
+            self._file.fail("crs:crs_wkt is missing or no WKT; give one, or leave crs out")
+        east, north, height = self._vector(kept, "local_origin_m", 3)
+        cells = None
+        if "cell_corner_m" in kept and "cell_size_m" in kept:
+            corner, size = self._vector(kept, "cell_corner_m", 2), self._vector(kept, "cell_size_m", 2)
+            cells = MapCells(corner_m=(corner[0], corner[1]), size_m=(size[0], size[1]))
+        return Georeference(crs_wkt=wkt, origin_m=(east, north, height), cells=cells)
+
+    @cached_property
+    def truth(self) -> tuple[Raster, Bool[np.ndarray, "row column"]] | None:
+        """The true surface on the grid of the survey's DEM, and the cells that its beam reached; None without."""
+        if not all(name in self._file for name in ("x", "y", "true_height", "lit")):
+            return None
+        shape = self._file.variable("true_height").shape
+        if len(shape) != 2 or min(shape) < 2 or math.prod(shape) > MAX_DEM_CELLS:
+            self._file.fail(f"true_height has the shape {shape}; it is (y, x), of at most {MAX_DEM_CELLS:,} cells")
+        x, y = self._file.numbers("x", shape[1:]), self._file.numbers("y", shape[:1])
+        grid = Grid(west_m=float(x[0]), south_m=float(y[0]), spacing_m=float(x[1] - x[0]), columns=len(x), rows=len(y))
+        height_m = np.asarray(self._file.variable("true_height")[...], dtype=np.float64)
+        return Raster(grid=grid, height_m=height_m), self._file.numbers("lit", shape) > 0
+
+    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals of each sweep of pulses.
+
+        Raises InputFileError for samples that are no finite numbers.
+        """
+        parts = [self._unpacked(beat, pulses.index) for beat in self._beat]
+        beat = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
+        # False for samples that are no numbers, too.
+        sound = (np.abs(beat) < GREATEST).all(axis=tuple(range(1, beat.ndim)))
+        if not sound.all():
+            wrong = pulses.index[int(np.argmin(sound))]
+            self._file.fail(f"the samples of pulse {wrong} are no finite numbers below {GREATEST:g}; leave it out")
+        return [beat] if beat.ndim == 2 else [np.ascontiguousarray(beat[:, n]) for n in range(beat.shape[1])]
+
+    def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
+        """Return the measured poses of pulses."""
+        position_m, velocity_mps, rotation = (
+            self._file.finite(self._file.rows(self._file.variable(name, (len(self), *shape)), index), name)
+            for name, shape in POSE.items()
+        )
+        turned = bool((np.abs(rotation) <= 1 + ROUNDING).all())
+        if not turned or np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) > ROUNDING:
+            self._file.fail("measured_rotation holds matrices that are no rotations; give orthonormal ones")
+        return Pose(position_m=position_m, velocity_mps=velocity_mps, R_world_antenna=rotation)
+
+    def _radar(self) -> RecordedRadar:
+        given = {**self._file.attributes, **self._file.attributes_of("radar")}
+        known = {key: given[key] for key in RecordedRadar.model_fields if key in given}
+        whole = {key: float(value) for key, value in known.items() if isinstance(value, int)}
+        try:
+            return RecordedRadar.model_validate(known | whole)
+        except ValidationError as error:
+            self._file.fail("; ".join(f"radar:{problem}" for problem in translate(error.errors(), RecordedRadar)))
+
+    def _column(self, name: str) -> Float[np.ndarray, " pulse"] | None:
+        """Return a column of the pulses; None if there is none."""
+        return self._file.numbers(name, (len(self),)) if name in self._file else None
+
+    def _vector(self, attributes: Any, name: str, length: int) -> list[float]:
+        try:
+            values = [float(value) for value in np.ravel(attributes.get(name))]
+        except (TypeError, ValueError):
+            values = []
+        if len(values) != length or not all(map(math.isfinite, values)):
+            self._file.fail(f"the attribute {name} is not {length} finite numbers; record it again")
+        return values
+
+    def _unpacked(self, beat: h5py.Dataset, index: Int[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse ..."]:
+        values = self._file.rows(beat, index).astype(np.float64)
+        for name, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
+            if name in beat.attrs:
+                values = apply(values, self._vector(beat.attrs, name, 1)[0])
+        return values
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedPulses(PulseSequence):
+    """The pulses of a recording; processing knows only what was measured, so true poses are left in the file.
+
+    time_s: of each chirp. located: whether the poses are known.
+    scan_number, beam, scan_rad: see `Pulses`.
+    """
+
+    file: SignalFile
+    located: bool
+    time_s: Float[np.ndarray, " pulse"]
+    scan_rad: Float[np.ndarray, " pulse"]
+    scan_number: Int[np.ndarray, " pulse"] | None
+    beam: Int[np.ndarray, " pulse"] | None
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def scan_numbers(self) -> Int[np.ndarray, " pulse"] | None:
+        """Scan of the antenna that each pulse belongs to; None for a continuous scan."""
+        return self.scan_number
+
+    def pulses(self, index: Int[np.ndarray, " pulse"]) -> Pulses:
+        """Return some of the pulses; poses that are not known are NaN."""
+        pose = self.file.pose(index) if self.located else _unknown(len(index))
+        return Pulses(
+            index=index,
+            time_s=self.time_s[index],
+            scan_rad=self.scan_rad[index],
+            true=pose,
+            measured=pose,
+            scan_number=None if self.scan_number is None else self.scan_number[index],
+            beam=None if self.beam is None else self.beam[index],
+        )
+
+
+def _unknown(count: int) -> Pose:
+    nowhere = np.full((count, 3), np.nan)
+    return Pose(position_m=nowhere, velocity_mps=nowhere, R_world_antenna=np.full((count, 3, 3), np.nan))

@@ -1,0 +1,156 @@
+"""Recording the beat signals of a survey, with all that it takes to process them again.
+
+The layout is that of recordings of real radars, too: see `SignalFile`.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from sionna_radar.accuracy.truth import Comparison
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.recording import SampleType
+from sionna_radar.survey.recordings.pulse_columns import new_recording, write_pulses
+from sionna_radar.survey.sensors.sensor import Observation
+
+FULL_SCALE = 2**15 - 1
+PACKED_AT_ONCE = 4_000_000
+
+
+class SignalRecorder:
+    """Writes the beat signals of each block, and at the end the true heights.
+
+    Samples of 64 bits give the same ranges, points and DEM again, bit for bit. Those of 16 bits are packed after the
+    flight, when the greatest is known: until then they lie beside the recording in 32 bits.
+    """
+
+    def __init__(self, path: Path, prepared: Prepared, sample_type: SampleType = "float64") -> None:
+        self._file = new_recording(path, prepared, "signals", "beat signals of a simulated FMCW radar")
+        self._prepared, self._sample_type = prepared, sample_type
+        chirp = prepared.receiver.chirp
+        self._parts = ("beat_i", "beat_q") if chirp.sampling == "iq" else ("beat_i",)
+        self._sweeps = len(prepared.receiver.sweeps)
+        self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if sample_type == "int16" else {}
+        self._greatest = 0.0
+        self._add_radar()
+        if not self._loose:
+            self._add_samples(np.dtype(sample_type))
+
+    def write(self, pulses: Pulses, seen: Observation) -> None:
+        """Write a block of pulses and their beat signals."""
+        write_pulses(self._file, pulses)
+        samples = self._samples(pulses, seen)
+        for name, values in zip(self._parts, (samples.real, samples.imag), strict=False):
+            if self._loose:
+                self._greatest = max(self._greatest, float(np.abs(values).max(initial=0.0)))
+                with self._loose[name].open("ab") as loose:
+                    loose.write(np.ascontiguousarray(values, dtype="<f4").tobytes())
+            else:
+                self._file.write(name, int(pulses.index[0]), values)
+
+    def finish(self, comparison: Comparison) -> None:
+        """Add the truth on the DEM's grid, pack the samples if they are to be, and close the file."""
+        truth = comparison.truth
+        self._file.dimension("y", truth.grid.rows)
+        self._file.dimension("x", truth.grid.columns)
+        for name, values, direction in (("x", truth.grid.x_m, "east"), ("y", truth.grid.y_m, "north")):
+            words = f"{direction} of the local origin: centre of a cell of the DEM"
+            self._file.variable(name, (name,), values, long_name=words, units="m", axis=name.upper())
+        words = "true height over the local origin"
+        self._file.variable("true_height", ("y", "x"), truth.height_m, long_name=words, units="m")
+        self._file.variable(
+            "lit",
+            ("y", "x"),
+            comparison.lit.astype(np.int8),
+            long_name="whether the main beam reached the cell",
+            flag_values=np.array([0, 1], dtype=np.int8),
+            flag_meanings="unlit lit",
+        )
+        if self._loose:
+            self._pack()
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _samples(self, pulses: Pulses, seen: Observation) -> np.ndarray:
+        """Return the samples of a block as the file has them: (pulse, sample), or (pulse, sweep, sample) for pairs."""
+        if seen.beats is None:
+            message = f"{self._prepared.scenario.sensor!r} makes no beat signals to record; record 'paths' instead"
+            raise ScenarioError([Problem("sensor", message)])
+        wanted = (len(pulses), self._prepared.receiver.chirp.samples)
+        if len(seen.beats) != self._sweeps or any(np.shape(beat) != wanted for beat in seen.beats):
+            message = f"sensor: beats are to be {self._sweeps} arrays of {wanted}, one for each sweep"
+            raise PluginError(message)
+        return seen.beats[0] if self._sweeps == 1 else np.stack(list(seen.beats), axis=1)
+
+    def _add_radar(self) -> None:
+        prepared, file = self._prepared, self._file
+        receiver, chirp = prepared.receiver, prepared.receiver.chirp
+        file.dimension("sample", chirp.samples)
+        if self._sweeps > 1:
+            file.dimension("sweep", self._sweeps)
+        file.variable(
+            "sample_time",
+            ("sample",),
+            chirp.sample_time_s,
+            long_name="time of the sample from the middle of its sweep",
+            units="s",
+        )
+        flight, radar = prepared.flown, prepared.local.radar
+        file.variable(
+            "radar",
+            (),
+            np.int32(0),
+            long_name="the radar, by its attributes",
+            carrier_hz=chirp.carrier_hz,
+            bandwidth_hz=chirp.bandwidth_hz,
+            sampling_rate_hz=chirp.sampling_rate_hz,
+            sweep=radar.sweep,
+            propagation_mps=chirp.propagation_mps,
+            transmit_power_w=receiver.transmit_power_w,
+            noise_power_w=receiver.noise_power_w,
+        )
+        file.variable(
+            "survey",
+            (),
+            np.int32(0),
+            long_name="what maps need of the flight, by attributes: the ground that the beam's axis meets (west, "
+            "south, east, north), the height over it, and the widest spacing of neighbouring beams on level ground",
+            ground_extent_m=np.array(prepared.ground_extent_m),
+            altitude_m=flight.altitude_m,
+            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, radar.chirp_rate_hz),
+        )
+
+    def _add_samples(self, kind: np.dtype, **attributes: float) -> None:
+        dimensions = ("pulse", "sample") if self._sweeps == 1 else ("pulse", "sweep", "sample")
+        relative = self._prepared.local.radar.snr_db is not None
+        for name, part in zip(self._parts, ("in-phase", "quadrature"), strict=False):
+            self._file.variable(
+                name,
+                dimensions,
+                dtype=kind,
+                long_name=f"beat signal, {part} part" if len(self._parts) > 1 else "beat signal",
+                units="1" if relative else "V",
+                comment="its mean square is the received power"
+                + (", relative to the transmitted one" if relative else " in W, as across 1 ohm"),
+                coordinates="time sample_time",
+                **attributes,
+            )
+
+    def _pack(self) -> None:
+        """Write the loose samples as whole numbers of 16 bits, the greatest at full scale."""
+        scale = (self._greatest or 1.0) / FULL_SCALE
+        self._add_samples(np.dtype(np.int16), scale_factor=scale, add_offset=0.0)
+        samples = self._prepared.receiver.chirp.samples
+        shape = (samples,) if self._sweeps == 1 else (self._sweeps, samples)
+        step = max(1, PACKED_AT_ONCE // int(np.prod(shape)))
+        for name, loose in self._loose.items():
+            kept = np.memmap(loose, dtype="<f4", mode="r").reshape(-1, *shape)
+            for start in range(0, len(kept), step):
+                self._file.write(name, start, np.rint(kept[start : start + step] / scale).astype(np.int16))
+            del kept
+            loose.unlink()

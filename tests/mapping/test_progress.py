@@ -1,0 +1,123 @@
+"""Long stages tell how far they are: counts rise to their totals, and what tells nothing is told for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.interrupts import Interrupted
+from sionna_radar.foundation.progress import Overheard, Steps
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.mapper import build_dem_method
+from sionna_radar.scenario import load_scenario
+from sionna_radar.scenario.dem import DemTable
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.recording import place, record
+
+QUICK = {
+    "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
+    "platform.length_m": 5.0,
+    "platform.altitude_m": 25.0,
+    "tracing.paths_per_pulse": 32,
+    "dem.spacing_m": 3.0,
+}
+
+
+class Silent:
+    """A DEM method that tells nothing."""
+
+    profiles = "optional"
+
+    def __call__(self, given) -> Raster:
+        return Raster(grid=given.grid, height_m=np.zeros(given.grid.shape))
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple:
+    """One flight, mapped by each method in turn."""
+    prepared = prepare(load_scenario("hills", QUICK | {"dem.method": "refined"}))
+    sensor = prepared.build_sensor()
+    recording = record(prepared, sensor)
+    return prepared, recording, place(recording.echoes, sensor, prepared.flight)
+
+
+def stages_of(calls: list[tuple[str, int, int]]) -> dict[str, list[tuple[int, int]]]:
+    stages: dict[str, list[tuple[int, int]]] = {}
+    for stage, done, total in calls:
+        stages.setdefault(stage, []).append((done, total))
+    return stages
+
+
+def map_with(flown: tuple, method: str | Silent, progress) -> Raster:
+    prepared, recording, points = flown
+    built = build_dem_method(DemTable(method=method)) if isinstance(method, str) else method
+    mapper = replace(prepared.mapper, method=built)
+    return mapper.map(points, recording.profiles, prepared.measured, progress)
+
+
+@pytest.mark.parametrize("method", ["linear", "smooth", "refined", "stepped", Silent()])
+def test_counts_rise_to_their_totals(flown, method):
+    calls: list[tuple[str, int, int]] = []
+    map_with(flown, method, lambda *step: calls.append(step))
+    stages = stages_of(calls)
+    assert set(stages) == ({"levels", "mapping"} if method == "stepped" else {"mapping"})
+    for counts in stages.values():
+        done = [count for count, _ in counts]
+        assert done == sorted(done)
+        assert counts[-1][0] == counts[-1][1] > 0
+    if method in ("refined", "stepped"):
+        totals = {total for _, total in stages["mapping"]}
+        assert len(totals) == 1
+        assert len(stages["mapping"]) == totals.pop() + 1  # each step once
+
+
+def test_an_interrupt_ends_a_map_at_its_next_step(flown):
+    seen = []
+
+    def stop(stage: str, done: int, total: int) -> None:
+        seen.append(done)
+        if done == 2:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        map_with(flown, "refined", stop)
+    assert seen[-1] == 2
+
+
+def test_a_custom_method_that_ignores_progress_is_told_for():
+    calls: list[tuple[str, int, int]] = []
+    run(load_scenario("hills", QUICK), dem_method=Silent(), progress=lambda *step: calls.append(step))
+    stages = stages_of(calls)
+    assert list(stages) == ["preparing", "tracing", "mapping"]
+    assert stages["mapping"] == [(0, 0), (1, 1)]
+    assert all(counts[-1][0] == counts[-1][1] for counts in stages.values())
+
+
+def test_preparing_tells_its_steps():
+    calls: list[tuple[str, int, int]] = []
+    prepare(load_scenario("hills", QUICK), progress=lambda *step: calls.append(step))
+    assert calls == [("preparing", done, len(calls) - 1) for done in range(len(calls))]
+    assert len(calls) > 4
+
+
+def test_steps_and_what_completes_them():
+    calls: list[tuple[str, int, int]] = []
+    overheard = Overheard(lambda *step: calls.append(step))
+    known, unknown = Steps(overheard, "known", 2), Steps(overheard, "unknown")
+    known()
+    known()
+    known.finish()
+    unknown()
+    unknown.finish()
+    overheard.complete("known")
+    overheard.complete("never")
+    assert calls == [
+        ("known", 0, 2),
+        ("unknown", 0, 0),
+        ("known", 1, 2),
+        ("known", 2, 2),
+        ("unknown", 1, 0),
+        ("unknown", 1, 1),
+        ("never", 1, 1),
+    ]

@@ -1,0 +1,141 @@
+"""What the tables say of their keys: the reference, the JSON Schema, and the scenario that `init` writes."""
+
+import copy
+import json
+import re
+import tomllib
+from importlib import resources
+
+import jsonschema
+import pytest
+from pydantic import BaseModel
+
+from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
+from sionna_radar.scenario import reference, scenario_schema
+from sionna_radar.scenario.meaning import meanings, summary, unit_of
+from sionna_radar.scenario.reference import dotted_keys, sections
+from sionna_radar.scenario.scenario import Scenario
+from sionna_radar.scenario.weather import WeatherTable
+
+TEMPLATE = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def validator():
+    schema = scenario_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def test_every_key_of_every_table_says_what_it_means():
+    for section in sections():
+        assert section.about, section
+        silent = [key.name for key in section.keys if not key.meaning and key.name != "kind"]
+        assert not silent, f"{section.place} {section.chosen}: {silent}"
+
+
+def test_every_number_has_a_unit_or_counts_something():
+    """A number without a unit in its name is a ratio, an exponent, a count or a seed."""
+    bare = {key.name for s in sections() for key in s.keys if re.match(r"(whole )?number", key.values) and not key.unit}
+    counts = {"seed", "count", "samples_per_chirp", "guard", "training", "zero_padding", "beams", "paths_per_pulse"}
+    counts |= {"high_pass_order", "swerling", "levels", "element_exponent"}
+    shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
+    shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
+    shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share"}
+    assert bare <= counts | shares
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("speed_mps", "m/s"), ("max_gap_m", "m"), ("rcs_dbsm", "dB m²"), ("wavelength_nm", "nm"), ("seed", "")],
+)
+def test_units_are_the_ends_of_names(name, unit):
+    assert unit_of(name) == unit
+
+
+def test_meanings_come_from_docstrings_and_descriptions():
+    assert meanings(WeatherTable)["wind_mps"].startswith("toward east, north and up")
+    assert "Examples" not in summary(Scenario)
+
+    class Custom(Parameters):
+        """A part.
+
+        width_m: of the window,
+            all of it.
+        left, right: sides.
+        """
+
+        width_m: float = 1.0
+        left: int = 0
+        right: int = 0
+
+    assert meanings(Custom) == {"width_m": "of the window, all of it.", "left": "sides.", "right": "sides."}
+
+
+def test_the_reference_lists_every_field_with_its_default():
+    text = reference()
+    for key in dotted_keys():
+        assert f"| `{key.rpartition('.')[2]}` |" in text
+    assert "| `speed_mps` | number, more than 0 to 10000 | m/s | - | over the ground. |" in text
+    assert "| `carrier_hz` | number, 1e+09 to 3e+11 | Hz | `77000000000.0` |" in text
+
+    def fields(table, prefix=""):
+        for name, field in table.model_fields.items():
+            yield prefix + name
+            if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+                yield from fields(field.annotation, f"{prefix}{name}.")
+
+    assert set(fields(Scenario)) <= {*dotted_keys(), *(k for k in fields(Scenario) if k.split(".")[0] == "materials")}
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_shipped_scenarios_fit_the_schema(name, validator):
+    validator.validate(tomllib.loads(shipped_scenarios()[name].read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("platform.altitude", 3.0),
+        ("platform.altitude_m", -3.0),
+        ("platform.altitude_m", "high"),
+        ("radar.scan.mode", "wisk_broom"),
+        ("terrain.kind", "hill"),
+        ("processing.cfar.guard", 1.5),
+        ("dem.shadow_incidence_deg", 91.0),
+    ],
+)
+def test_the_schema_refuses_what_the_scenario_refuses(key, value, validator):
+    data = tomllib.loads(shipped_scenarios()["hills"].read_text(encoding="utf-8"))
+    table = data
+    *places, last = key.split(".")
+    for place in places:
+        table = table.setdefault(place, {})
+    table[last] = value
+    assert not validator.is_valid(data)
+    with pytest.raises(ScenarioError):
+        parse_scenario(copy.deepcopy(data))
+
+
+def test_resolved_scenarios_fit_the_schema(validator):
+    data = parse_scenario(tomllib.loads(TEMPLATE)).model_dump(mode="json", exclude_none=True)
+    validator.validate(json.loads(json.dumps(data)))
+
+
+def test_the_template_is_a_scenario_with_all_its_examples_too(validator):
+    data = tomllib.loads(TEMPLATE)
+    validator.validate(data)
+    parse_scenario(data)
+    # What contradicts something else in it stands behind two signs, or is tried alone.
+    lines = [re.sub(r"^# (?=\[|[a-z_]+ = )", "", line) for line in TEMPLATE.splitlines()]
+    alone = ("coordinates", "lines", "transmit_power_dbm", "noise_figure_db", "height =")
+    together = tomllib.loads("\n".join(line for line in lines if not line.startswith(alone)))
+    assert {"materials", "buildings", "targets", "weather"} <= set(together)
+    parse_scenario(together)
+
+
+def test_keys_complete():
+    keys = dotted_keys()
+    assert "radar.antenna.beamwidth_deg" in keys
+    assert "dem.method" in keys
+    assert not any("[" in key or "NAME" in key for key in keys)
