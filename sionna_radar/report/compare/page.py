@@ -121,6 +121,7 @@ def _histogram(result: Comparison) -> dict[str, Any]:
                 "name": one.name,
                 "share": (100 * np.histogram(own, edges)[0] / max(len(own), 1)).tolist(),
                 "below": np.percentile(np.abs(own), percent).tolist() if len(own) else [],
+                "marks": [(m, float(np.percentile(np.abs(own), m))) for m in (68.27, 90.0, 95.0)] if len(own) else [],
             }
             for one, own in zip(result.results, values, strict=True)
         ],

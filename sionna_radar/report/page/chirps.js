@@ -57,14 +57,14 @@ views.push(async data => {
   const place = document.getElementById("within");
   if (!place || !data.histogram) return;
   const {percent, series} = data.histogram, colours = [BLUE, ORANGE, GREEN, PURPLE, SKY, RED];
-  const marks = [68, 90, 95];
+  const title = one => one.marks.map(([share, value]) => `LE${Math.floor(share)} ${value.toFixed(3)} m`).join(", ");
   await Plotly.newPlot(place, series.flatMap((one, i) => one.below.length ? [
     {type: "scatter", mode: "lines", x: one.below, y: percent, name: one.name, line: {color: colours[i % 6], width: 2},
       hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"},
-    {type: "scatter", mode: "markers", x: marks.map(m => one.below[m]), y: marks, showlegend: false,
+    {type: "scatter", mode: "markers", x: one.marks.map(m => m[1]), y: one.marks.map(m => m[0]), showlegend: false,
       marker: {color: colours[i % 6], size: 8}, hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"}] : []),
     layoutOf({title: heading(series.length > 1 || !series[0].below.length ? "Share of cells within an error" :
-      "Share of cells within an error: " + marks.map(m => `LE${m} ${series[0].below[m].toFixed(3)} m`).join(", ")), showlegend: series.length > 1, legend: {x: 1,
+      `Share of cells within an error: ${title(series[0])}`), showlegend: series.length > 1, legend: {x: 1,
       xanchor: "right", y: 0.05}, xaxis: axis("|DEM minus truth| (m)", {rangemode: "tozero"}),
       yaxis: axis("Share of cells (%)", {range: [0, 103]})}), config);
 });

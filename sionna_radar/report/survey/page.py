@@ -1,12 +1,10 @@
 """The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file."""
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.decibel import decibels
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
@@ -35,8 +33,8 @@ from sionna_radar.report.page.world import (
     track_of,
 )
 from sionna_radar.report.survey.page_chirps import chirps_of, packed_chirps, record_chirps
-from sionna_radar.report.survey.reference_paper import reference_for
-from sionna_radar.report.survey.summary import crs_name, summary
+from sionna_radar.report.survey.page_errors import errors_section, histogram_of, limit_of
+from sionna_radar.report.survey.summary import crs_name, summary, versions
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
@@ -44,18 +42,6 @@ from sionna_radar.survey.result import Survey
 PULSES = 240
 MOST_ECHOES_OF_BEAMS = 4_000
 AROUND_CELLS = 12_000
-BINS = 81
-# A histogram that extends this many NMADs to each side has a logarithmic scale.
-HEAVY_TAILS = 10
-ERRORS = {
-    "RMS": ("rms_m", ".3f"),
-    "Mean": ("mean_m", "+.3f"),
-    "Std. dev.": ("std_m", ".3f"),
-    "NMAD": ("nmad_m", ".3f"),
-    "LE90": ("le90_m", ".3f"),
-    "Least": ("min_m", "+.2f"),
-    "Greatest": ("max_m", "+.2f"),
-}
 
 
 def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> str:
@@ -80,7 +66,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         "world": world,
         "maps": maps,
         "chirps": chirps,
-        "histogram": _histogram(survey),
+        "histogram": histogram_of(survey),
         "summary": summary(survey),
     }
     title = survey.scenario.description or "A survey"
@@ -101,7 +87,7 @@ def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tu
     """Return the maps of a survey, and what was left out of them."""
     thin = thinned(survey.dem.grid, MOST_MAP_CELLS)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
-    limit = _limit(survey.error.height_m)
+    limit = limit_of(survey.error.height_m)
     up = frame.origin_m[2]
     heights = {"low": low + up, "high": high + up, "scale": "height", "unit": frame.height, "hover": "height"}
     errors = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
@@ -163,7 +149,7 @@ def _world(
     echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MOST_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
-    limit = _limit(survey.error.height_m)
+    limit = limit_of(survey.error.height_m)
     up = frame.origin_m[2]
     paints: list[dict[str, Any]] = [
         {"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up},
@@ -214,20 +200,6 @@ def _thinned_rows(count: int, most: int) -> Int[np.ndarray, " n"]:
     return np.arange(count) if count <= most else np.sort(np.random.default_rng(0).permutation(count)[:most])
 
 
-def _histogram(survey: Survey) -> dict[str, Any]:
-    """Return the shares of lit cells by their error."""
-    values = survey.error.within(survey.lit).height_m
-    values = values[np.isfinite(values)]
-    limit = 1.3 * _limit(values)
-    edges = np.linspace(-limit, limit, BINS + 1)
-    share = 100 * np.histogram(values, edges)[0] / max(len(values), 1)
-    percent = np.arange(0, 100)
-    below = np.percentile(np.abs(values), percent).tolist() if len(values) else []
-    series = {"name": "lit cells", "share": share.tolist(), "below": below}
-    heavy = limit > HEAVY_TAILS * survey.lit_error.nmad_m > 0
-    return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series], "heavy": bool(heavy)}
-
-
 def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
     """Return the lowest and highest of all values but a share (%) at either end; never equal."""
     values = np.concatenate([a[np.isfinite(a)] for a in arrays])
@@ -237,19 +209,13 @@ def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float,
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
 
 
-def _limit(values: Float[np.ndarray, "..."]) -> float:
-    """Return the error that 99 % of the cells stay within."""
-    known = np.abs(values[np.isfinite(values)])
-    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
-
-
 # ------------------------------------------------------------------------------------------------- text
 
 
 def _body(survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]) -> str:
     sections = [
         _flown(survey),
-        _errors(survey),
+        errors_section(survey),
         _world_section(survey, pulses, world, notes),
         _map_section(survey, maps, notes),
         *([_chirp_section(pulses, chirps)] if chirps else []),
@@ -277,37 +243,6 @@ def _flown(survey: Survey) -> str:
     return markup.section(
         "flown", "What was flown", markup.warnings(survey.warnings), markup.tiles(shown), markup.pairs(rows)
     )
-
-
-def _errors(survey: Survey) -> str:
-    named = {
-        "lit_error": ("Lit cells", survey.lit_error),
-        "off_wall_error": ("Lit cells off walls", survey.off_wall_error),
-        "dem_error": ("All filled cells", survey.dem_error),
-    }
-    rows = [_error_row(key, name, error) for key, (name, error) in named.items() if error is not None]
-    paper = reference_for(survey.prepared)
-    rows += [
-        [one.name, *(number(getattr(one, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
-        for one in paper.rows
-    ]
-    note = (
-        "Lit cells are those that the main beam reached; coverage is the share of them that the DEM fills. LE90 is the "
-        f"90th percentile of |error|, not the width |P95 - P5|. {paper.conditions}"
-    )
-    table = markup.table(["DEM minus truth (m)", *ERRORS, "Cells", "Coverage"], rows, note)
-    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
-    return markup.section("errors", "Errors of the elevation model", table, charts)
-
-
-def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
-    values = asdict(error)
-    cells: list[markup.Cell | str] = [name]
-    for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
-        value = float(values[field])
-        exact = value if value == value else None
-        cells.append(markup.Cell(text=number(value, form), key=f"{key}.{field}", value=exact))
-    return cells
 
 
 def _world_section(survey: Survey, pulses: int, world: dict[str, Any], notes: list[str]) -> str:
@@ -365,7 +300,7 @@ def _chirp_section(pulses: int, chirps: int) -> str:
 
 def _made(survey: Survey) -> str:
     spent = {name: f"{seconds:.2f} s" for name, seconds in survey.timing_s.items()}
-    versions = {name: version or "not installed" for name, version in summary(survey)["versions"].items()}
+    installed = {name: version or "not installed" for name, version in versions().items()}
     command = "sionna-radar run scenario.toml -o again"
     alone = "scenario.toml stands beside this page, and is the resolved scenario below; the same seed gives the same "
     alone += f"points, of SHA-256 {survey.points.sha256()}."
@@ -380,6 +315,6 @@ def _made(survey: Survey) -> str:
         "<h3>Time spent</h3>",
         markup.pairs({**spent, "peak memory": f"{survey.peak_memory_mb:,.0f} MB"}),
         "<h3>Versions</h3>",
-        markup.pairs(versions),
+        markup.pairs(installed),
         markup.folded("The resolved scenario", to_toml(survey.scenario)),
     )
