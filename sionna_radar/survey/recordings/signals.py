@@ -57,7 +57,7 @@ class SignalRecorder:
         self._file.dimension("x", truth.grid.columns)
         for name, values, direction in (("x", truth.grid.x_m, "east"), ("y", truth.grid.y_m, "north")):
             words = f"{direction} of the local origin: centre of a cell of the DEM"
-            self._file.variable(name, (name,), values, long_name=words, units="m", axis=name.upper())
+            self._file.variable(name, (name,), values, long_name=words, units="m")
         words = "true height over the local origin"
         self._file.variable("true_height", ("y", "x"), truth.height_m, long_name=words, units="m")
         self._file.variable(
