@@ -50,7 +50,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
         "le68_m", "le90_m", "le95_m", "p95_p5_m",
     }  # fmt: skip
     assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
-    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")
+    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet", "--no-report")
+    assert not (tmp_path / "again" / "report.html").exists()
     assert again.returncode == 0
     assert again.stdout == ""
     repeated = json.loads((tmp_path / "again" / "summary.json").read_text())

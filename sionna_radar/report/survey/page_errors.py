@@ -60,7 +60,9 @@ def _where(survey: Survey) -> str:
         _class_table("Incidence angle (deg)", found.by_incidence),
         _class_table("Distance from walls (m)", found.by_wall_distance or ()),
     ]
-    statement = markup.paragraph(found.checkpoints.statement, "note") if found.checkpoints.statement else ""
+    statement = (
+        markup.paragraph(f"Checkpoints: {found.checkpoints.statement}.", "note") if found.checkpoints.statement else ""
+    )
     return f'<div class="tables">{"".join(tables)}</div>{statement}'
 
 
