@@ -208,6 +208,10 @@ def test_the_place_on_the_map_is_recorded(tmp_path):
     assert again.georeference == prepared.scene.scene.georeference
     with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf", decode_coords="all") as file:
         assert "crs" in file.coords
+        survey = again.comparison.truth
+        place = again.georeference.origin_m
+        np.testing.assert_allclose(file.x, survey.grid.x_m + place[0])
+        np.testing.assert_array_equal(file.true_height, survey.height_m)
         assert file.crs.attrs["grid_mapping_name"] == "transverse_mercator"
 
 
