@@ -172,6 +172,7 @@ def _run(
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
         warnings=_warnings(prepared, recording),
+        sensor=sensor,
     )
 
 
