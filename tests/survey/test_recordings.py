@@ -152,10 +152,11 @@ def test_samples_of_16_bits_are_within_half_a_step(flown, tmp_path):
     with xr.open_dataset(flown[1]["signals"], engine="h5netcdf") as whole, h5py.File(packed) as raw:
         assert raw["beat_i"].dtype == np.int16
         assert np.abs(raw["beat_i"][...]).max() == 2**15 - 1
+        assert raw["beat_i"].id.get_storage_size() <= whole.beat_i.nbytes / 3
         with xr.open_dataset(packed, engine="h5netcdf") as file:
             (step,) = raw["beat_i"].attrs["scale_factor"]
-            assert np.abs(file.beat_i - whole.beat_i).max() <= 0.501 * step
-    assert packed.stat().st_size < 0.45 * flown[1]["signals"].stat().st_size
+            # Half a step, and what 32 bits lose of full scale until it is known: 2^15 times 2^-24.
+            assert np.abs(file.beat_i - whole.beat_i).max() <= 0.503 * step
     again = process(packed)
     assert again.comparison.lit_error.rms_m == pytest.approx(survey.lit_error.rms_m, rel=0.02)
     assert list(tmp_path.iterdir()) == [packed]
