@@ -1,4 +1,4 @@
-"""The examples run, and leave the pictures they promise."""
+"""The examples run, and leave the pictures they promise; continuous integration runs them for the documentation."""
 
 import os
 import runpy
@@ -8,6 +8,8 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
+
+pytestmark = pytest.mark.study
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -87,7 +87,7 @@ def test_xarray_reads_the_paths_and_the_profiles(flown):
             "jacksboro",
             {"platform.length_m": 60.0, "platform.speed_mps": 60.0, "radar.receiver.high_pass_corner_hz": 2e3},
         ),
-        ("rain", {"platform.length_m": 4.0}),
+        pytest.param("rain", {"platform.length_m": 4.0}, marks=pytest.mark.study),
     ],
 )
 def test_the_same_settings_give_the_same_bits(scene, overrides, tmp_path):
@@ -196,7 +196,7 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
 def test_a_custom_antenna_must_be_given_again(tmp_path):
     cut = taylor_cut(float(np.deg2rad(3.0)), -25.0)
     antenna = Antenna(cut, cut)
-    overrides = SHORT | COARSE | {"processing.ranging": "model_fit"}
+    overrides = SHORT | COARSE | {"dem.method": "smooth"}
     survey = run(load_scenario("hills", overrides), antenna=antenna, recordings={"signals": tmp_path / "a.nc"})
     with pytest.raises(ScenarioError, match=r"radar\.antenna: was replaced by"):
         process(tmp_path / "a.nc")
