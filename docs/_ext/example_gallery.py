@@ -1,0 +1,89 @@
+"""The examples as a gallery: sections, pictures that the scripts save, and committed ones where nothing is run."""
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.errors import ConfigError
+from sphinx_gallery.scrapers import figure_rst
+from written import write
+
+# Folder, title, and the examples in their order, without `plot_` and `.py`.
+SECTIONS = {
+    "scripts": ("First scripts", "scenario_in_python elevation_file one_chirp custom_antenna_and_scan"),
+    "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
+    "radar": ("What the radar and its maps do", "maps navigation triangular sar"),
+    "weather": ("Weather", "rain weather radar_and_lidar circular"),
+    "paper": (
+        "The reference paper",
+        "fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills fig13_edge_error "
+        "fig14_buildings table3_beamwidth",
+    ),
+}
+HEADER = """Examples
+========
+
+Scripts to run, read and change; each is a file in `examples/` that the tests run. `SIONNA_RADAR_SMALL=1` in the
+environment makes the long ones short. What the figures of the paper show here is on one page,
+:doc:`the paper and this project </checks/paper>`.
+"""
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Lay out the examples before sphinx-gallery looks for them."""
+    app.connect("builder-inited", lay_out, priority=100)
+    app.connect("source-read", show_committed_picture)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def lay_out(app: Sphinx) -> None:
+    """Copy the examples into sections: they run in their copies' folders and leave their files there."""
+    if app.config.sphinx_gallery_conf["plot_gallery"] and os.environ.get("SIONNA_RADAR_GALLERY") == "small":
+        os.environ["SIONNA_RADAR_SMALL"] = "1"
+    examples = Path(app.srcdir).parent / "examples"
+    source = Path(app.srcdir) / "generated" / "gallery_source"
+    shutil.rmtree(source, ignore_errors=True)
+    write(source / "GALLERY_HEADER.rst", HEADER)
+    left = {path.stem.removeprefix("plot_") for path in examples.glob("plot_*.py")}
+    for number, (folder, (title, names)) in enumerate(SECTIONS.items(), 1):
+        section = source / f"{number}_{folder}"
+        write(section / "GALLERY_HEADER.rst", f"{title}\n{'-' * len(title)}\n")
+        for name in names.split():
+            write(section / f"plot_{name}.py", _with_thumbnail(examples / f"plot_{name}.py", app))
+            left.discard(name)
+    if left:
+        message = f"examples {sorted(left)} are in no section; add them to SECTIONS in {Path(__file__).name}"
+        raise ConfigError(message)
+
+
+def _with_thumbnail(path: Path, app: Sphinx) -> str:
+    text = path.read_text(encoding="utf-8")
+    picture = path.parent / "images" / f"{path.stem.removeprefix('plot_')}.png"
+    if app.config.sphinx_gallery_conf["plot_gallery"] or not picture.is_file():
+        return text
+    return text.rstrip("\n") + f"\n# sphinx_gallery_thumbnail_path = '../examples/images/{picture.name}'\n"
+
+
+def show_committed_picture(app: Sphinx, docname: str, content: list[str]) -> None:
+    """Put the committed picture, of the full flights, under an example that was not run."""
+    name = docname.rpartition("/plot_")[2]
+    picture = Path(app.srcdir).parent / "examples" / "images" / f"{name}.png"
+    if docname.startswith("gallery/") and not app.config.sphinx_gallery_conf["plot_gallery"] and picture.is_file():
+        up = "../" * docname.count("/")
+        mark = ".. rst-class:: sphx-glr-example-title"
+        before, title, after = content[0].partition(mark)
+        image = f"\n.. image:: {up}../examples/images/{picture.name}\n   :alt: what the example draws\n\n"
+        head, line, rest = after.partition("\n.. GENERATED FROM")
+        content[0] = before + title + head + image + line + rest
+
+
+def picture_scraper(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
+    """Return the RST of the pictures that a block has saved, and move them to the gallery."""
+    shown = []
+    for picture in sorted(Path(block_vars["src_file"]).parent.glob("*.png"), key=lambda path: path.stat().st_mtime):
+        place = Path(next(block_vars["image_path_iterator"]))
+        shutil.move(picture, place)
+        shown.append(str(place))
+    return figure_rst(shown, gallery_conf["src_dir"])
