@@ -32,8 +32,6 @@ extensions = [
     "mathml",
 ]
 nitpicky = True
-# Captions of the gallery's own cards are not ours; nothing else is forgiven.
-suppress_warnings = ["config.cache"]
 exclude_patterns = ["_build", "_ext", "_static", "generated/gallery_source"]
 default_role = "py:obj"  # single backticks, as in the docstrings: a link where the name is public, else code
 
@@ -49,24 +47,15 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 add_module_names = False
 
-# The look of NumPy's, SciPy's and xarray's pages, whose readers are ours; and wide enough for tables of keys.
-html_theme = "pydata_sphinx_theme"
+# One list of all pages beside each, no scripts to speak of, and good on a telephone.
+html_theme = "furo"
 html_title = "sionna_radar"
 html_static_path = ["_static"]
 html_css_files = ["style.css"]
 html_show_sourcelink = False
 html_copy_source = False
-html_theme_options = {
-    "show_prev_next": False,
-    "navigation_with_keys": False,
-    "secondary_sidebar_items": ["page-toc"],
-    "header_links_before_dropdown": 7,
-    "show_toc_level": 2,
-    "pygments_light_style": "tango",
-    "footer_start": ["copyright"],
-    "footer_end": [],
-}
-html_context = {"default_mode": "light"}
+pygments_style = "tango"
+smartquotes = False  # `--set` is no dash
 copybutton_exclude = ".linenos, .gp, .go"
 
 GALLERY = os.environ.get("SIONNA_RADAR_GALLERY", "pictures")

@@ -48,8 +48,7 @@ def commands_reference() -> str:
             parts.append(
                 get_docs_for_click(obj=command, ctx=context, indent=1, name=f"sionna-radar {name}", title=f"`{name}`")
             )
-    # Help texts are plain text: what looks like a tag or a link in them is none.
-    return "\n".join(parts).replace("<", "&lt;").replace("[default:", "\\[default:").replace("[required", "\\[required")
+    return "\n".join(parts)
 
 
 def package_page(package: ModuleType, elsewhere: set[str]) -> str:
