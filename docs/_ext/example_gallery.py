@@ -58,24 +58,32 @@ def lay_out(app: Sphinx) -> None:
         raise ConfigError(message)
 
 
+def committed_picture(srcdir: Path, name: str) -> Path | None:
+    """Return what the full flights of an example drew, if it is in the repository."""
+    places = (srcdir.parent / "examples" / "images" / f"{name}.png", srcdir / "pictures" / f"{name}.png")
+    return next((place for place in places if place.is_file()), None)
+
+
 def _with_thumbnail(path: Path, app: Sphinx) -> str:
     text = path.read_text(encoding="utf-8")
-    picture = path.parent / "images" / f"{path.stem.removeprefix('plot_')}.png"
-    if app.config.sphinx_gallery_conf["plot_gallery"] or not picture.is_file():
+    srcdir = Path(app.srcdir)
+    picture = committed_picture(srcdir, path.stem.removeprefix("plot_"))
+    if app.config.sphinx_gallery_conf["plot_gallery"] or picture is None:
         return text
-    return text.rstrip("\n") + f"\n# sphinx_gallery_thumbnail_path = '../examples/images/{picture.name}'\n"
+    from_docs = os.path.relpath(picture, srcdir).replace(os.sep, "/")
+    return text.rstrip("\n") + f"\n# sphinx_gallery_thumbnail_path = '{from_docs}'\n"
 
 
 def show_committed_picture(app: Sphinx, docname: str, content: list[str]) -> None:
-    """Put the committed picture, of the full flights, under an example that was not run."""
-    name = docname.rpartition("/plot_")[2]
-    picture = Path(app.srcdir).parent / "examples" / "images" / f"{name}.png"
-    if docname.startswith("gallery/") and not app.config.sphinx_gallery_conf["plot_gallery"] and picture.is_file():
-        up = "../" * docname.count("/")
-        mark = ".. rst-class:: sphx-glr-example-title"
-        before, title, after = content[0].partition(mark)
-        image = f"\n.. image:: {up}../examples/images/{picture.name}\n   :alt: what the example draws\n\n"
+    """Put the committed picture, of the full flights, under the introduction of an example that was not run."""
+    if not docname.startswith("gallery/") or app.config.sphinx_gallery_conf["plot_gallery"]:
+        return
+    picture = committed_picture(Path(app.srcdir), docname.rpartition("/plot_")[2])
+    if picture is not None:
+        path = os.path.relpath(picture, (Path(app.srcdir) / docname).parent).replace(os.sep, "/")
+        before, title, after = content[0].partition(".. rst-class:: sphx-glr-example-title")
         head, line, rest = after.partition("\n.. GENERATED FROM")
+        image = f"\n.. image:: {path}\n   :alt: what the example draws\n\n"
         content[0] = before + title + head + image + line + rest
 
 

@@ -58,13 +58,13 @@ def _fields(paragraph: list[str]) -> str:
             entries.append([names, entry[2]])
         else:
             entries[-1].append(line.strip())
-    return "\n".join([f":{title}:", *(f"   * {entry[0]} -- {' '.join(entry[1:])}" for entry in entries)])
+    return "\n".join([f":{title}:", *(f"   * {entry[0]}: {' '.join(entry[1:])}" for entry in entries)])
 
 
 def short_signature(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: str | None
 ) -> tuple[str | None, str | None] | None:
-    """Leave out the arguments of scenario tables, which the reference of keys has, and of protocols, which have none."""
+    """Leave out the arguments of scenario tables, which the page of keys has, and of protocols, which have none."""
     if what == "class" and inspect.isclass(thing):
         if issubclass(thing, BaseModel) or getattr(thing, "_is_protocol", False):
             return "", None
@@ -73,9 +73,7 @@ def short_signature(
     return None
 
 
-def public_name(
-    app: Sphinx, env: BuildEnvironment, node: pending_xref, text: nodes.Element
-) -> nodes.Element | None:
+def public_name(app: Sphinx, env: BuildEnvironment, node: pending_xref, text: nodes.Element) -> nodes.Element | None:
     """Lead names, of whatever module, to the public name where it is documented; anything else of Python is code."""
     if node.get("refdomain") != "py":
         return None

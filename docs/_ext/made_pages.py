@@ -14,9 +14,11 @@ from written import write
 from sionna_radar.cli.app import app as commands
 from sionna_radar.scenario import reference
 
-# In the order of the rooms; `cli` has no names for scripts.
-ROOMS = """foundation raytracer elevation weather scenario surfaces flight scene radar tracing signal detection mapping
-accuracy imaging survey studies report""".split()
+# All but `cli`, which has no names for scripts.
+ROOMS = (
+    *("foundation", "raytracer", "elevation", "weather", "scenario", "surfaces", "flight", "scene", "radar"),
+    *("tracing", "signal", "detection", "mapping", "accuracy", "imaging", "survey", "studies", "report"),
+)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -11,11 +11,11 @@ def setup(app: Sphinx) -> dict[str, bool]:
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
-def _inline(writer, node: nodes.math) -> None:  # noqa: ANN001
+def _inline(writer, node: nodes.math) -> None:
     writer.body.append(tex2mathml(node.astext()))
     raise nodes.SkipNode
 
 
-def _block(writer, node: nodes.math_block) -> None:  # noqa: ANN001
+def _block(writer, node: nodes.math_block) -> None:
     writer.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>\n')
     raise nodes.SkipNode
