@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli import commands, logs, recordings, tools, writing
+from sionna_radar.cli import commands, logs, pages, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app = typer.Typer(
 commands.add_to(app)
 recordings.add_to(app)
 logs.add_to(app)
+pages.add_to(app)
 writing.add_to(app)
 tools.add_to(app)
 

@@ -12,6 +12,7 @@ from sionna_radar.cli.options import (
     OutputOption,
     PointsOption,
     QuietOption,
+    ReportOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
@@ -45,11 +46,16 @@ def add_to(app: typer.Typer) -> None:
         app.command()(command)
 
 
-def demo(output: OutputOption = None, map_coordinates: MapOption = True, quiet: QuietOption = False) -> None:
+def demo(
+    output: OutputOption = None,
+    map_coordinates: MapOption = True,
+    report: ReportOption = True,
+    quiet: QuietOption = False,
+) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
     log_to_stderr(quiet)
     session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet)
-    _fly(session, None, map_coordinates)
+    _fly(session, None, map_coordinates, report)
 
 
 def run_command(
@@ -61,6 +67,7 @@ def run_command(
     network: NetworkOption = False,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
+    report: ReportOption = True,
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
@@ -68,33 +75,36 @@ def run_command(
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    _fly(session, block_size, map_coordinates, points, record, record_as)
+    _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
 def _fly(
     session: Session,
     block_size: int | None,
     map_coordinates: bool,
+    report: bool,
     points: list[PointsFile] | None = None,
     record: list[str] | None = None,
     record_as: str = "float64",
 ) -> None:
     from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.survey.points_table import check_parquet
-    from sionna_radar.report.survey.products import MARKER, write_survey
+    from sionna_radar.report.survey.products import MARKER, Report, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.recording import BLOCK_SIZE
 
     checked = session.load()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    files = points or POINTS_FILES
+    files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
         check_parquet()
 
     def write(survey: "Survey", folder: Path) -> list[Path]:
         with progress_of(session.quiet) as progress:
-            return write_survey(survey, folder, coordinates, points=files, recordings=inside, progress=progress)
+            return write_survey(
+                survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
+            )
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as)

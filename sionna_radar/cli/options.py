@@ -57,6 +57,12 @@ MapOption = Annotated[
         help="Coordinates in figures: those of the map where the terrain has a place on it, or local ones.",
     ),
 ]
+ReportOption = Annotated[
+    bool,
+    typer.Option(
+        "--report/--no-report", help="Write report.html, a page of all results for a browser, or leave it out."
+    ),
+]
 PointsOption = Annotated[
     list[PointsFile] | None,
     typer.Option(

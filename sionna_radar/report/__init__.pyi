@@ -1,4 +1,5 @@
 from .budget.products import write_budget as write_budget
+from .compare.page import write_comparison as write_comparison
 from .coordinates import Coordinates as Coordinates
 from .crosscheck.products import write_crosscheck as write_crosscheck
 from .imagery.products import write_imagery as write_imagery
@@ -8,18 +9,22 @@ from .maps import colour_bar as colour_bar
 from .maps import empty_patch as empty_patch
 from .maps import finish_map as finish_map
 from .maps import show_raster as show_raster
+from .show.page import show_page as show_page
 from .survey.environment_figure import draw_environment as draw_environment
 from .survey.figures import draw_chirp as draw_chirp
 from .survey.figures import draw_dem as draw_dem
 from .survey.figures import draw_error as draw_error
 from .survey.figures import draw_power as draw_power
+from .survey.page import survey_page as survey_page
 from .survey.points_file import PointsFile as PointsFile
+from .survey.products import Report as Report
 from .survey.products import write_survey as write_survey
 from .sweep.products import write_sweep as write_sweep
 
 __all__ = [
     "Coordinates",
     "PointsFile",
+    "Report",
     "colour_bar",
     "draw_chirp",
     "draw_dem",
@@ -29,8 +34,11 @@ __all__ = [
     "draw_power",
     "empty_patch",
     "finish_map",
+    "show_page",
     "show_raster",
+    "survey_page",
     "write_budget",
+    "write_comparison",
     "write_crosscheck",
     "write_imagery",
     "write_log",

@@ -108,21 +108,32 @@ def run(
     if block_size < 1:
         raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
     with default_progress(progress) as shown:
-        return _run(scenario, custom, block_size, _Recordings(recordings or {}, sample_type), shown)
+        return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), shown)
 
 
 @dataclass(frozen=True)
 class _Recordings:
-    files: Mapping[str, str | Path]
+    """Files of recordings by their kinds; what writes them is loaded if there are any."""
+
+    files: Mapping[str, Path]
     sample_type: SampleType
 
-    def of(self, prepared: Prepared) -> AbstractContextManager[Sequence[Recorder]]:
+    @staticmethod
+    def of(files: Mapping[str, str | Path] | None, sample_type: SampleType) -> "_Recordings":
+        """Return the recordings that a caller asks for, and refuse those that cannot be."""
+        if not files:
+            return _Recordings({}, sample_type)
+        from sionna_radar.survey.recordings.recorder import checked_files
+
+        return _Recordings(checked_files({kind: Path(path) for kind, path in files.items()}), sample_type)
+
+    def recorders(self, prepared: Prepared) -> AbstractContextManager[Sequence[Recorder]]:
         """Return what yields the recorders of a survey."""
         if not self.files:
             return nullcontext(())
         from sionna_radar.survey.recordings.recorder import recorders
 
-        return recorders({kind: Path(path) for kind, path in self.files.items()}, prepared, self.sample_type)
+        return recorders(self.files, prepared, self.sample_type)
 
 
 @on_one_thread
@@ -134,7 +145,7 @@ def _run(
         prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom, progress)
         progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
-    with recordings.of(prepared) as kept:
+    with recordings.recorders(prepared) as kept:
         recording = record(prepared, sensor, block_size=block_size, progress=progress, watch=watch, recorders=kept)
         progress("mapping", 0, 0)
         with watch("map"):
@@ -161,6 +172,7 @@ def _run(
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
         warnings=_warnings(prepared, recording),
+        sensor=sensor,
     )
 
 

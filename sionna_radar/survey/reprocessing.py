@@ -225,7 +225,7 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         comparison=comparison,
         georeference=file.georeference,
         spectrum=_spectrum(task),
-        chirp=sweeps.record_chirp(pulses.pulses(np.array([len(pulses) // 2]))),
+        chirp=sweeps.record_chirps(pulses.pulses(np.array([len(pulses) // 2])))[0],
         timing_s=watch.seconds(),
         warnings=_warnings(found.echoes, pulses),
     )

@@ -16,6 +16,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.layers import Overhang
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 
@@ -34,6 +35,7 @@ class Survey(Brief):
     timing_s: seconds spent in each stage, and in all under `total`.
     warnings: what degrades the result.
     overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
+    sensor: the one that flew, for a second look at some pulses; None for a survey that was not flown here.
 
     Examples
     --------
@@ -60,6 +62,7 @@ class Survey(Brief):
     peak_memory_mb: float
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None
+    sensor: Sensor | None = None
 
     @property
     def scenario(self) -> Scenario:

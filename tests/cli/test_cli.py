@@ -36,7 +36,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     written = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
-        "manifest.json", "summary.json", "scenario.toml", "points.laz", "points.csv", "trajectory.csv",
+        "manifest.json", "report.html", "summary.json", "scenario.toml", "points.laz", "points.csv", "trajectory.csv",
         "dem.tif", "truth.tif", "error.tif", *figures,
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -50,7 +50,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
         "le68_m", "le90_m", "le95_m", "p95_p5_m",
     }  # fmt: skip
     assert summary["timing_s"]["total"] > summary["timing_s"]["trace"] > 0
-    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet")
+    again = cli("run", tmp_path / "out" / "scenario.toml", "-o", tmp_path / "again", "--quiet", "--no-report")
+    assert not (tmp_path / "again" / "report.html").exists()
     assert again.returncode == 0
     assert again.stdout == ""
     repeated = json.loads((tmp_path / "again" / "summary.json").read_text())

@@ -1,11 +1,16 @@
-"""The survey by hand, the same one on the map, and one that detected nothing."""
+"""The survey by hand, the same one on the map, one that detected nothing, and folders of results of two."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from pyproj import CRS
 
+from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.report.compare.reading import read_results
+from sionna_radar.report.survey.products import Report, write_survey
+from sionna_radar.studies.comparison import FlownResult
 from sionna_radar.survey.result import Survey
 from surveys import make_empty, make_survey
 
@@ -26,3 +31,28 @@ def georeferenced(survey: Survey) -> Survey:
 @pytest.fixture(scope="session")
 def empty(survey: Survey) -> Survey:
     return make_empty(survey)
+
+
+@pytest.fixture(scope="session")
+def folders(survey: Survey, tmp_path_factory) -> list[Path]:
+    """Results of the survey by hand, and of one with other settings whose DEM is a decimetre higher."""
+    parent = tmp_path_factory.mktemp("folders")
+    radar = survey.scenario.radar.model_copy(update={"chirp_rate_hz": 720.0})
+    scenario = survey.scenario.model_copy(update={"seed": 8, "radar": radar})
+    raised = replace(survey.dem, height_m=survey.dem.height_m + 0.1)
+    error = difference(raised, survey.truth)
+    other = replace(
+        survey,
+        prepared=replace(survey.prepared, scenario=scenario),
+        dem=raised,
+        error=error,
+        lit_error=summarise(error, survey.lit),
+    )
+    for name, one in (("first", survey), ("second", other)):
+        write_survey(one, parent / name, report=Report.NONE)
+    return [parent / "first", parent / "second"]
+
+
+@pytest.fixture(scope="session")
+def results(folders: list[Path]) -> list[FlownResult]:
+    return read_results(folders)

@@ -22,12 +22,14 @@ from sionna_radar.report.processed.products import write_processed
 from sionna_radar.report.survey.products import write_survey
 
 SHORT = {"platform.length_m": 6.0}
+COARSE = {"terrain.spacing_m": 2.0}
 DATA = Path(os.environ.get("SIONNA_RADAR_RECORDINGS") or Path(__file__).parents[2].parent / "shared" / "data")
 
 
 def recorded(folder, overrides, *kinds, scene="hills", **more):
     files = {kind: folder / f"{kind}.nc" for kind in kinds or ("signals",)}
-    return run(load_scenario(scene, SHORT | overrides), recordings=files, **more), files
+    coarse = COARSE if scene == "hills" else {}
+    return run(load_scenario(scene, SHORT | coarse | overrides), recordings=files, **more), files
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +87,7 @@ def test_xarray_reads_the_paths_and_the_profiles(flown):
             "jacksboro",
             {"platform.length_m": 60.0, "platform.speed_mps": 60.0, "radar.receiver.high_pass_corner_hz": 2e3},
         ),
-        ("rain", {"platform.length_m": 10.0}),
+        ("rain", {"platform.length_m": 4.0}),
     ],
 )
 def test_the_same_settings_give_the_same_bits(scene, overrides, tmp_path):
@@ -150,10 +152,11 @@ def test_samples_of_16_bits_are_within_half_a_step(flown, tmp_path):
     with xr.open_dataset(flown[1]["signals"], engine="h5netcdf") as whole, h5py.File(packed) as raw:
         assert raw["beat_i"].dtype == np.int16
         assert np.abs(raw["beat_i"][...]).max() == 2**15 - 1
+        assert raw["beat_i"].id.get_storage_size() <= whole.beat_i.nbytes / 3
         with xr.open_dataset(packed, engine="h5netcdf") as file:
             (step,) = raw["beat_i"].attrs["scale_factor"]
-            assert np.abs(file.beat_i - whole.beat_i).max() <= 0.501 * step
-    assert packed.stat().st_size < 0.45 * flown[1]["signals"].stat().st_size
+            # Half a step, and what 32 bits lose of full scale until it is known: 2^15 times 2^-24.
+            assert np.abs(file.beat_i - whole.beat_i).max() <= 0.503 * step
     again = process(packed)
     assert again.comparison.lit_error.rms_m == pytest.approx(survey.lit_error.rms_m, rel=0.02)
     assert list(tmp_path.iterdir()) == [packed]
@@ -165,21 +168,21 @@ def test_recordings_appear_whole_or_not_at_all(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(load_scenario("hills", SHORT), recordings={"signals": tmp_path / "a.nc"}, progress=stop)
+        run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "a.nc"}, progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "mine.nc").write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
-        run(load_scenario("hills", SHORT), recordings={"signals": tmp_path / "mine.nc"})
+        run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "mine.nc"})
     assert (tmp_path / "mine.nc").read_text() == "mine"
     with pytest.raises(OutputError, match="no folder"):
-        run(load_scenario("hills", SHORT), recordings={"signals": tmp_path / "nowhere" / "a.nc"})
+        run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "nowhere" / "a.nc"})
     with pytest.raises(ScenarioError, match="signals, paths, profiles"):
-        run(load_scenario("hills", SHORT), recordings={"echoes": tmp_path / "a.nc"})
+        run(load_scenario("hills", SHORT | COARSE), recordings={"echoes": tmp_path / "a.nc"})
     with pytest.raises(ScenarioError, match="'lidar' makes no beat signals"):
-        run(load_scenario("hills", SHORT | {"sensor": "lidar"}), recordings={"signals": tmp_path / "a.nc"})
+        run(load_scenario("hills", SHORT | COARSE | {"sensor": "lidar"}), recordings={"signals": tmp_path / "a.nc"})
     assert [path.name for path in tmp_path.iterdir()] == ["mine.nc"]
 
 
@@ -193,7 +196,7 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
 def test_a_custom_antenna_must_be_given_again(tmp_path):
     cut = taylor_cut(float(np.deg2rad(3.0)), -25.0)
     antenna = Antenna(cut, cut)
-    overrides = SHORT | {"processing.ranging": "model_fit"}
+    overrides = SHORT | COARSE | {"processing.ranging": "model_fit"}
     survey = run(load_scenario("hills", overrides), antenna=antenna, recordings={"signals": tmp_path / "a.nc"})
     with pytest.raises(ScenarioError, match=r"radar\.antenna: was replaced by"):
         process(tmp_path / "a.nc")
@@ -208,6 +211,10 @@ def test_the_place_on_the_map_is_recorded(tmp_path):
     assert again.georeference == prepared.scene.scene.georeference
     with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf", decode_coords="all") as file:
         assert "crs" in file.coords
+        survey = again.comparison.truth
+        place = again.georeference.origin_m
+        np.testing.assert_allclose(file.x, survey.grid.x_m + place[0])
+        np.testing.assert_array_equal(file.true_height, survey.height_m)
         assert file.crs.attrs["grid_mapping_name"] == "transverse_mercator"
 
 
@@ -324,7 +331,7 @@ def test_samples_outside_the_file_are_not_read(tmp_path):
         process(path, NARROW)
 
 
-@pytest.mark.parametrize("number", range(24))
+@pytest.mark.parametrize("number", range(12))
 def test_a_damaged_recording_ends_in_one_error_or_a_result(flown, number, tmp_path):
     rng = np.random.default_rng(number)
     data = bytearray(flown[1]["signals"].read_bytes()[: 200_000 if number % 2 else None])

@@ -198,3 +198,15 @@ def test_a_sensor_of_ones_own(lidar):
     survey = run(scenario_of(), sensor=EveryOther)
     mine = lidar.points.pulse % 2 == 0
     np.testing.assert_allclose(survey.points.position_m, lidar.points.position_m[mine])
+
+
+@pytest.mark.parametrize("sweep", ["up", "triangular"])
+def test_chirps_recorded_together_are_those_recorded_one_by_one(sweep):
+    keys = {"processing": {"echoes": "strongest"}} if sweep == "triangular" else {}
+    prepared = prepare(scenario_of(radar={"sweep": sweep}, **keys))
+    sensor, index = prepared.build_sensor(), np.array([3, 40, 41, 170])
+    together = sensor.record_chirps(prepared.flight.pulses(index))
+    for pulse, one in zip(index, together, strict=True):
+        alone = sensor.record_chirp(prepared.flight.pulses(np.array([pulse])))
+        for field in fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(alone, field.name), field.name)

@@ -1,17 +1,21 @@
 """The folder of a survey's results: numbers, scenario, points, rasters, flight and figures."""
 
+import logging
 import shutil
 from collections.abc import Callable, Collection, Mapping
+from enum import Enum
 from functools import partial
 from pathlib import Path
 
 from sionna_radar.flight.flown_track import flown_track
+from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import write_folder, write_text
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.figures import draw_all
+from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
@@ -23,6 +27,14 @@ from sionna_radar.survey.result import Survey
 MARKER = "summary.json"
 # GPS receivers log about this often.
 GPX_STEP_S = 0.2
+logger = logging.getLogger("sionna_radar")
+
+
+class Report(Enum):
+    """Whether a folder of results has a page to look at, `report.html`."""
+
+    PAGE = "page"
+    NONE = "none"
 
 
 def write_survey(
@@ -30,6 +42,7 @@ def write_survey(
     directory: Path,
     coordinates: Coordinates = Coordinates.MAP,
     *,
+    report: Report = Report.PAGE,
     points: Collection[PointsFile] = POINTS_FILES,
     recordings: Mapping[str, Path] | None = None,
     progress: Progress = silent,
@@ -47,6 +60,8 @@ def write_survey(
         Where to write.
     coordinates:
         Those of the figures; rasters and points always have map coordinates if the scene is georeferenced.
+    report:
+        Whether to write the page, `report.html`.
     points:
         Formats in which the points are written.
     recordings:
@@ -68,12 +83,15 @@ def write_survey(
     ['dem.tif', 'error.tif', 'truth.tif']
 
     """
-    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, points, recordings or {}, progress))
+    return write_folder(
+        directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}, progress)
+    )
 
 
 def _write_all(
     survey: Survey,
     coordinates: Coordinates,
+    report: Report,
     points: Collection[PointsFile],
     recordings: Mapping[str, Path],
     progress: Progress,
@@ -85,6 +103,7 @@ def _write_all(
         partial(_write_rasters, survey, directory),
         partial(_write_trajectory, survey, directory),
         partial(draw_all, survey, directory / "figures", coordinates),
+        *([partial(_write_page, survey, coordinates, directory / "report.html")] if report is Report.PAGE else []),
         *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
     ]
     for done, step in enumerate(steps):
@@ -126,6 +145,14 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     made_by = provenance(survey.scenario, survey.points)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
+
+
+def _write_page(survey: Survey, coordinates: Coordinates, path: Path) -> None:
+    """Write the page; one that cannot be made does not keep the results from being written."""
+    try:
+        write_text(path, survey_page(survey, coordinates))
+    except OutputError as error:
+        logger.warning("no report.html: %s", error)
 
 
 def _write_trajectory(survey: Survey, directory: Path) -> None:

@@ -13,7 +13,8 @@ import h5py
 import numpy as np
 from numpy.typing import DTypeLike
 
-CHUNK_BYTES = 1_000_000
+# Of a variable whose length is known, and of one that grows, which may stay short.
+CHUNK_BYTES, GROWING_BYTES = 1_000_000, 200_000
 
 
 class NetcdfFile:
@@ -81,10 +82,11 @@ class NetcdfFile:
         self._file.close()
 
     def _chunks(self, dimensions: tuple[str, ...], dtype: np.dtype) -> tuple[int, ...]:
-        """Return chunks of about a megabyte, each of whole rows of the first dimension."""
+        """Return the length of a chunk along each dimension, whole rows of the first."""
         sizes = [self._file.dimensions[name].size for name in dimensions]
         row_bytes = dtype.itemsize * int(np.prod(sizes[1:], dtype=np.int64))
-        rows = max(1, CHUNK_BYTES // max(row_bytes, 1))
-        if dimensions[0] not in self._length:
+        grows = dimensions[0] in self._length
+        rows = max(1, (GROWING_BYTES if grows else CHUNK_BYTES) // max(row_bytes, 1))
+        if not grows:
             rows = max(1, min(rows, sizes[0]))
         return (rows, *(max(1, size) for size in sizes[1:]))

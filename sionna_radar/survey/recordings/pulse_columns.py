@@ -28,6 +28,8 @@ def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> Netc
         {
             "title": title,
             "source": f"sionna-radar {version('sionna-radar')}",
+            # Undated, so that the same survey gives the same file.
+            "history": "recorded while the survey was flown",
             "comment": scenario.description or "no description",
             "recording": kind,
             "layout": LAYOUT,

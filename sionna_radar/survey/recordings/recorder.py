@@ -43,7 +43,7 @@ def recorders(
         A file exists, or its folder cannot be written.
 
     """
-    files = {kind: checked_file(kind, path) for kind, path in wanted.items()}
+    files = checked_files(wanted)
     makers: dict[str, Callable[[Path], Recorder]] = {
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),
@@ -72,11 +72,15 @@ def recorders(
             raise OutputError(message) from error
 
 
-def checked_file(kind: str, path: Path) -> Path:
-    """Return the resolved path of a recording, or refuse it before any work is done.
+def checked_files(wanted: Mapping[str, Path]) -> dict[str, Path]:
+    """Return the resolved paths of recordings by their kinds, or refuse them before any work is done.
 
     Raises ScenarioError for an unknown kind, and OutputError for a file that exists or cannot be made.
     """
+    return {kind: _checked(kind, path) for kind, path in wanted.items()}
+
+
+def _checked(kind: str, path: Path) -> Path:
     if kind not in KINDS:
         raise ScenarioError([Problem("record", f"{kind!r} is not recorded; give one of {', '.join(KINDS)}")], "run")
     try:

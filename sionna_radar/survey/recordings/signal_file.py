@@ -11,7 +11,7 @@ The file is netCDF-4. What it must have, and what it may:
   ranges, but no points and no DEM. The columns of the rotation are the boresight, left and up of the antenna.
 - `crs`, a grid mapping with `crs_wkt` and `local_origin_m` (easting, northing, height): local metres plus these are map
   coordinates.
-- `scenario`, `survey`, `x`, `y`, `true_height`, `lit`: of a simulated survey; see `SignalRecorder`.
+- `scenario`, `survey`, `true_height`, `lit`: of a simulated survey; see `SignalRecorder`.
 """
 
 import json
@@ -184,13 +184,14 @@ class SignalFile:
     @cached_property
     def truth(self) -> tuple[Raster, Bool[np.ndarray, "row column"]] | None:
         """The true surface on the grid of the survey's DEM, and the cells that its beam reached; None without."""
-        if not all(name in self._file for name in ("x", "y", "true_height", "lit")):
+        if not all(name in self._file for name in ("true_height", "lit")):
             return None
         shape = self._file.variable("true_height").shape
-        if len(shape) != 2 or min(shape) < 2 or math.prod(shape) > MAX_DEM_CELLS:
+        if len(shape) != 2 or math.prod(shape) > MAX_DEM_CELLS:
             self._file.fail(f"true_height has the shape {shape}; it is (y, x), of at most {MAX_DEM_CELLS:,} cells")
-        x, y = self._file.numbers("x", shape[1:]), self._file.numbers("y", shape[:1])
-        grid = Grid(west_m=float(x[0]), south_m=float(y[0]), spacing_m=float(x[1] - x[0]), columns=len(x), rows=len(y))
+        kept, names = self._file.attributes_of("true_height"), ("local_west_m", "local_south_m", "spacing_m")
+        west_m, south_m, spacing_m = (self._vector(kept, name, 1)[0] for name in names)
+        grid = Grid(west_m=west_m, south_m=south_m, spacing_m=spacing_m, columns=shape[1], rows=shape[0])
         height_m = np.asarray(self._file.variable("true_height")[...], dtype=np.float64)
         return Raster(grid=grid, height_m=height_m), self._file.numbers("lit", shape) > 0
 

@@ -10,6 +10,7 @@ import numpy as np
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recording import SampleType
 from sionna_radar.survey.recordings.pulse_columns import new_recording, write_pulses
@@ -52,14 +53,7 @@ class SignalRecorder:
 
     def finish(self, comparison: Comparison) -> None:
         """Add the truth on the DEM's grid, pack the samples if they are to be, and close the file."""
-        truth = comparison.truth
-        self._file.dimension("y", truth.grid.rows)
-        self._file.dimension("x", truth.grid.columns)
-        for name, values, direction in (("x", truth.grid.x_m, "east"), ("y", truth.grid.y_m, "north")):
-            words = f"{direction} of the local origin: centre of a cell of the DEM"
-            self._file.variable(name, (name,), values, long_name=words, units="m", axis=name.upper())
-        words = "true height over the local origin"
-        self._file.variable("true_height", ("y", "x"), truth.height_m, long_name=words, units="m")
+        self._add_truth(comparison.truth)
         self._file.variable(
             "lit",
             ("y", "x"),
@@ -71,6 +65,35 @@ class SignalRecorder:
         if self._loose:
             self._pack()
         self.close()
+
+    def _add_truth(self, truth: Raster) -> None:
+        """Add the true heights over the origin; on the map their cells have its coordinates, otherwise local ones.
+
+        Attributes keep the local grid exactly.
+        """
+        place, grid = self._prepared.scene.scene.georeference, truth.grid
+        east_m, north_m, _ = place.origin_m if place else (0.0, 0.0, 0.0)
+        for name, values, way in (("x", grid.x_m + east_m, "east"), ("y", grid.y_m + north_m, "north")):
+            self._file.dimension(name, len(values))
+            self._file.variable(
+                name,
+                (name,),
+                values,
+                long_name=f"centre of a cell: {way}ing" if place else f"centre of a cell, {way} of the origin",
+                standard_name=f"projection_{name}_coordinate" if place else None,
+                units="m",
+            )
+        self._file.variable(
+            "true_height",
+            ("y", "x"),
+            truth.height_m,
+            long_name="true height over the height of the local origin",
+            units="m",
+            grid_mapping="crs" if place else None,
+            local_west_m=grid.west_m,
+            local_south_m=grid.south_m,
+            spacing_m=grid.spacing_m,
+        )
 
     def close(self) -> None:
         """Close the file."""

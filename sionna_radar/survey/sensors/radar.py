@@ -55,7 +55,11 @@ class Radar:
 
     def record_chirp(self, pulses: Pulses) -> ChirpRecord:
         """Return the chirp of one pulse, the rising half of a pair, with what is found in it."""
-        return self.sweeps.record_chirp(pulses)
+        return self.record_chirps(pulses)[0]
+
+    def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
+        """Return the chirps of some pulses at once, as `record_chirp` does of one."""
+        return self.sweeps.record_chirps(pulses)
 
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
         with self._watch("synthesise"):

@@ -123,8 +123,8 @@ class SweepDetector:
         """Return echoes without the Doppler shift of still ground; a pair has taken it out."""
         return echoes if self.paired else self.detector.correct(echoes, pulse, measured)
 
-    def record_chirp(self, pulses: Pulses) -> ChirpRecord:
-        """Return the first sweep of one pulse, with what is found in it.
+    def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
+        """Return the first sweep of each of some pulses, with what is found in it.
 
         Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
         """
@@ -136,17 +136,21 @@ class SweepDetector:
         else:
             echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp)).echoes
             spectra = replace(spectra, threshold=through.threshold(spectra))
-        tested = np.isfinite(spectra.threshold[0])
-        return ChirpRecord(
-            pulse=int(pulses.index[0]),
-            sample_time_s=chirp.sample_time_s,
-            beat=beat[0],
-            range_m=detector.analyser.range_m,
-            power=spectra.power[0],
-            threshold=np.where(tested, spectra.threshold[0], np.nan),
-            echo_range_m=echoes.range_m,
-            echo_power=echoes.power,
-        )
+        threshold = np.where(np.isfinite(spectra.threshold), spectra.threshold, np.nan)
+        own = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
+        return [
+            ChirpRecord(
+                pulse=int(pulses.index[row]),
+                sample_time_s=chirp.sample_time_s,
+                beat=beat[row],
+                range_m=detector.analyser.range_m,
+                power=spectra.power[row],
+                threshold=threshold[row],
+                echo_range_m=own[row].range_m,
+                echo_power=own[row].power,
+            )
+            for row in range(len(pulses))
+        ]
 
     def _window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
         """Return the ranges in which a sweep's ground is searched; None for all."""

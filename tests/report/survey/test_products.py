@@ -58,6 +58,7 @@ FILES = [
     "manifest.json",
     "points.csv",
     "points.laz",
+    "report.html",
     "scenario.toml",
     "summary.json",
     "trajectory.csv",

@@ -47,7 +47,13 @@ def folder(flown, tmp_path_factory) -> Path:
     patch.setattr(products, "draw_all", lambda *_: [])
     calls = []
     out = tmp_path_factory.mktemp("products") / "out"
-    write_survey(flown, out, points=[PointsFile.LAZ, PointsFile.CSV], progress=lambda *step: calls.append(step))
+    write_survey(
+        flown,
+        out,
+        report=products.Report.NONE,
+        points=[PointsFile.LAZ, PointsFile.CSV],
+        progress=lambda *step: calls.append(step),
+    )
     patch.undo()
     assert calls == [("writing", done, 6) for done in range(7)]
     return out

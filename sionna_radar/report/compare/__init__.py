@@ -1,0 +1,1 @@
+"""Several folders of results side by side."""

@@ -1,0 +1,1 @@
+"""Parts of self-contained web pages: their document, the numbers packed inside, the world in three dimensions."""

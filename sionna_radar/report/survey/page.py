@@ -1,0 +1,320 @@
+"""The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.foundation.decibel import decibels
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
+from sionna_radar.report.page import markup
+from sionna_radar.report.page.backscatter import MEANING as SIGMA0_MEANING
+from sionna_radar.report.page.backscatter import sigma0_db
+from sionna_radar.report.page.beams import Beams, cast_beams, spread_pulses
+from sionna_radar.report.page.document import document
+from sionna_radar.report.page.flown import flown_rows
+from sionna_radar.report.page.packing import Pack
+from sionna_radar.report.page.relief import (
+    HEIGHT_STEP_M,
+    MOST_MAP_CELLS,
+    MOST_RELIEF_CELLS,
+    packed_map,
+    surroundings,
+    thinned,
+)
+from sionna_radar.report.page.world import (
+    MOST_POINTS,
+    box_of,
+    colour_scales,
+    frame_of_page,
+    packed_relief,
+    packed_track,
+    track_of,
+)
+from sionna_radar.report.survey.page_chirps import chirps_of, packed_chirps, record_chirps
+from sionna_radar.report.survey.page_errors import errors_section, histogram_of, limit_of
+from sionna_radar.report.survey.summary import crs_name, summary, versions
+from sionna_radar.report.terminal import number
+from sionna_radar.scenario import to_toml
+from sionna_radar.survey.result import Survey
+
+PULSES = 240
+MOST_ECHOES_OF_BEAMS = 4_000
+AROUND_CELLS = 12_000
+
+
+def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> str:
+    """Return the page of a survey as HTML.
+
+    Raises OutputError where it would be too large, or plotly is not installed.
+    """
+    frame, pack = frame_of(survey.georeference, coordinates), Pack()
+    index = spread_pulses(survey.pulses, PULSES)
+    beams = cast_beams(survey.prepared, index)
+    records = record_chirps(survey, chirps_of(survey, index))
+    chirps = packed_chirps(pack, records, index, survey)
+    thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
+    truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
+    sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
+    maps, notes = _maps(survey, pack, frame, sigma0)
+    world, more = _world(survey, pack, frame, beams, sigma0)
+    numbers = {
+        "frame": frame_of_page(frame),
+        "scales": colour_scales(),
+        "chosen": len(index) // 2,
+        "world": world,
+        "maps": maps,
+        "chirps": chirps,
+        "histogram": histogram_of(survey),
+        "summary": summary(survey),
+    }
+    title = survey.scenario.description or "A survey"
+    body = _body(survey, len(index), len(records), [one["name"] for one in maps], notes + more, world)
+    return document(title, body, pack.text(numbers), ("world.js", "maps.js", "chirps.js"))
+
+
+# ---------------------------------------------------------------------------------------------- numbers
+
+
+def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
+    """Return sigma0 of lit cells in dB; None where there is none."""
+    level = sigma0_db(survey.prepared, lit)
+    return Raster(grid=lit.grid, height_m=level) if np.isfinite(level).any() else None
+
+
+def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return the maps of a survey, and what was left out of them."""
+    thin = thinned(survey.dem.grid, MOST_MAP_CELLS)
+    low, high = _span(survey.truth.height_m, survey.dem.height_m)
+    limit = limit_of(survey.error.height_m)
+    up = frame.origin_m[2]
+    heights = {"low": low + up, "high": high + up, "scale": "height", "unit": frame.height, "hover": "height"}
+    errors = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
+    maps = [
+        {"name": name, **look, **packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, frame.origin_m)}
+        for name, values, look in (
+            ("True surface", survey.truth.height_m + up, heights),
+            ("DEM", survey.dem.height_m + up, heights),
+            ("Error of the DEM", survey.error.height_m, errors),
+        )
+    ]
+    if np.isfinite(survey.points.snr_db).any():
+        grid, level = _echo_power(survey)
+        low, high = _span(level, share=1.0)
+        relative = survey.scenario.radar.snr_db is not None
+        unit = f"Mean echo power ({'dB' if relative else 'dBW'})"
+        look = {"low": low, "high": high, "scale": "level", "unit": unit, "hover": "echo power"}
+        name = "Echo power, relative to transmitted" if relative else "Echo power"
+        maps.append({"name": name, **look, **packed_map(pack, grid, level, 0.1, frame.origin_m)})
+    if sigma0 is not None:
+        low, high = _span(sigma0.height_m, share=1.0)
+        look = {"low": low, "high": high, "scale": "level", "unit": "sigma0 (dB)", "hover": "sigma0"}
+        placed = packed_map(pack, sigma0.grid, sigma0.height_m, 0.1, frame.origin_m)
+        maps.append({"name": "Backscatter coefficient of the ground", **look, **placed})
+    return maps, [f"Maps: {thin.note}."] if thin.note else []
+
+
+def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
+    """Return the mean power of the echoes placed in each of some cells, wide enough for a few, in dB."""
+    grid, points = survey.dem.grid, survey.points
+    area = grid.columns * grid.rows * grid.spacing_m**2
+    wide = float(np.sqrt(4.0 * area / max(len(points), 1)))
+    step = max(thinned(grid, MOST_MAP_CELLS).every, round(wide / grid.spacing_m), 1)
+    west, _, south, _ = grid.extent_m
+    size = grid.spacing_m * step
+    coarse = Grid(
+        west_m=west + size / 2,
+        south_m=south + size / 2,
+        spacing_m=size,
+        columns=max(2, -(-grid.columns // step)),
+        rows=max(2, -(-grid.rows // step)),
+    )
+    row, column, inside = coarse.cell_of(points.position_m)
+    cell = (row * coarse.columns + column)[inside]
+    count = np.bincount(cell, minlength=coarse.columns * coarse.rows)
+    power = np.bincount(cell, weights=points.power[inside], minlength=len(count))
+    return coarse, decibels(power / np.maximum(count, 1)).reshape(coarse.shape)
+
+
+def _world(
+    survey: Survey, pack: Pack, frame: Frame, beams: Beams, sigma0: Raster | None
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the view in three dimensions, and what was left out of it."""
+    prepared = survey.prepared
+    thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
+    truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
+    outside = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
+    drawn = _thinned_rows(len(survey.points), MOST_POINTS)
+    echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MOST_ECHOES_OF_BEAMS]
+    track = track_of(prepared.flight)
+    low, high = _span(survey.truth.height_m, survey.dem.height_m)
+    limit = limit_of(survey.error.height_m)
+    up = frame.origin_m[2]
+    paints: list[dict[str, Any]] = [
+        {"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up},
+        {
+            "name": "Error (m)",
+            "scale": "error",
+            "low": -limit,
+            "high": limit,
+            "z": pack.rounded(thin.of(survey.error.height_m), HEIGHT_STEP_M),
+        },
+    ]
+    if sigma0 is not None:
+        bottom, top = _span(sigma0.height_m, share=1.0)
+        levels = pack.rounded(sigma0.height_m, 0.1)
+        paints.append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
+    surfaces = [
+        outside.height_m[np.isfinite(outside.height_m)],
+        truth.height_m[truth.filled],
+        dem.height_m[dem.filled],
+        track[:, 2],
+    ]
+    bottom, top = min(s.min() for s in surfaces if s.size), max(s.max() for s in surfaces if s.size)
+    west, east, south, north = box_of(prepared)
+    pad = 0.04 * (top - bottom) + 0.1
+    world = {
+        "shapes": [packed_relief(pack, truth, "True surface"), packed_relief(pack, dem, "DEM")],
+        "paints": paints,
+        "around": outside.packed(pack),
+        "track": packed_track(pack, prepared.flight),
+        "points": _packed_points(pack, survey, drawn),
+        "echoes": _packed_points(pack, survey, echoes),
+        "beams": beams.packed(pack),
+        "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
+    }
+    notes = [f"View in three dimensions: {thin.note}."] if thin.note else []
+    if len(drawn) < len(survey.points):
+        notes.append(f"View in three dimensions: {len(drawn):,} of {len(survey.points):,} echoes are drawn.")
+    return world, notes
+
+
+def _packed_points(pack: Pack, survey: Survey, rows: Int[np.ndarray, " n"]) -> dict[str, Any]:
+    points = survey.points
+    return {"position": pack.exact(points.position_m[rows]), "pulse": pack.whole(points.pulse[rows])}
+
+
+def _thinned_rows(count: int, most: int) -> Int[np.ndarray, " n"]:
+    """Return the rows to draw: all, or a fixed random choice, free of aliasing with the scan."""
+    return np.arange(count) if count <= most else np.sort(np.random.default_rng(0).permutation(count)[:most])
+
+
+def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float, float]:
+    """Return the lowest and highest of all values but a share (%) at either end; never equal."""
+    values = np.concatenate([a[np.isfinite(a)] for a in arrays])
+    if not len(values):
+        return 0.0, 1.0
+    low, high = (float(v) for v in np.percentile(values, [share, 100 - share]))
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+# ------------------------------------------------------------------------------------------------- text
+
+
+def _body(survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]) -> str:
+    sections = [
+        _flown(survey),
+        errors_section(survey),
+        _world_section(survey, pulses, world, notes),
+        _map_section(survey, maps, notes),
+        *([_chirp_section(pulses, chirps)] if chirps else []),
+        _made(survey),
+    ]
+    names = {"flown": "What was flown", "errors": "Errors", "world-view": "In three dimensions", "map-view": "Maps"}
+    names |= {"chirp-view": "Chirps"} if chirps else {}
+    return markup.head("Survey", survey.scenario.description or "A survey", {**names, "made": "How it was made"}) + (
+        "\n".join(sections)
+    )
+
+
+def _flown(survey: Survey) -> str:
+    lit = survey.lit_error
+    shown = [
+        markup.Tile(value=number(lit.rms_m, ".3f", " m"), name="RMS error", note="of lit cells, DEM minus truth"),
+        markup.Tile(value=number(lit.mean_m, "+.3f", " m"), name="mean error", note="bias"),
+        markup.Tile(value=number(lit.le90_m, ".3f", " m"), name="LE90", note="90th percentile of |error|"),
+        markup.Tile(value=f"{lit.coverage:.1%}", name="coverage", note="of lit cells"),
+        markup.Tile(value=f"{len(survey.points):,}", name="echoes", note=f"of {survey.pulses:,} pulses"),
+        markup.Tile(value=f"{survey.paths:,}", name="paths traced", note=f"in {survey.timing_s['total']:.1f} s"),
+    ]
+    replaced = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    rows = flown_rows(survey.prepared) | {"Coordinates": crs_name(survey.georeference)} | replaced
+    return markup.section(
+        "flown", "What was flown", markup.warnings(survey.warnings), markup.tiles(shown), markup.pairs(rows)
+    )
+
+
+def _world_section(survey: Survey, pulses: int, world: dict[str, Any], notes: list[str]) -> str:
+    named = [paint["name"] for paint in world["paints"]]
+    explained = "Red: the beam axis and the echoes found in the pulse. "
+    if survey.scenario.sensor != "lidar":
+        explained = "The rays lie inside the main lobe, cast against the scene, coloured by their two-way gain; "
+        explained += "red: the beam axis, the footprint at half power, and the echoes found in the pulse. "
+    explained += "A click on an echo chooses the pulse nearest to it. "
+    if "sigma0 (dB)" in named:
+        explained += SIGMA0_MEANING[0].upper() + SIGMA0_MEANING[1:] + ". "
+    return markup.section(
+        "world-view",
+        "In three dimensions",
+        markup.controls(
+            markup.choice("paint", "Colour", named),
+            markup.choice("shape", "Surface", ["true surface", "DEM"]),
+            markup.choice("upright", "Heights", ["to scale", "x 2", "x 4"]),
+            markup.switch("track", "flight"),
+            markup.switch("points", "echoes"),
+            markup.switch("beam", "beam"),
+            markup.switch("around", "ground around"),
+            markup.slider("pulse-world", "Pulse", pulses - 1, pulses // 2),
+        ),
+        markup.plot("world", "world"),
+        markup.paragraph(explained + " ".join(n for n in notes if n.startswith("View")), "note"),
+    )
+
+
+def _map_section(survey: Survey, maps: list[str], notes: list[str]) -> str:
+    lines = "Scroll to zoom, drag to move; the maps follow one another. Grey: no height (shadow or no echo). "
+    return markup.section(
+        "map-view",
+        "Maps",
+        markup.paragraph(lines + " ".join(n for n in notes if n.startswith("Maps")), "note"),
+        markup.controls(markup.choice("left", "Compare", maps, 0), markup.choice("right", "with", maps, 1)),
+        f'<div class="grid">{markup.swipe("swipe")}{"".join(markup.map_room(n) for n in range(2, len(maps)))}</div>',
+    )
+
+
+def _chirp_section(pulses: int, chirps: int) -> str:
+    nearest = "" if chirps == pulses else "; the one nearest to the pulse chosen is shown"
+    return markup.section(
+        "chirp-view",
+        "Chirps",
+        markup.controls(markup.slider("pulse-chirp", "Pulse", pulses - 1, pulses // 2)),
+        f'<div class="grid small">{markup.plot("beat", "chart")}{markup.plot("spectrum", "chart")}</div>',
+        markup.paragraph(
+            f"Chirps of {chirps:,} pulses spread over the survey{nearest}. This slider and that of the view in three "
+            "dimensions move together. Powers are shown to 0.1 dB.",
+            "note",
+        ),
+    )
+
+
+def _made(survey: Survey) -> str:
+    spent = {name: f"{seconds:.2f} s" for name, seconds in survey.timing_s.items()}
+    installed = {name: version or "not installed" for name, version in versions().items()}
+    command = "sionna-radar run scenario.toml -o again"
+    alone = "scenario.toml stands beside this page, and is the resolved scenario below; the same seed gives the same "
+    alone += f"points, of SHA-256 {survey.points.sha256()}."
+    if survey.replaced:
+        alone = "Parts were replaced from Python, so that the scenario alone does not repeat the survey: "
+        alone += "; ".join(f"{key} by {what}" for key, what in survey.replaced.items()) + "."
+    return markup.section(
+        "made",
+        "How it was made",
+        markup.code(command),
+        markup.paragraph(alone, "note"),
+        "<h3>Time spent</h3>",
+        markup.pairs({**spent, "peak memory": f"{survey.peak_memory_mb:,.0f} MB"}),
+        "<h3>Versions</h3>",
+        markup.pairs(installed),
+        markup.folded("The resolved scenario", to_toml(survey.scenario)),
+    )

@@ -1,0 +1,111 @@
+"""What the view in three dimensions draws, against geometry worked out by hand on a level plane."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beams import make_antenna
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.report.page.backscatter import sigma0_db
+from sionna_radar.report.page.beams import OUTLINE_RAYS, cast_beams, fan_of, spread_pulses
+from sionna_radar.report.page.relief import surroundings, thinned
+from sionna_radar.report.page.solids import MOST_FACES, solids_within, standing
+from sionna_radar.scenario.objects import Building
+from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
+from sionna_radar.survey.preparation import Prepared, prepare
+from surveys import make_scenario
+from worlds import make_scene, make_surface
+
+
+@pytest.fixture(scope="module")
+def level() -> Prepared:
+    """A flight 50 m over the plane z = 0, tilted by 45 deg."""
+    return prepare(make_scenario(60.0))
+
+
+def test_the_axis_and_the_outline_of_a_beam_meet_the_plane_where_geometry_says(level):
+    beams = cast_beams(level, spread_pulses(len(level), 20))
+    pose = beams.pulses.true
+    expected = -pose.position_m[:, 2] / pose.boresight[:, 2]
+    np.testing.assert_allclose(beams.distance_m[:, 0], expected, rtol=1e-5)
+    assert np.abs(beams.hit_m[..., 2]).max() < 1e-3
+    # Half power is half a beamwidth off the axis, in the two principal planes.
+    outline = fan_of(level.antenna).direction[1 : 1 + OUTLINE_RAYS]
+    off = np.arccos(outline[:: OUTLINE_RAYS // 4, 0])
+    half = np.array(level.antenna.beamwidths_rad) / 2
+    np.testing.assert_allclose(off, [half[0], half[1], half[0], half[1]], rtol=0.05)
+
+
+def test_rays_stay_in_the_main_lobe_and_carry_its_gain():
+    antenna = make_antenna(2.0, 4.0)
+    fan = fan_of(antenna)
+    assert fan.gain_db[0] == pytest.approx(0.0, abs=0.01)
+    np.testing.assert_allclose(fan.gain_db[1 : 1 + OUTLINE_RAYS], -6.02, atol=0.6)  # twice half power
+    assert fan.gain_db.min() > -25.0
+    np.testing.assert_allclose(np.linalg.norm(fan.direction, axis=1), 1.0)
+
+
+def test_pulses_are_spread_over_the_survey():
+    assert spread_pulses(7, 10).tolist() == list(range(7))
+    chosen = spread_pulses(10_000, 240)
+    assert len(chosen) == 240
+    assert np.diff(chosen).min() > 0
+    assert chosen[0] < 42
+    assert chosen[-1] > 9_950
+
+
+def test_sigma0_of_a_plane_is_that_of_its_material_at_the_incidence_of_the_nearest_axis(level):
+    materials = dict(level.scene.scene.materials)
+    materials[level.scene.scene.surfaces[0].material] = ConstantGammaBackscatter(0.01)
+    world = replace(level, scene=replace(level.scene, scene=replace(level.scene.scene, materials=materials)))
+    grid = level.mapper.grid
+    found = sigma0_db(world, Raster(grid=grid, height_m=np.zeros(grid.shape)))
+    # The plain way for a few cells: every axis, the nearest hit, the angle at the cell.
+    pose = level.flight.pulses(np.arange(len(level))).true
+    hit = pose.position_m - pose.position_m[:, 2:] / pose.boresight[:, 2:] * pose.boresight
+    for row, column in [(3, 4), (grid.rows // 2, grid.columns // 2), (grid.rows - 5, 7)]:
+        cell = np.array([grid.x_m[column], grid.y_m[row], 0.0])
+        nearest = np.argmin(np.linalg.norm(hit[:, :2] - cell[:2], axis=1))
+        away = pose.position_m[nearest] - cell
+        cosine = away[2] / np.linalg.norm(away)
+        assert found[row, column] == pytest.approx(10 * np.log10(0.01 * cosine), abs=0.01)
+
+
+def test_a_grid_is_thinned_to_what_is_allowed():
+    thin = thinned(Grid(west_m=0.0, south_m=0.0, spacing_m=0.5, columns=1001, rows=777), 5_000)
+    assert thin.cells.columns * thin.cells.rows <= 5_000
+    values = np.arange(1001 * 777.0).reshape(777, 1001)
+    assert thin.of(values).shape == thin.cells.shape
+    assert f"every {thin.every}th cell" in thin.note
+    assert thinned(thin.cells, 5_000).note == ""
+
+
+def test_surroundings_meet_the_edge_of_the_map_and_leave_it_out(plane):
+    inner = Grid(west_m=-10.0, south_m=-7.0, spacing_m=1.0, columns=21, rows=15)
+    around = surroundings(RayCaster(plane.surfaces), plane, (-40.0, 40.0, -40.0, 40.0), 2_000, inner)
+    assert {-10.0, 10.0} <= set(around.x_m.tolist())
+    assert {-7.0, 7.0} <= set(around.y_m.tolist())
+    x, y = np.meshgrid(around.x_m, around.y_m)
+    inside = (x > -10) & (x < 10) & (y > -7) & (y < 7)
+    assert np.abs(around.height_m[~inside]).max() < 1e-3
+    assert np.isnan(around.height_m[inside]).any()
+    assert np.nanmax(around.height_m[inside]) < -0.05
+
+
+def test_buildings_stand_and_ground_lies():
+    ground = make_surface(lambda x, y: 0.3 * x, size_m=200.0, spacing_m=10.0)
+    box = build_box(Building(position_m=(0.0, 0.0), size_m=(10.0, 20.0, 8.0)), 0, lambda at: np.zeros(len(at)))
+    scene = make_scene(ground)
+    scene = replace(scene, surfaces=(*scene.surfaces, box))
+    assert [standing(surface, "flat") for surface in scene.surfaces] == [False, True]
+    found = solids_within(scene, "flat", (-50.0, 50.0, -50.0, 50.0))
+    assert np.ptp(found.vertices_m[:, :2], axis=0).tolist() == [20.0, 10.0]
+    assert found.note == ""
+    assert solids_within(scene, "flat", (60.0, 80.0, 60.0, 80.0)) is None
+    assert len(found.faces) < MOST_FACES
+    roof = replace(ground, name="munich-3")
+    assert standing(roof, "sionna:munich")
+    assert not standing(ground, "sionna:munich")

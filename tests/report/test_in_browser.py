@@ -1,0 +1,98 @@
+"""The pages, opened in a headless Chromium: nothing fails, nothing is fetched, and what is drawn moves."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from browser import chromium, colours_in, opened, started
+from sionna_radar.report.compare.page import comparison_page
+from sionna_radar.report.show.page import show_page
+from sionna_radar.report.survey.page import survey_page
+from sionna_radar.studies.comparison import compare_results
+
+pytest.importorskip("playwright", reason="playwright, of the development extra, is not installed")
+if chromium() is None:
+    pytest.skip("no Chromium or Chrome on the PATH to open pages with", allow_module_level=True)
+
+HOSTILE = "</script><script>window.stolen = 1</script><img src=x onerror='window.stolen=2'>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with started() as browser:
+        yield browser
+
+
+def seen(page, path: Path) -> None:
+    """Assert that a page fetched nothing and met no error."""
+    assert page.errors == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert len([url for url in page.requests if url.startswith("file:")]) == 1
+    assert page.page.evaluate("window.stolen") is None
+    assert page.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, survey, tmp_path):
+    path = tmp_path / "report.html"
+    scenario = survey.scenario.model_copy(update={"description": HOSTILE})
+    path.write_text(survey_page(replace(survey, prepared=replace(survey.prepared, scenario=scenario))))
+    page = opened(browser, path)
+    world = page.picture("#world", tmp_path / "world.png")
+    assert colours_in(world) > 60
+    for part in ("#swipe", "#spectrum", "#beat", "#histogram", '[data-map="2"]'):
+        assert colours_in(page.picture(part, tmp_path / "part.png")) > 8, part
+
+    before = page.text('[data-shows="pulse-world"]'), page.text('[data-shows="pulse-chirp"]')
+    page.slide("pulse-chirp", 3)
+    after = page.text('[data-shows="pulse-world"]'), page.text('[data-shows="pulse-chirp"]')
+    assert before[0] != after[0]
+    assert before[1] != after[1]
+    assert page.page.evaluate("document.querySelector('[data-control=pulse-world]').value") == "3"
+
+    page.page.select_option('[data-control="paint"]', label="Error (m)")
+    page.page.wait_for_timeout(300)
+    assert np.abs(page.picture("#world", tmp_path / "error.png") - world).mean() > 0.01
+
+    # The bar of the swipe follows the mouse.
+    page.page.locator(".grip").scroll_into_view_if_needed()
+    box = page.page.locator(".grip").bounding_box()
+    page.page.mouse.move(box["x"] + 17, box["y"] + 17)
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] - 80, box["y"] + 17)
+    page.page.mouse.up()
+    assert page.page.locator(".grip").bounding_box()["x"] < box["x"] - 60
+    seen(page, path)
+
+
+def test_the_page_of_a_scenario_draws_its_world(browser, survey, tmp_path):
+    path = tmp_path / "show.html"
+    path.write_text(show_page(survey.prepared, HOSTILE))
+    page = opened(browser, path, width=900)
+    assert colours_in(page.picture("#world", tmp_path / "world.png")) > 60
+    before = page.text('[data-shows="pulse-world"]')
+    page.slide("pulse-world", 0)
+    assert page.text('[data-shows="pulse-world"]') != before
+    seen(page, path)
+
+
+def test_the_page_of_a_comparison_zooms_its_maps_together(browser, results, tmp_path):
+    path = tmp_path / "compare.html"
+    named = [replace(one, name=f"{one.name} {HOSTILE}") for one in results]
+    path.write_text(comparison_page(compare_results(named)))
+    page = opened(browser, path, width=1600)
+    assert colours_in(page.picture('[data-map="0"]', tmp_path / "map.png")) > 8
+    zoom = (
+        "Plotly.relayout(document.querySelector('[data-map=\"0\"]'), {'xaxis.range': [-5, 5], 'yaxis.range': [-4, 4]})"
+    )
+    page.page.evaluate(zoom)
+    page.page.wait_for_timeout(300)
+    wide = "Math.abs(document.querySelector('[data-map=\"3\"]')._fullLayout.yaxis.range[1] - 4) < 3"
+    assert page.page.evaluate(wide)
+    before = page.text('[data-shows="line"]')
+    page.slide("line", 2)
+    assert page.text('[data-shows="line"]') != before
+    assert colours_in(page.picture("#profile", tmp_path / "profile.png")) > 8
+    seen(page, path)
