@@ -64,6 +64,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "plot_gallery": GALLERY != "pictures",
     "image_scrapers": ("example_gallery.picture_scraper",),
+    "within_subsection_order": "example_gallery.InTheirOrder",
     "reset_modules": (),
     "abort_on_example_error": True,
     "remove_config_comments": True,
