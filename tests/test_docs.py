@@ -2,11 +2,13 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
 import typer.main
 
+from sionna_radar import parse_scenario
 from sionna_radar.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -84,6 +86,27 @@ def test_links_lead_to_files(page):
             assert (page.parent / link).exists(), f"{name(page)} links to {link}"
 
 
+def merged(block: str) -> dict:
+    """Return the scenario of a block: `hills`, with the tables of the block in place of or within its own."""
+    tables = tomllib.loads((ROOT / "scenes" / "hills.toml").read_text(encoding="utf-8"))
+    tables["materials"] |= {
+        other: tables["materials"]["ground"] for other in ("metal", "forest")
+    }  # of the reader's own
+    for key, value in tomllib.loads(block).items():
+        mine = tables.get(key)
+        tables[key] = mine | value if isinstance(mine, dict) and "kind" not in value else value
+    if "log" in tables["platform"]:  # a log takes the place of the plan
+        tables["platform"] = tomllib.loads(block)["platform"]
+    return tables
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")], ids=name)
+def test_scenarios_on_a_page_are_valid(page):
+    for block in blocks(page, "toml"):
+        parse_scenario(merged(block))
+
+
+@pytest.mark.usefixtures("forgotten")
 @pytest.mark.parametrize("page", RUN)
 def test_python_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -25,6 +25,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", entries_as_fields, priority=900)
     app.connect("autodoc-process-signature", short_signature)
     app.connect("missing-reference", public_name)
+    app.connect("doctree-read", colons_for_dashes)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -71,6 +72,13 @@ def short_signature(
         if signature and "*values" in signature:  # enumerations
             return "", None
     return None
+
+
+def colons_for_dashes(app: Sphinx, doctree: nodes.document) -> None:
+    """Put a colon between an argument and its meaning; Sphinx leaves two hyphens where quotes are not to be smart."""
+    for text in list(doctree.findall(nodes.Text)):
+        if text.astext() == " -- ":
+            text.parent.replace(text, nodes.Text(": "))
 
 
 def public_name(app: Sphinx, env: BuildEnvironment, node: pending_xref, text: nodes.Element) -> nodes.Element | None:
