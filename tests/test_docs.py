@@ -89,9 +89,7 @@ def test_links_lead_to_files(page):
 def merged(block: str) -> dict:
     """Return the scenario of a block: `hills`, with the tables of the block in place of or within its own."""
     tables = tomllib.loads((ROOT / "scenes" / "hills.toml").read_text(encoding="utf-8"))
-    tables["materials"] |= {
-        other: tables["materials"]["ground"] for other in ("metal", "forest")
-    }  # of the reader's own
+    tables["materials"] |= dict.fromkeys(("metal", "forest"), tables["materials"]["ground"])  # of the reader's own
     for key, value in tomllib.loads(block).items():
         mine = tables.get(key)
         tables[key] = mine | value if isinstance(mine, dict) and "kind" not in value else value

@@ -76,7 +76,7 @@ def directive(package: ModuleType, public: str) -> list[str]:
     thing = getattr(package, public)
     path = f"{package.__name__}.{public}"
     if inspect.isclass(thing):
-        return [f".. autoclass:: {path}", "   :members:", ""]
+        return [f".. autoclass:: {path}", "   :members:", "   :exclude-members: model_config", ""]
     if inspect.isfunction(thing) or hasattr(thing, "__wrapped__"):
         return [f".. autofunction:: {path}", ""]
     return [f".. autodata:: {path}", "   :no-value:", ""]
