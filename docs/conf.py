@@ -15,7 +15,7 @@ import sionna_radar  # noqa: E402
 
 project = "sionna_radar"
 author = "The sionna_radar developers"
-project_copyright = "%Y, " + author
+project_copyright = author  # no year: a build does not depend on the day
 version = release = sionna_radar.__version__
 
 extensions = [
