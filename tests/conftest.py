@@ -12,6 +12,8 @@ from hypothesis import settings
 from beams import make_antenna
 from sionna_radar.cli.app import main
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.scenario import parts
+from sionna_radar.scenario.registry import Registry
 from sionna_radar.scene.model import Scene
 from worlds import make_scene, make_surface
 
@@ -79,3 +81,14 @@ def small(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("scenario") / "small.toml"
     path.write_text(SMALL)
     return path
+
+
+@pytest.fixture
+def forgotten():
+    """What an example registers is known to nobody after it."""
+    registries = [thing for thing in vars(parts).values() if isinstance(thing, Registry)]
+    yield
+    for registry in registries:
+        for name, entry in list(registry._entries.items()):
+            if entry.origin != "sionna_radar":
+                del registry._entries[name]

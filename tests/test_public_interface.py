@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 
 import sionna_radar
-from sionna_radar.scenario import parts
-from sionna_radar.scenario.registry import Registry
 from test_architecture import ROOMS, run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,17 +96,6 @@ def load_coarse(name, overrides=None):
     return sionna_radar.load_scenario(
         name, coarse | overrides if name == "hills" and "terrain" not in overrides else overrides
     )
-
-
-@pytest.fixture
-def forgotten():
-    """What an example registers is known to nobody after it."""
-    registries = [thing for thing in vars(parts).values() if isinstance(thing, Registry)]
-    yield
-    for registry in registries:
-        for name, entry in list(registry._entries.items()):
-            if entry.origin != "sionna_radar":
-                del registry._entries[name]
 
 
 @pytest.mark.usefixtures("forgotten")

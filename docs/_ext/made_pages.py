@@ -1,0 +1,82 @@
+"""Pages made from the program itself, so that they cannot grow stale: keys, commands, and the Python interface."""
+
+import importlib
+import inspect
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import typer
+from sphinx.application import Sphinx
+from typer.cli import get_docs_for_click
+from written import write
+
+from sionna_radar.cli.app import app as commands
+from sionna_radar.scenario import reference
+
+# All but `cli`, which has no names for scripts.
+ROOMS = (
+    *("foundation", "raytracer", "elevation", "weather", "scenario", "surfaces", "flight", "scene", "radar"),
+    *("tracing", "signal", "detection", "mapping", "accuracy", "imaging", "survey", "studies", "report"),
+)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Make the pages before Sphinx looks for pages."""
+    app.connect("builder-inited", make_pages, priority=100)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def make_pages(app: Sphinx) -> None:
+    """Write every made page."""
+    made = Path(app.srcdir) / "generated"
+    # One level of headings: the list beside the page then has every table.
+    write(made / "keys.md.txt", reference().replace("\n### `[", "\n## `["))
+    write(made / "commands.md.txt", commands_reference())
+    top = importlib.import_module("sionna_radar")
+    write(made / "api" / "sionna_radar.rst", package_page(top, set()))
+    for room in ROOMS:
+        package = importlib.import_module(f"sionna_radar.{room}")
+        write(made / "api" / f"{room}.rst", package_page(package, set(top.__all__)))
+
+
+def commands_reference() -> str:
+    """Return the help of every command as Markdown, one heading each."""
+    group: Any = typer.main.get_command(commands)
+    parts = []
+    with typer.Context(group, info_name="sionna-radar") as context:
+        for name in group.list_commands(context):
+            command = group.get_command(context, name)
+            parts.append(
+                get_docs_for_click(obj=command, ctx=context, indent=1, name=f"sionna-radar {name}", title=f"`{name}`")
+            )
+    return "\n".join(parts)
+
+
+def package_page(package: ModuleType, elsewhere: set[str]) -> str:
+    """Return a page of a package: a table of its public names, then each of them.
+
+    elsewhere: names that `sionna_radar` itself exports; a room only points to them there.
+    """
+    name = package.__name__
+    here = [public for public in package.__all__ if public not in elsewhere]
+    lines = [f"``{name}``", "=" * (len(name) + 4), "", f".. automodule:: {name}", "   :no-members:", ""]
+    lines += [f".. currentmodule:: {name}", ""]
+    if elsewhere and len(here) < len(package.__all__):
+        also = ", ".join(f":py:obj:`~sionna_radar.{public}`" for public in package.__all__ if public in elsewhere)
+        lines += [f"In ``sionna_radar`` itself: {also}.", ""]
+    lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {public}" for public in here), ""]
+    for public in here:
+        lines += directive(package, public)
+    return "\n".join(lines)
+
+
+def directive(package: ModuleType, public: str) -> list[str]:
+    """Return the directive that documents a public name."""
+    thing = getattr(package, public)
+    path = f"{package.__name__}.{public}"
+    if inspect.isclass(thing):
+        return [f".. autoclass:: {path}", "   :members:", "   :exclude-members: model_config", ""]
+    if inspect.isfunction(thing) or hasattr(thing, "__wrapped__"):
+        return [f".. autofunction:: {path}", ""]
+    return [f".. autodata:: {path}", "   :no-value:", ""]

@@ -1,0 +1,133 @@
+"""The pages: their Python runs, their commands exist, their links lead to files, and nothing is left out of them."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from sionna_radar import parse_scenario
+from sionna_radar.cli.app import app
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *sorted((ROOT / "examples").rglob("*.md")),
+    *(page for page in sorted(DOCS.rglob("*.md")) if not {"generated", "gallery", "_build"} & set(page.parts)),
+]
+# Flown in this process; PRODUCTS.md has a test of its own, which needs the files of a survey.
+RUN = ["parts.md", "recordings.md", "first_survey.md"]
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def command_lines(page: Path) -> list[str]:
+    """Return the command lines of a page: those of its shell blocks, and those in code within the text."""
+    text = page.read_text(encoding="utf-8")
+    shell = "\n".join(re.findall(r"```(?:sh|console)?\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ")
+    lines = [line.removeprefix("$ ").removeprefix("uv run ") for line in shell.splitlines()]
+    prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
+    code = [" ".join(part.split()).removeprefix("uv run ") for part in re.findall(r"`([^`]+)`", prose)]
+    return [line for line in [*lines, *code] if line.startswith("sionna-radar ")]
+
+
+def parse(line: str) -> None:
+    """Parse a command line as the program does, without running it."""
+    words = shlex.split(line, comments=True)[1:]
+    if ">" in words:
+        words = words[: words.index(">")]
+    group = typer.main.get_command(app)
+    if words[0].startswith("-"):  # of the program itself: --version, --install-completion
+        options = {option for parameter in group.params for option in parameter.opts}
+        assert words[0] in options, words
+        return
+    with typer.Context(group, info_name="sionna-radar") as context:
+        command = group.get_command(context, words[0])
+        assert command is not None, f"{line}: no such command"
+        # A command alone is named, not called.
+        if len(words) > 1:
+            command.make_context(words[0], words[1:], parent=context, resilient_parsing=False)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_command_lines_parse(page):
+    for line in command_lines(page):
+        try:
+            parse(line)
+        except Exception as error:
+            pytest.fail(f"{name(page)}: {line}: {error}")
+
+
+def test_a_wrong_command_line_is_noticed():
+    with pytest.raises(AssertionError, match="no such command"):
+        parse("sionna-radar fly hills")
+    with pytest.raises(Exception, match="--sett"):
+        parse("sionna-radar run hills --sett seed=1")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_to_files(page):
+    text = re.sub(r"```(?!\{).*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    links = re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", text)
+    links += re.findall(r"^```\{(?:include|literalinclude)\} (\S+)", page.read_text(encoding="utf-8"), re.MULTILINE)
+    for link in links:
+        # Pages made when the documentation is built; the build itself, where warnings are errors, checks these.
+        if "://" not in link and not {"generated", "gallery"} & set(Path(link).parts):
+            assert (page.parent / link).exists(), f"{name(page)} links to {link}"
+
+
+def merged(block: str) -> dict:
+    """Return the scenario of a block: `hills`, with the tables of the block in place of or within its own."""
+    tables = tomllib.loads((ROOT / "scenes" / "hills.toml").read_text(encoding="utf-8"))
+    tables["materials"] |= dict.fromkeys(("metal", "forest"), tables["materials"]["ground"])  # of the reader's own
+    for key, value in tomllib.loads(block).items():
+        mine = tables.get(key)
+        tables[key] = mine | value if isinstance(mine, dict) and "kind" not in value else value
+    if "log" in tables["platform"]:  # a log takes the place of the plan
+        tables["platform"] = tomllib.loads(block)["platform"]
+    return tables
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")], ids=name)
+def test_scenarios_on_a_page_are_valid(page):
+    for block in blocks(page, "toml"):
+        parse_scenario(merged(block))
+
+
+@pytest.mark.usefixtures("forgotten")
+@pytest.mark.parametrize("page", RUN)
+def test_python_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    code = blocks(DOCS / page, "python")
+    assert code
+    for number, block in enumerate(code, 1):
+        exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "__main__"})
+    assert capsys.readouterr().out
+
+
+def test_every_example_has_a_place_in_the_gallery_and_a_title():
+    placed = (DOCS / "_ext" / "example_gallery.py").read_text(encoding="utf-8")
+    for path in sorted((ROOT / "examples").glob("plot_*.py")):
+        stem = path.stem.removeprefix("plot_")
+        assert re.search(rf"\b{stem}\b", placed), f"{path.name} is in no section of the gallery"
+        first, title, underline, *_ = path.read_text(encoding="utf-8").splitlines()
+        assert first.startswith(('"""', 'r"""'))
+        assert set(underline) == {"="}
+        assert len(underline) >= len(title)
+
+
+def test_every_page_and_example_page_is_in_the_contents():
+    linked = "\n".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("index.md"))
+    for page in PAGES:
+        if page.is_relative_to(DOCS) and page.stem != "index":
+            assert re.search(rf"^{page.stem}$|/{page.stem}$", linked, re.MULTILINE), f"{name(page)} is in no contents"
