@@ -26,9 +26,9 @@ ORDER = [f"plot_{name}.py" for _, names in SECTIONS.values() for name in names.s
 HEADER = """Examples
 ========
 
-Scripts to run, read and change; each is a file in `examples/` that is run whenever the documentation is tested. `SIONNA_RADAR_SMALL=1` in the
-environment makes the long ones short. What the figures of the paper show here is on one page,
-:doc:`the paper and this project </checks/paper>`.
+Scripts to run, read and change; each is a file in `examples/` that is run whenever the documentation is tested.
+`SIONNA_RADAR_SMALL=1` in the environment makes the long ones short. What the figures of the paper show here is on one
+page, :doc:`the paper and this project </checks/paper>`.
 """
 
 

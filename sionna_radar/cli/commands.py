@@ -107,7 +107,7 @@ def _fly(
             )
 
     outside, kinds = parse_records(record)
-    sample_type = parse_sample_type(record_as)
+    sample_type = parse_sample_type(record_as, [*outside, *kinds])
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
             lambda progress: run(

@@ -1,7 +1,7 @@
 """Recording while flying, and the command that processes recordings."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -9,8 +9,8 @@ import typer
 
 from sionna_radar.cli.options import BlockOption, MapOption, OutputOption, QuietOption, SetFileOption, SetOption
 from sionna_radar.cli.session import Session
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.staging import staged
+from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
+from sionna_radar.foundation.staging import abandoned, staged
 
 if TYPE_CHECKING:
     from sionna_radar.survey.recording import SampleType
@@ -51,7 +51,7 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
         kind, separator, name = text.partition("=")
         if not separator and text.endswith(".nc"):
             kind, name = Path(text).stem if Path(text).stem in KINDS else "signals", text
-        if kind not in KINDS or (separator and not name):
+        if kind not in KINDS or (separator and not name.endswith(".nc")):
             message = f"{text!r} is not recorded; give {', '.join(KINDS)}, or one of them with =FILE.nc"
             raise ScenarioError([Problem("--record", message)], "command line")
         if kind in files or kind in inside:
@@ -63,11 +63,14 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
     return files, inside
 
 
-def parse_sample_type(text: str) -> "SampleType":
-    """Return how samples are kept; ScenarioError for what is none of the ways."""
+def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
+    """Return how samples are kept; ScenarioError for what is none of the ways, or where no signals are recorded."""
     from sionna_radar.survey.recording import SampleType
 
     known: tuple[SampleType, ...] = get_args(SampleType)
+    if text != known[0] and "signals" not in kinds:
+        message = f"{text!r} has no effect without --record signals; add it, or leave this out"
+        raise ScenarioError([Problem("--record-as", message)], "command line")
     for name in known:
         if text == name:
             return name
@@ -82,7 +85,14 @@ def with_the_results(kinds: list[str], directory: Path) -> Iterator[dict[str, Pa
         yield {}
         return
     place = next(parent for parent in directory.expanduser().resolve().parents if parent.is_dir())
-    with staged(place) as folder:
+    for _ in abandoned(place):
+        pass  # leftovers of killed runs are removed
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(staged(place))
+        except OSError as error:
+            message = f"{place} cannot be written ({error.strerror}); free some space or name another folder with -o"
+            raise OutputError(message) from error
         yield {kind: folder / f"{kind}.nc" for kind in kinds}
 
 

@@ -9,14 +9,14 @@ from pydantic import Field, ValidationError, model_validator
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.input_file import parse_toml
+from sionna_radar.foundation.input_file import parse_toml, shown
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.loading import parse_scenario
 from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS, apply_overrides
 from sionna_radar.scenario.parts import ANTENNAS
-from sionna_radar.scenario.problems import translate
+from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable, ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
@@ -115,4 +115,12 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
 def _check_open(overrides: Mapping[str, Any], tables: tuple[str, ...], why: str) -> None:
     closed = [key for key in overrides if not any(key == table or key.startswith(f"{table}.") for table in tables)]
     if closed:
-        raise ScenarioError([Problem(key, why) for key in closed], "overrides")
+        known = [*Scenario.model_fields]
+        raise ScenarioError([_closed(key, why, known) for key in closed], "overrides")
+
+
+def _closed(key: str, why: str, known: list[str]) -> Problem:
+    table = key.split(".")[0]
+    if table not in known:
+        return Problem(shown(key)[1:-1], f"unknown key; remove it or correct its spelling.{nearest(table, known)}")
+    return Problem(shown(key)[1:-1], why)

@@ -1,5 +1,7 @@
 """Recorded beat signals made into ranges, points and a DEM again, without the scene that they come from."""
 
+import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -35,6 +37,8 @@ from sionna_radar.survey.processed import DemComparison, Processed, RangeSpectru
 from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, SignalFile, open_signals
 from sionna_radar.survey.sensors.sweeps import SweepDetector
+
+logger = logging.getLogger("sionna_radar")
 
 # Pulses, spread over the recording, whose spectra are kept as their mean and median.
 SPECTRUM_PULSES = 512
@@ -149,8 +153,7 @@ def _task(
     else:
         settings = recorded_scenario(file.scenario, overrides, source)
         sweeps = build_sweeps(settings.radar)
-        if (sweeps[0].samples, len(sweeps), sweeps[0].sampling) != (*_shape(file.sweeps), file.sweeps[0].sampling):
-            raise ScenarioError([Problem("radar", "is not that of the recorded samples; record them again")], source)
+        _check_same_radar(sweeps, file.sweeps, source)
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
     if not file.pulses.located:
@@ -172,8 +175,16 @@ def _task(
     )
 
 
-def _shape(sweeps: tuple[Chirp, ...]) -> tuple[int, int]:
-    return sweeps[0].samples, len(sweeps)
+def _check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], source: str) -> None:
+    """Refuse a recording whose scenario has another radar than its samples."""
+    if len(wanted) != len(recorded):
+        raise ScenarioError([Problem("radar.sweep", "is not that of the recorded samples; record them again")], source)
+    for name in ("carrier_hz", "bandwidth_hz", "sampling_rate_hz", "samples", "sampling", "sweep", "propagation_mps"):
+        ours, theirs = getattr(wanted[0], name), getattr(recorded[0], name)
+        same = ours == theirs if isinstance(ours, str) else math.isclose(ours, theirs, rel_tol=1e-9)
+        if not same:
+            message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"
+            raise ScenarioError([Problem("radar", message)], source)
 
 
 def _check_custom_parts(
@@ -227,7 +238,7 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         spectrum=_spectrum(task),
         chirp=sweeps.record_chirps(pulses.pulses(np.array([len(pulses) // 2])))[0],
         timing_s=watch.seconds(),
-        warnings=_warnings(found.echoes, pulses),
+        warnings=_warnings(found.echoes, comparison, pulses),
     )
 
 
@@ -317,10 +328,15 @@ def _spectrum(task: _Task) -> RangeSpectrum:
     return RangeSpectrum(range_m=analyser.range_m, mean=power.mean(axis=0), median=np.median(power, axis=0))
 
 
-def _warnings(echoes: Echoes, pulses: RecordedPulses) -> tuple[str, ...]:
+def _warnings(echoes: Echoes, comparison: DemComparison | None, pulses: RecordedPulses) -> tuple[str, ...]:
+    """Return, and log, what degrades a result."""
     warnings: tuple[str, ...] = ()
     if not pulses.located:
         warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     if len(echoes) == 0:
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)
+    elif comparison is not None and comparison.lit_error.count == 0:
+        warnings += ("no cell of the DEM is filled where the main beam reached; look at the poses",)
+    for warning in warnings:
+        logger.warning("%s", warning)
     return warnings

@@ -22,6 +22,9 @@ def test_a_recording_goes_with_the_results_and_is_processed_again(cli, tmp_path,
     assert "signals.nc" in json.loads((tmp_path / "out" / "manifest.json").read_text())["files"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "results", "seen.nc"]
     # The folder may be written again, with other recordings or none; a file beside it is the user's.
+    # A result of `process` is compared with the flight's own.
+    both = cli("compare", "out", "results/signals_processed")
+    assert both.returncode == 0, both.stderr
     refused = cli("run", "hills", *TINY, "--record", "paths=seen.nc", "-o", "out")
     assert (refused.returncode, "exists already" in refused.stderr) == (2, True)
     assert cli("run", "hills", *TINY, "-o", "out").returncode == 0
@@ -42,7 +45,9 @@ def test_what_is_recorded_is_told_by_kind_or_file(wanted, files, inside):
     assert ({kind: str(path) for kind, path in found.items()}, kinds) == (files, inside)
 
 
-@pytest.mark.parametrize("wanted", [["echoes"], ["signals="], ["echoes=a.nc"], ["signals", "a.nc"], ["signal"]])
+@pytest.mark.parametrize(
+    "wanted", [["echoes"], ["signals="], ["echoes=a.nc"], ["signals", "a.nc"], ["signal"], ["paths=x/"]]
+)
 def test_what_is_not_recorded_is_refused(wanted):
     with pytest.raises(ScenarioError, match="--record"):
         parse_records(wanted)
@@ -53,7 +58,9 @@ def test_what_is_not_recorded_is_refused(wanted):
     [
         (["process", "nothing.nc"], "does not exist"),
         (["process", "."], "is a directory"),
-        (["run", "hills", "--record-as", "int8"], "give one of float64, float32, int16"),
+        (["run", "hills", "--record", "signals", "--record-as", "int8"], "give one of float64, float32, int16"),
+        (["run", "hills", "--record", "paths", "--record-as", "int16"], "has no effect without --record signals"),
+        (["process", "nothing.nc", "--set", "processsing.cfar.guard=4"], "does not exist"),
         (["init", "nowhere/my.toml"], "cannot be written"),
     ],
 )

@@ -1,8 +1,11 @@
 """Recordings: what they hold, as xarray reads it, and what processing makes of them."""
 
 import contextlib
+import io
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -12,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from rich.console import Console
 from scipy.constants import speed_of_light
 
 from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
@@ -19,7 +23,9 @@ from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar import Antenna, taylor_cut
 from sionna_radar.report.processed.products import write_processed
+from sionna_radar.report.processed.table import processed_table
 from sionna_radar.report.survey.products import write_survey
+from sionna_radar.survey.recordings import netcdf
 
 SHORT = {"platform.length_m": 6.0}
 COARSE = {"terrain.spacing_m": 2.0}
@@ -30,6 +36,12 @@ def recorded(folder, overrides, *kinds, scene="hills", **more):
     files = {kind: folder / f"{kind}.nc" for kind in kinds or ("signals",)}
     coarse = COARSE if scene == "hills" else {}
     return run(load_scenario(scene, SHORT | coarse | overrides), recordings=files, **more), files
+
+
+def render(table):
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(table)
+    return console.export_text()
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +189,8 @@ def test_nothing_is_overwritten(tmp_path):
     with pytest.raises(OutputError, match="exists already"):
         run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "mine.nc"})
     assert (tmp_path / "mine.nc").read_text() == "mine"
+    with pytest.raises(OutputError, match="go to one file"):
+        run(load_scenario("hills", SHORT | COARSE), recordings=dict.fromkeys(("signals", "paths"), tmp_path / "a.nc"))
     with pytest.raises(OutputError, match="no folder"):
         run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "nowhere" / "a.nc"})
     with pytest.raises(ScenarioError, match="signals, paths, profiles"):
@@ -306,6 +320,9 @@ def test_poses_make_points_and_a_dem(tmp_path):
         (lambda f: f.attrs.__setitem__("propagation_mps", 9e8), "propagation_mps"),
         (lambda f: f["beat_i"].__setitem__((3, 5), np.nan), "samples of pulse 3 are no finite numbers"),
         (lambda f: f.create_dataset("time", data=np.zeros(3)), "shape"),
+        (lambda f: f.create_dataset("time", data=np.r_[0.0:10.0, 5.0:15.0]), "time of pulse 10 is not after"),
+        (lambda f: f.attrs.__setitem__("layout", 99), "has the layout 99"),
+        (lambda f: f.attrs.__setitem__("recording", "paths"), "holds paths, not beat signals"),
         (lambda f: f.create_dataset("measured_position", data=np.zeros((20, 3))), "lacks measured_velocity"),
         (lambda f: f.__setitem__("time", h5py.ExternalLink("elsewhere.nc", "time")), "no variable 'time'"),
         (lambda f: f.__setitem__("scenario", "[terrain"), "is not TOML"),
@@ -329,6 +346,53 @@ def test_samples_outside_the_file_are_not_read(tmp_path):
         file.create_dataset("beat_i", (20, SAMPLES), "f8", external=[(str(tmp_path / "raw"), 0, 20 * SAMPLES * 8)])
     with pytest.raises(InputFileError, match="not a variable with values in this file"):
         process(path, NARROW)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        (
+            "measured_position",
+            lambda v: v.__setitem__((3, 1), 4.0e6),
+            "measured_position of pulse 3 is more than 1e+06 m",
+        ),
+        ("measured_velocity", lambda v: v.__setitem__((0, 0), 1e30), "measured_velocity of pulse 0 is more than"),
+        ("measured_rotation", lambda v: v.__setitem__((5, 0, 0), 2.0), "no rotations"),
+        ("measured_position", lambda v: v.attrs.__setitem__("units", "km"), "has the unit 'km'; give it in m"),
+        ("survey", lambda v: v.attrs.__setitem__("ground_extent_m", [9.0, 0.0, 1.0, 5.0]), "describe no flight"),
+        ("radar", lambda v: v.attrs.__setitem__("bandwidth_hz", 250e6), "the scenario's bandwidth_hz is"),
+        ("beat_i", lambda v: v.attrs.__setitem__("add_offset", 1e30), "samples of pulse"),
+    ],
+)
+def test_what_does_not_fit_in_a_recording_is_named(flown, name, change, words, tmp_path):
+    path = tmp_path / "a.nc"
+    path.write_bytes(flown[1]["signals"].read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file[name])
+    with pytest.raises(RadarError, match=re.escape(words)):
+        process(path)
+
+
+def test_a_disk_that_fills_up_ends_in_one_error(tmp_path, monkeypatch):
+    """The HDF5 library crashes on a full disk, so that recording stops before."""
+    free = iter([10**12] * 40 + [10**6] * 1000)
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(netcdf.shutil, "disk_usage", lambda folder: usage._replace(free=next(free)))
+    with pytest.raises(OutputError, match="MB are free, and"):
+        run(load_scenario("hills", SHORT | COARSE), recordings={"paths": tmp_path / "a.nc"}, block_size=20)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_result_without_a_lit_cell_says_so(flown, tmp_path, caplog):
+    path = tmp_path / "a.nc"
+    path.write_bytes(flown[1]["signals"].read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["lit"][...] = 0
+    with caplog.at_level("WARNING", logger="sionna_radar"):
+        found = process(path)
+    assert "no cell of the DEM is filled" in caplog.text
+    write_processed(found, tmp_path / "out")
+    assert "nan" not in render(processed_table(found))
 
 
 @pytest.mark.parametrize("number", range(12))

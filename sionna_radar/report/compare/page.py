@@ -1,10 +1,12 @@
 """The page of a comparison, `compare.html`: maps that zoom together, profiles, and the errors of all results."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from sionna_radar.report.compare.table import ERRORS, error_rows, setting_rows
 from sionna_radar.report.folder import write_folder, write_text
@@ -62,18 +64,26 @@ def comparison_page(result: Comparison) -> str:
     return document(title, _body(result, title, notes), pack.text(numbers), ("maps.js", "chirps.js", "compare.js"))
 
 
-def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return DEM and error of each result, all on one scale, and what was left out."""
-    dems = [one.dem.height_m for one in result.results]
+def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
+    """Return the lowest and the highest of some heights, with a least difference."""
     known = np.concatenate([dem[np.isfinite(dem)] for dem in dems])
-    errors = np.concatenate([np.abs(one.error.height_m[one.error.filled]) for one in result.results])
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    low, high = (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return DEM and error of each result on one scale, heights of different ground on scales of their own.
+
+    Also returns what was left out.
+    """
+    dems = [one.dem.height_m for one in result.results]
+    errors = np.concatenate([np.abs(one.error.height_m[one.error.filled]) for one in result.results])
     limit = max(float(np.percentile(errors, 99)), 1e-3) if errors.size else 1.0
-    heights = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
     wrong = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
     maps, notes = [], []
     for one in result.results:
+        low, high = _limits(dems if result.common else [one.dem.height_m])
+        heights = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
         thin = thinned(one.dem.grid, MOST_CELLS // (2 * len(result.results)))
         for name, values, look in (("DEM", one.dem.height_m, heights), ("error", one.error.height_m, wrong)):
             placed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
@@ -146,7 +156,7 @@ def _body(result: Comparison, title: str, notes: list[str]) -> str:
     )
     rooms = "".join(markup.map_room(number) for number in range(2 * len(names)))
     zooming = "Scroll to zoom, drag to move; " + (
-        "all maps follow one another. " if result.common else "these maps have no ground in common. "
+        "all maps follow one another. " if result.common else "there is no ground that all maps show. "
     )
     profiles = (
         [

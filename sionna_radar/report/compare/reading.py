@@ -14,7 +14,9 @@ from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.studies.comparison import FlownResult
 
-REMEDY = "give a folder that `sionna-radar run` wrote"
+REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"
+# The numbers and the settings in a folder of each command.
+FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
 # Cells of the largest DEM that a survey makes; heights beyond this are damage.
 MOST_CELLS, HIGHEST_M = 25_000_000, 1e7
 ERRORS = ("lit_error", "dem_error")
@@ -32,8 +34,9 @@ def read_results(folders: Sequence[Path]) -> list[FlownResult]:
 
 def read_result(folder: Path, name: str) -> FlownResult:
     """Return the result in a folder."""
-    summary = _summary(folder / "summary.json")
-    settings = _settings(folder / "scenario.toml")
+    numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
+    summary = _summary(folder / numbers)
+    settings = _settings(folder / tables)
     crs, dem = _raster(folder / "dem.tif")
     _, error = _raster(folder / "error.tif")
     if dem.grid != error.grid:

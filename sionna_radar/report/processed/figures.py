@@ -21,6 +21,7 @@ from sionna_radar.report.maps import (
     map_size,
     show_raster,
 )
+from sionna_radar.report.terminal import number
 from sionna_radar.survey.processed import Processed
 
 # Errors beyond this quantile of |error| saturate the colours.
@@ -87,7 +88,7 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
         values = comparison.error.height_m[comparison.error.filled]
         limit = float(np.quantile(np.abs(values), SATURATED)) if len(values) else 1.0
         show_raster(axes[1], comparison.error, ERRORS, Normalize(-limit, limit))
-        title = f"Error, RMSE of lit cells {comparison.lit_error.rms_m:.3f} m"
+        title = f"Error, RMSE of lit cells {number(comparison.lit_error.rms_m, '.3f', ' m')}"
         finish_map(axes[1], bounds, title, frame)
         colour_bar(axes[1], axes[1].images[0], "DEM minus truth (m)", width, extend="both")
     return figure

@@ -13,6 +13,7 @@ from sionna_radar.report.folder import strict_json, without_nan, write_folder, w
 from sionna_radar.report.processed.figures import draw_processed
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.point_cloud import write_laz
+from sionna_radar.report.survey.points_table import write_points_csv
 from sionna_radar.report.survey.products import provenance
 from sionna_radar.report.survey.summary import crs_name, georeference, versions
 from sionna_radar.survey.processed import Processed
@@ -61,6 +62,7 @@ def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) 
     place = processed.georeference
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
+        write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
     height_m = place.origin_m[2] if place else 0.0
     rasters = {"dem": (processed.dem, "DEM height", height_m)}
     if processed.comparison is not None:

@@ -5,7 +5,7 @@ from rich.table import Table
 
 from sionna_radar.foundation.decibel import decibels
 from sionna_radar.report.survey.summary import crs_name
-from sionna_radar.report.terminal import console
+from sionna_radar.report.terminal import console, number
 from sionna_radar.survey.processed import Processed
 
 
@@ -48,6 +48,7 @@ def _mapped(processed: Processed) -> dict[str, str]:
         rows["error"] = "unknown: the recording holds no truth on this grid"
     else:
         lit = processed.comparison.lit_error
-        rows["RMSE of lit cells"] = f"{lit.rms_m:.3f} m, bias {lit.mean_m:+.3f} m, NMAD {lit.nmad_m:.3f} m"
+        numbers = number(lit.rms_m, ".3f", " m"), number(lit.mean_m, "+.3f", " m"), number(lit.nmad_m, ".3f", " m")
+        rows["RMSE of lit cells"] = "{}, bias {}, NMAD {}".format(*numbers)
         rows["coverage"] = f"{lit.coverage:.1%}"
     return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

@@ -4,6 +4,8 @@ netCDF-4 is a profile of HDF5. h5netcdf writes it without the netCDF library; xa
 it. The same content gives the same bytes: no time of writing is kept.
 """
 
+import errno
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,16 @@ from numpy.typing import DTypeLike
 
 # Of a variable whose length is known, and of one that grows, which may stay short.
 CHUNK_BYTES, GROWING_BYTES = 1_000_000, 200_000
+# What the HDF5 library may hold back until a file is closed: a cache of chunks for each variable.
+SPARE_BYTES = 40_000_000
+
+
+def check_room(folder: Path, wanted: int) -> None:
+    """Raise OSError while there is room to close a file: on a full disk the HDF5 library would crash."""
+    free, needed = shutil.disk_usage(folder).free, wanted + SPARE_BYTES
+    if free < needed:
+        message = f"{free / 1e6:.0f} MB are free, and {needed / 1e6:.0f} are needed"
+        raise OSError(errno.ENOSPC, message)
 
 
 class NetcdfFile:
@@ -30,6 +42,8 @@ class NetcdfFile:
     """
 
     def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
+        self._folder = path.parent
+        check_room(self._folder, 0)
         self._file = h5netcdf.File(path, "w", track_order=False)
         self._file.attrs["Conventions"] = "CF-1.11"
         self._file.attrs.update(attributes)
@@ -52,6 +66,7 @@ class NetcdfFile:
     ) -> None:
         """Add a variable, with its values or empty; attributes that are None are left out."""
         given = None if values is None else np.asarray(values)
+        check_room(self._folder, 0 if given is None else given.nbytes)
         wanted = np.dtype(dtype if given is None else given.dtype)
         new = self._file.create_variable(
             name, dimensions, wanted, given, chunks=self._chunks(dimensions, wanted) if dimensions else None
@@ -66,6 +81,7 @@ class NetcdfFile:
 
     def write(self, name: str, start: int, values: np.ndarray) -> None:
         """Write values along the first dimension of a variable."""
+        check_room(self._folder, values.nbytes)
         self._file.variables[name][start : start + len(values)] = values
 
     def append(self, dimension: str, columns: Mapping[str, np.ndarray]) -> None:

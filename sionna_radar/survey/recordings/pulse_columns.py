@@ -14,10 +14,10 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recordings.netcdf import NetcdfFile
+from sionna_radar.survey.recordings.signal_file import LAYOUT
 
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 POSES = ("true", "measured")
-LAYOUT = 1
 
 
 def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> NetcdfFile:
@@ -65,7 +65,6 @@ def _add_pulses(file: NetcdfFile, prepared: Prepared) -> None:
     file.dimension("pulse", count)
     file.dimension("axis", 3)
     file.dimension("antenna_axis", 3)
-    mapped = "crs" if prepared.scene.scene.georeference else None
 
     def column(name: str, kind: type = float, dimensions: tuple[str, ...] = (), **attributes: Any) -> None:
         file.variable(name, ("pulse", *dimensions), dtype=np.dtype(kind), **attributes)
@@ -82,7 +81,6 @@ def _add_pulses(file: NetcdfFile, prepared: Prepared) -> None:
             dimensions=("axis",),
             long_name=f"position of the antenna ({whose}): east, north, up of the local origin",
             units="m",
-            grid_mapping=mapped,
         )
         column(
             f"{name}_velocity",
@@ -104,15 +102,17 @@ def _add_place(file: NetcdfFile, place: Georeference | None) -> None:
     if place is None:
         return
     cells = place.cells
-    attributes = {key: value for key, value in CRS.from_wkt(place.crs_wkt).to_cf().items() if value is not None}
+    whole = CRS.from_wkt(place.crs_wkt)
+    flat = whole.sub_crs_list[0] if whole.is_compound else whole.to_2d()
+    attributes = {key: value for key, value in flat.to_cf().items() if value is not None}
     file.variable(
         "crs",
         (),
         np.int32(0),
         **attributes
         | {
-            "crs_wkt": place.crs_wkt,
             "long_name": "map coordinates are local ones plus the local origin",
+            "local_frame_wkt": place.crs_wkt,
             "local_origin_m": np.array(place.origin_m),
             "cell_corner_m": None if cells is None else np.array(cells.corner_m),
             "cell_size_m": None if cells is None else np.array(cells.size_m),

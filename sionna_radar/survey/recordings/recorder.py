@@ -68,7 +68,8 @@ def recorders(
             raise
         except OSError as error:
             names = ", ".join(str(path) for path in files.values())
-            message = f"recording {names} cannot be written ({error}); free some space or name another file"
+            reason = error.strerror or str(error)
+            message = f"recording {names} cannot be written ({reason}); free some space or name another file"
             raise OutputError(message) from error
 
 
@@ -77,7 +78,11 @@ def checked_files(wanted: Mapping[str, Path]) -> dict[str, Path]:
 
     Raises ScenarioError for an unknown kind, and OutputError for a file that exists or cannot be made.
     """
-    return {kind: _checked(kind, path) for kind, path in wanted.items()}
+    files = {kind: _checked(kind, path) for kind, path in wanted.items()}
+    if len(set(files.values())) < len(files):
+        message = f"recordings {', '.join(files)} go to one file; give each one of its own"
+        raise OutputError(message)
+    return files
 
 
 def _checked(kind: str, path: Path) -> Path:

@@ -43,7 +43,11 @@ MOST_PULSES, LEAST_SAMPLES, MOST_SAMPLES = 10_000_000, 32, 2**18
 REMEDY = "give a recording of beat signals, as `run --record signals` makes it"
 POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation": (3, 3)}
 # The square of a greater sample, summed over a sweep, might have no floating-point number.
-GREATEST = 1e100
+GREATEST = 1e15
+FARTHEST_M, FASTEST_MPS = 1e6, 1e4
+LAYOUT = 1
+UNITS = {"measured_position": "m", "measured_velocity": "m s-1", "time": "s"}
+SAME_UNITS = {"m": ("metre", "meter", "metres", "meters"), "m s-1": ("m/s",), "s": ("second", "seconds", "sec")}
 # How far a rotation matrix may be from orthonormal.
 ROUNDING = 1e-6
 
@@ -78,6 +82,7 @@ class SignalFile:
     def __init__(self, file: NetcdfInput) -> None:
         self._file = file
         self._beat = [file.variable(name) for name in ("beat_i", "beat_q") if name == "beat_i" or name in file]
+        self._check_kind()
         shape, kinds = self._beat[0].shape, {beat.dtype.kind for beat in self._beat}
         if len(shape) not in (2, 3) or not kinds <= set("fiu"):
             file.fail(f"beat_i is {self._beat[0].dtype} of the shape {shape}; it is to hold numbers, (pulse, sample)")
@@ -141,6 +146,9 @@ class SignalFile:
             self._file.fail(f"has {given[0]} and lacks {missing}; poses need all of them")
         number, beam = (self._column(name) for name in ("scan_number", "beam"))
         time_s, scan_rad = self._column("time"), self._column("scan_angle")
+        if time_s is not None and not (np.diff(time_s) > 0).all():
+            later = int(np.argmin(np.diff(time_s) > 0)) + 1
+            self._file.fail(f"time of pulse {later} is not after that of the one before; sort the pulses by time")
         return RecordedPulses(
             file=self,
             located=bool(given),
@@ -157,10 +165,11 @@ class SignalFile:
         if not kept or not self.pulses.located:
             return None
         west, south, east, north = self._vector(kept, "ground_extent_m", 4)
+        (altitude_m,), (beam_spacing_m,) = (self._vector(kept, name, 1) for name in ("altitude_m", "beam_spacing_m"))
+        if west > east or south > north or altitude_m <= 0 or beam_spacing_m <= 0:
+            self._file.fail("the attributes of survey describe no flight; record it again")
         return RecordedFlight(
-            ground_extent_m=(west, south, east, north),
-            altitude_m=self._vector(kept, "altitude_m", 1)[0],
-            beam_spacing_m=self._vector(kept, "beam_spacing_m", 1)[0],
+            ground_extent_m=(west, south, east, north), altitude_m=altitude_m, beam_spacing_m=beam_spacing_m
         )
 
     @cached_property
@@ -169,7 +178,8 @@ class SignalFile:
         kept = self._file.attributes_of("crs")
         if not kept:
             return None
-        wkt = str(kept.get("crs_wkt"))
+        # CF tools take heights by the CRS that they find; local ones count from the local origin.
+        wkt = str(kept.get("local_frame_wkt", kept.get("crs_wkt")))
         try:
             CRS.from_wkt(wkt)
         except CRSError:
@@ -215,10 +225,29 @@ class SignalFile:
             self._file.finite(self._file.rows(self._file.variable(name, (len(self), *shape)), index), name)
             for name, shape in POSE.items()
         )
+        for name, values, most, unit in (
+            ("measured_position", position_m, FARTHEST_M, "m from the local origin; put that into crs:local_origin_m"),
+            ("measured_velocity", velocity_mps, FASTEST_MPS, "m/s"),
+        ):
+            far = np.abs(values).max(axis=1) > most
+            if far.any():
+                self._file.fail(f"{name} of pulse {index[int(np.argmax(far))]} is more than {most:g} {unit}")
         turned = bool((np.abs(rotation) <= 1 + ROUNDING).all())
         if not turned or np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) > ROUNDING:
             self._file.fail("measured_rotation holds matrices that are no rotations; give orthonormal ones")
         return Pose(position_m=position_m, velocity_mps=velocity_mps, R_world_antenna=rotation)
+
+    def _check_kind(self) -> None:
+        """Refuse another kind of recording, and a layout that is not known yet."""
+        kept = self._file.attributes
+        if kept.get("recording", "signals") != "signals":
+            self._file.fail(f"holds {kept['recording']}, not beat signals; {REMEDY}")
+        if kept.get("layout", LAYOUT) != LAYOUT:
+            self._file.fail(f"has the layout {kept['layout']!r}, and this version reads {LAYOUT}; take the newer one")
+        for name, unit in UNITS.items():
+            found = self._file.attributes_of(name).get("units", unit) if name in self._file else unit
+            if found not in (unit, *SAME_UNITS.get(unit, ())):
+                self._file.fail(f"{name} has the unit {found!r}; give it in {unit}")
 
     def _radar(self) -> RecordedRadar:
         given = {**self._file.attributes, **self._file.attributes_of("radar")}

@@ -13,6 +13,7 @@ from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recording import SampleType
+from sionna_radar.survey.recordings.netcdf import check_room
 from sionna_radar.survey.recordings.pulse_columns import new_recording, write_pulses
 from sionna_radar.survey.sensors.sensor import Observation
 
@@ -35,6 +36,8 @@ class SignalRecorder:
         self._sweeps = len(prepared.receiver.sweeps)
         self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if sample_type == "int16" else {}
         self._greatest = 0.0
+        samples = len(prepared) * chirp.samples * self._sweeps * len(self._parts)
+        check_room(path.parent, samples * (4 + 2 if self._loose else np.dtype(sample_type).itemsize))
         self._add_radar()
         if not self._loose:
             self._add_samples(np.dtype(sample_type))

@@ -63,7 +63,7 @@ def test_maps_in_different_systems_have_no_profile(results):
     other = replace(results[1], crs="EPSG:32616")
     result = compare_results([results[0], other])
     assert result.common is None
-    assert "no ground in common" in comparison_page(result)
+    assert "no ground that all maps show" in comparison_page(result)
 
 
 def test_too_few_folders_are_refused(results):
