@@ -1,8 +1,9 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
+import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,7 +63,7 @@ class Done:
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys) -> Callable[..., Done]:
+def cli(monkeypatch, capsys) -> Iterator[Callable[..., Done]]:
     """The command line in this process, which has the heavy libraries loaded already."""
 
     def call(*arguments: object) -> Done:
@@ -72,7 +73,11 @@ def cli(monkeypatch, capsys) -> Callable[..., Done]:
         captured = capsys.readouterr()
         return Done(stop.value.code or 0, captured.out, captured.err)
 
-    return call
+    # `--quiet` raises the level of the program's logger; other tests begin as a new process would.
+    logger = logging.getLogger("sionna_radar")
+    before = logger.level
+    yield call
+    logger.setLevel(before)
 
 
 @pytest.fixture(scope="session")

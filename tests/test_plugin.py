@@ -117,6 +117,7 @@ def test_parameters_of_a_part_that_has_none_are_refused(cli):
     assert "dem.method_parameters: DEM method 'linear' has no parameters; remove them" in said.stderr
 
 
+@pytest.mark.study
 def test_a_broken_plugin_stops_nobody_who_does_not_need_it(tmp_path):
     info = tmp_path / "broken_plugin-0.3.dist-info"
     info.mkdir()

@@ -28,18 +28,18 @@ def show(
 ) -> None:
     """Show the world, the flight and its footprints before anything is traced, as a page in three dimensions."""
     from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.show.file import check_page_file, write_page_file
+    from sionna_radar.report.show.file import PAGE_FILE
     from sionna_radar.report.show.page import show_page
     from sionna_radar.survey.preparation import prepare
 
     session = Session.of(scenario, None, set_, set_file, None, quiet, network=network)
     name = Path(scenario).stem
-    path = check_page_file(output or Path(f"{name}_show.html"))
+    path = PAGE_FILE.check(output or Path(f"{name}_show.html"))
     checked = session.load()
     with session.reach():
         prepared = prepare(checked)
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    write_page_file(path, show_page(prepared, name, coordinates))
+    PAGE_FILE.write(path, show_page(prepared, name, coordinates))
     if not quiet:
         typer.echo(f"page in {path}")
 

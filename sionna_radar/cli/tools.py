@@ -37,14 +37,14 @@ def plan(
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
     """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
-    from sionna_radar.report.plan.file import check_plan_file, write_plan_file
+    from sionna_radar.report.plan.file import PLAN_FILE
     from sionna_radar.report.plan.table import parse_pair, print_check, print_plan
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.plan_check import check_plan
     from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
 
     log_to_stderr()
-    check_plan_file(output)
+    PLAN_FILE.check(output)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
         sampling_m=sampling,
@@ -64,7 +64,7 @@ def plan(
     scenario = planned_scenario(planned, taken)
     with progress_of(quiet=False) as progress:
         checked = check_plan(planned, scenario, progress)
-    write_plan_file(output, to_toml(scenario))
+    PLAN_FILE.write(output, to_toml(scenario))
     print_plan(planned)
     print_check(checked)
     typer.echo(f"scenario in {output}")

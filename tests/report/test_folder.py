@@ -13,7 +13,7 @@ from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report import folder
 from sionna_radar.report.folder import check_output, write_folder
 from sionna_radar.report.manifest import MANIFEST, read_manifest
-from sionna_radar.report.plan.file import check_plan_file, write_plan_file
+from sionna_radar.report.plan.file import PLAN_FILE
 
 MARKER = "summary.json"
 
@@ -305,12 +305,12 @@ def test_the_working_folder_takes_a_result(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_plan_replaces_only_a_plan_that_nobody_edited(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
-    write_plan_file(path, "seed = 1\n")
-    write_plan_file(path, "seed = 2\n")
+    PLAN_FILE.write(path, "seed = 1\n")
+    PLAN_FILE.write(path, "seed = 2\n")
     assert path.read_text().endswith("\nseed = 2\n")
     path.write_text(path.read_text() + "# mine\n")
     for name in ("plan.toml", "own.toml"):
         (tmp_path / "own.toml").write_text("seed = 3\n")
         with pytest.raises(OutputError, match="was not written by plan or was edited since"):
-            check_plan_file(tmp_path / name)
+            PLAN_FILE.check(tmp_path / name)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["own.toml", "plan.toml"]

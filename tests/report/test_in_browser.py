@@ -67,6 +67,7 @@ def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, surve
     seen(page, path)
 
 
+@pytest.mark.study
 def test_the_page_of_a_scenario_draws_its_world(browser, survey, tmp_path):
     path = tmp_path / "show.html"
     path.write_text(show_page(survey.prepared, HOSTILE))
@@ -78,6 +79,7 @@ def test_the_page_of_a_scenario_draws_its_world(browser, survey, tmp_path):
     seen(page, path)
 
 
+@pytest.mark.study
 def test_the_page_of_a_comparison_zooms_its_maps_together(browser, results, tmp_path):
     path = tmp_path / "compare.html"
     named = [replace(one, name=f"{one.name} {HOSTILE}") for one in results]

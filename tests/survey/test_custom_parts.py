@@ -150,6 +150,7 @@ for scenario, given in (
 """
 
 
+@pytest.mark.study
 def test_a_wrong_part_is_refused_by_its_name():
     done = subprocess.run([sys.executable, "-c", WRONG], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -75,6 +75,7 @@ def test_a_plane_returns_what_its_covariance_says(name, receives):
     assert 10 * np.log10(power / expected) == pytest.approx(0.0, abs=0.05)
 
 
+@pytest.mark.study
 def test_the_other_engines_return_the_same():
     scene, antenna = of_ground(GROUNDS["uneven"]), make_antenna(20.0, 20.0, "LHCP")
     pulses = make_pulses(2, incidence_deg=50.0)

@@ -3,17 +3,17 @@
 import pytest
 
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.report.show.file import check_page_file, write_page_file
+from sionna_radar.report.show.file import PAGE_FILE
 
 
 def test_a_page_is_replaced_while_it_is_ours_and_unchanged(tmp_path):
     path = tmp_path / "world.html"
-    write_page_file(path, "<!doctype html>one\n")
-    write_page_file(path, "<!doctype html>two\n")
+    PAGE_FILE.write(path, "<!doctype html>one\n")
+    PAGE_FILE.write(path, "<!doctype html>two\n")
     assert path.read_text().startswith("<!doctype html>two\n")
     path.write_text(path.read_text().replace("two", "2"))
-    with pytest.raises(OutputError, match="changed since"):
-        check_page_file(path)
+    with pytest.raises(OutputError, match="edited since"):
+        PAGE_FILE.check(path)
     assert "html>2" in path.read_text()
 
 
@@ -22,7 +22,7 @@ def test_nothing_of_the_users_is_overwritten(tmp_path, place):
     (tmp_path / "theirs.html").write_text("mine")
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match="name "):
-        write_page_file(tmp_path / place, "page")
+        PAGE_FILE.write(tmp_path / place, "page")
     assert (tmp_path / "theirs.html").read_text() == "mine"
 
 

@@ -188,6 +188,7 @@ def test_a_shower_echoes_where_the_wind_has_taken_it(pencil):
         assert power[cells].sum() == pytest.approx(expected, rel=0.08)
 
 
+@pytest.mark.study
 def test_rainy_surveys_do_not_know_their_block_size():
     target = {"position_m": [-60.0, 10.0], "rcs_dbsm": 20.0}
     scenario = load_scenario(
