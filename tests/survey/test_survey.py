@@ -48,7 +48,7 @@ def test_the_block_size_changes_no_bit(survey, block_size):
     assert (other.pulses, other.paths) == (survey.pulses, survey.paths)
 
 
-@pytest.mark.parametrize("method", ["refined", "stepped"])
+@pytest.mark.parametrize("method", ["refined", pytest.param("stepped", marks=pytest.mark.study)])
 def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_navigation(method):
     keys = {"dem__method": method, "processing__echoes": "all", "platform__length_m": 4.0, "dem__spacing_m": 2.0}
     one, other = run(scenario_of(**keys)), run(scenario_of(**keys), block_size=17)
