@@ -101,7 +101,8 @@ def merged(block: str) -> dict:
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "toml")], ids=name)
 def test_scenarios_on_a_page_are_valid(page):
     for block in blocks(page, "toml"):
-        parse_scenario(merged(block))
+        tables = merged(block)
+        assert parse_scenario(tables).terrain.kind == tables["terrain"]["kind"]
 
 
 @pytest.mark.usefixtures("forgotten")

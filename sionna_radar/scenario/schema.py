@@ -18,6 +18,7 @@ class _WithMeanings(GenerateJsonSchema):
     """Adds what the tables say of their keys, and leaves out bounds that no sensible value comes near."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
+        """Return the schema of a table with its description and those of its keys."""
         found = super().model_schema(schema)
         table = schema["cls"]
         if issubclass(table, BaseModel):
@@ -31,6 +32,7 @@ class _WithMeanings(GenerateJsonSchema):
         return found
 
     def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
+        """Return the schema of a number without the bounds of any number."""
         found = super().float_schema(schema)
         return {key: value for key, value in found.items() if key not in BOUNDS.values() or abs(value) < LARGEST}
 
