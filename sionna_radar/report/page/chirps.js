@@ -64,7 +64,7 @@ views.push(async data => {
     {type: "scatter", mode: "markers", x: one.marks.map(m => m[1]), y: one.marks.map(m => m[0]), showlegend: false,
       marker: {color: colours[i % 6], size: 8}, hovertemplate: "%{y} % within %{x:.3f} m<extra></extra>"}] : []),
     layoutOf({title: heading(series.length > 1 || !series[0].below.length ? "Share of cells within an error" :
-      `Share of cells within an error: ${title(series[0])}`), showlegend: series.length > 1, legend: {x: 1,
+      title(series[0])), showlegend: series.length > 1, legend: {x: 1,
       xanchor: "right", y: 0.05}, xaxis: axis("|DEM minus truth| (m)", {rangemode: "tozero"}),
       yaxis: axis("Share of cells (%)", {range: [0, 103]})}), config);
 });
