@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
+from sionna_radar.tracing.engines.filled_beam import FilledBeam
+
 # Boxes are taken as this much larger, for rounding.
 SLACK_M = 1e-6
 
@@ -46,7 +48,7 @@ class CellTree:
         self,
         apex_m: Float[np.ndarray, "beam 3"],
         R_world_antenna: Float[np.ndarray, "beam 3 3"],
-        reach: tuple[float, float],
+        beam: FilledBeam,
     ) -> tuple[Int[np.ndarray, " beam_edge"], Int[np.ndarray, " pair"]]:
         """Return the cells that may reach into each beam: where each beam's begin, and the cells.
 
@@ -54,26 +56,29 @@ class CellTree:
         ----------
         apex_m, R_world_antenna:
             Where the beams start, and the axes of their antennas.
-        reach:
-            Largest direction cosines along left and up inside a beam.
+        beam:
+            What is searched of them.
 
         """
         found: tuple[np.ndarray, np.ndarray] = _search(
-            self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), *reach
+            self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up
         )
         return found
 
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def _search(centre, radius, apex, axes, reach_left, reach_up):
+def _search(centre, radius, apex, axes, half_left, half_up):
     leaves = len(radius) // 2
     edges = np.zeros(len(apex) + 1, dtype=np.int64)
     out = np.empty(64 * len(apex) + 64, dtype=np.int64)
     stack = np.empty(128, dtype=np.int64)
     count = 0
     for beam in range(len(apex)):
-        R = axes[beam]
+        ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]
+        fx, fy, fz = axes[beam, 0, 0], axes[beam, 1, 0], axes[beam, 2, 0]
+        lx, ly, lz = axes[beam, 0, 1], axes[beam, 1, 1], axes[beam, 2, 1]
+        ux, uy, uz = axes[beam, 0, 2], axes[beam, 1, 2], axes[beam, 2, 2]
         depth = 1
         stack[0] = 1
         while depth > 0:
@@ -82,13 +87,13 @@ def _search(centre, radius, apex, axes, reach_left, reach_up):
             r = radius[node]
             if r < 0.0:
                 continue
-            x, y, z = (centre[node, 0] - apex[beam, 0], centre[node, 1] - apex[beam, 1], centre[node, 2] - apex[beam, 2])
-            if x * R[0, 0] + y * R[1, 0] + z * R[2, 0] < -r:
+            x, y, z = centre[node, 0] - ax, centre[node, 1] - ay, centre[node, 2] - az
+            if x * fx + y * fy + z * fz < -r:
                 continue
             far = np.sqrt(x * x + y * y + z * z) + r
-            if abs(x * R[0, 1] + y * R[1, 1] + z * R[2, 1]) > reach_left * far + r:
-                continue
-            if abs(x * R[0, 2] + y * R[1, 2] + z * R[2, 2]) > reach_up * far + r:
+            left = max(abs(x * lx + y * ly + z * lz) - r, 0.0) / half_left
+            up = max(abs(x * ux + y * uy + z * uz) - r, 0.0) / half_up
+            if left * left + up * up > far * far:
                 continue
             if node < leaves:
                 # The first child is visited first, so that cells come in their order.

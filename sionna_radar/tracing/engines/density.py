@@ -12,13 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.main_lobe import reach_of_power
+from sionna_radar.tracing.engines.filled_beam import FilledBeam
 from sionna_radar.tracing.looks import Looks
 
-# Share of the two-way power of each cut that may lie outside the part of the beam that scatterers fill.
-OUTSIDE_SHARE = 1e-3
-# Fewest scatterers in a range cell, across the beam.
+# Fewest scatterers in the range cell of the beam's axis.
 PER_RANGE_CELL = 10.0
 # Footprints are computed no closer to grazing than this cosine.
 LEAST_COSINE = 0.1
@@ -59,7 +56,7 @@ class DensityMap:
 
 
 def footprint_density(
-    looks: Looks, antennas: Sequence[Antenna], range_resolution_m: float, scatterers: int
+    looks: Looks, beams: Sequence[FilledBeam], range_resolution_m: float, scatterers: int
 ) -> DensityMap:
     """Return the density that a survey's footprints ask for.
 
@@ -67,8 +64,8 @@ def footprint_density(
     ----------
     looks:
         Beams of pulses spread over the survey.
-    antennas:
-        The antennas they look through.
+    beams:
+        What they fill of the beams of the antennas they look through.
     range_resolution_m:
         Of the sweep.
     scatterers:
@@ -78,8 +75,8 @@ def footprint_density(
     looks = looks.rows(np.isfinite(looks.range_m))
     if not len(looks.range_m):
         return DensityMap.constant(0.0)
-    reach = np.array([reach_of_power(antenna, OUTSIDE_SHARE) for antenna in antennas])[looks.beam]
-    density, radius = _needed(looks, reach, range_resolution_m, scatterers)
+    half_axes = np.array([(beam.left, beam.up) for beam in beams])[looks.beam]
+    density, radius = _needed(looks, half_axes, range_resolution_m, scatterers)
     place = looks.hit_m[:, :2]
     tree = cKDTree(place)
     spacing = 4 * float(np.median(tree.query(place, k=min(2, len(place)))[0].reshape(len(place), -1)[:, -1]))
@@ -107,13 +104,14 @@ def footprint_density(
 
 
 def _needed(
-    looks: Looks, reach: Float[np.ndarray, "look 2"], range_resolution_m: float, scatterers: int
+    looks: Looks, half_axes: Float[np.ndarray, "look 2"], range_resolution_m: float, scatterers: int
 ) -> tuple[Float[np.ndarray, " look"], Float[np.ndarray, " look"]]:
     """Return the density that each look asks for on level ground, and the radius of its footprint."""
     down = np.maximum(np.abs(looks.R_world_antenna[:, 2, 0]), LEAST_COSINE)
-    area = np.minimum(4 * np.prod(reach, axis=1), 2 * np.pi) * looks.range_m**2 / down
+    area = np.minimum(np.pi * np.prod(half_axes, axis=1), 2 * np.pi) * looks.range_m**2 / down
     # Along a direction e across the axis k the range of level ground grows by r (e.n) / (k.n) per radian.
     growth = np.abs(looks.R_world_antenna[:, 2, 1:]) / down[:, None]
-    span = looks.range_m * (2 * np.sum(reach * growth, axis=1) + np.sum(reach**2, axis=1) / 2)
-    wanted = np.maximum(scatterers, PER_RANGE_CELL * span / range_resolution_m)
-    return wanted / area, looks.range_m * reach.max(axis=1) / down
+    span = looks.range_m * (2 * np.linalg.norm(half_axes * growth, axis=1) + half_axes.max(axis=1) ** 2 / 2)
+    # An ellipse is 4 / pi times as wide across its middle as in the mean.
+    in_cells = PER_RANGE_CELL * np.pi / 4 * span / range_resolution_m
+    return np.maximum(scatterers, in_cells) / area, looks.range_m * half_axes.max(axis=1) / down

@@ -2,6 +2,7 @@
 
 from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
 from sionna_radar.tracing.engines.density import DensityMap, footprint_density
+from sionna_radar.tracing.engines.filled_beam import filled_beam
 
 
 @register_engine("sionna")
@@ -28,8 +29,8 @@ def sionna_engine(given: EngineInputs) -> Engine:
 
 
 def _density(given: EngineInputs, scatterers: int) -> DensityMap:
-    antennas = given.beams or (given.antenna,)
-    return footprint_density(given.looks, antennas, given.chirp.range_resolution_m, scatterers)
+    beams = [filled_beam(antenna) for antenna in given.beams or (given.antenna,)]
+    return footprint_density(given.looks, beams, given.chirp.range_resolution_m, scatterers)
 
 
 @register_engine("gamma")

@@ -9,12 +9,11 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats.qmc import Halton
 
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
-from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.two_way_grid import TwoWayGrid
+from sionna_radar.tracing.engines.filled_beam import FilledBeam, power_grid
 
 FOLLOWING = 0.5
-# Edges of either kind along each cut of a separable antenna.
-EDGES = 200
 
 
 class OuterRays:
@@ -24,8 +23,8 @@ class OuterRays:
     ----------
     antenna:
         Whose power they follow.
-    reach:
-        Direction cosines to the left and up of the part of the beam to be left out.
+    filled:
+        The part of the beam to be left out.
     rays:
         How many a pulse.
     seed:
@@ -33,9 +32,9 @@ class OuterRays:
 
     """
 
-    def __init__(self, antenna: Antenna, reach: tuple[float, float], rays: int, seed: int) -> None:
-        self._grid = _cuts(antenna) if antenna.separable else antenna.two_way
-        self._power = np.where(_within(self._grid, reach), 0.0, self._grid.power_sr)
+    def __init__(self, antenna: Antenna, filled: FilledBeam, rays: int, seed: int) -> None:
+        self._grid = power_grid(antenna)
+        self._power = np.where(_within(self._grid, filled), 0.0, self._grid.power_sr)
         self._power /= max(self._power.sum(), 1e-300)
         self._below = np.cumsum(self._power.ravel())
         self._ahead = antenna.separable
@@ -88,33 +87,10 @@ class OuterRays:
         return np.where(whole, self._share * following + (1 - self._share) * anywhere, 0.0)
 
 
-def _cuts(antenna: Antenna) -> TwoWayGrid:
-    """Return the two-way power of a separable antenna on cells between the quantiles of its cuts."""
-    (left, across), (up, along) = (_cells(cut) for cut in (antenna.azimuth, antenna.elevation))
-    middle = ((left[1:] + left[:-1]) / 2) ** 2 + (((up[1:] + up[:-1]) / 2) ** 2)[:, None]
-    # G^2 dOmega = A^4 E^4 cos^2 du dv / cos.
-    power = np.outer(along, across) * np.sqrt(np.maximum(1 - middle, 0.0))
-    return TwoWayGrid(left=left, up=up, power_sr=power, R_face_antenna=np.eye(3))
-
-
-def _cells(cut: Cut) -> tuple[Float[np.ndarray, " edge"], Float[np.ndarray, " cell"]]:
-    below, cosine = cut.two_way_distribution, cut.cosine
-    rising = np.concatenate([[True], np.diff(below) > 0])
-    shares = np.interp(np.linspace(0, 1, EDGES + 1)[1:-1], below[rising], cosine[rising])
-    edges = np.unique(np.concatenate([shares, np.linspace(-1.0, 1.0, EDGES + 1)]))
-    return edges, np.diff(np.interp(edges, cosine, below))
-
-
-def _within(grid: TwoWayGrid, reach: tuple[float, float]) -> Bool[np.ndarray, "row column"]:
+def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row column"]:
     """Return which cells lie wholly in the part of the beam that is left out."""
     u, v = np.meshgrid(grid.left, grid.up)
     face = np.stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v], axis=-1)
-    inside = in_reach(face.reshape(-1, 3) @ grid.R_face_antenna, reach).reshape(u.shape)
+    inside = filled.holds(face.reshape(-1, 3) @ grid.R_face_antenna).reshape(u.shape)
     return inside[1:, 1:] & inside[1:, :-1] & inside[:-1, 1:] & inside[:-1, :-1]
 
-
-def in_reach(direction: Float[np.ndarray, "n 3"], reach: tuple[float, float]) -> Bool[np.ndarray, " n"]:
-    """Return which unit vectors in the antenna's frame lie in the part of a beam within some direction cosines."""
-    ahead, left, up = direction.T
-    inside: Bool[np.ndarray, " n"] = (ahead > 0) & (np.abs(left) <= reach[0]) & (np.abs(up) <= reach[1])
-    return inside

@@ -5,16 +5,20 @@ the same surface. They are drawn cell by cell of space when a beam first reaches
 the place of the cell alone: which pulses were traced before, and in which blocks, changes nothing.
 """
 
+from dataclasses import dataclass, fields
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 from numba import njit
 
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.engines.cell_tree import CellTree
 from sionna_radar.tracing.engines.density import DensityMap
+from sionna_radar.tracing.engines.filled_beam import FilledBeam
+from sionna_radar.tracing.engines.sightings import Sightings
 from sionna_radar.tracing.engines.surface_cells import cells_of, density_at, piece_of
 
 # Scatterers kept for later pulses; those of one block may be more.
@@ -25,40 +29,49 @@ ADDITIVE_STEP = (0.7548776662466927, 0.5698402909980532)
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 FIRST_MIX, SECOND_MIX = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
-# One row of what is kept of every scatterer.
-ROW = np.dtype(
-    [
-        ("position_m", np.float64, 3),
-        ("normal", np.float32, 3),
-        ("area_m2", np.float32),
-        ("reflectivity", np.complex64),
-        ("wander", np.float32),
-        ("face", np.int32),
-        ("surface", np.int32),
-    ],
-    align=True,
-)
-# One row of what a pulse sees of a scatterer.
-SEEN = np.dtype(
-    [
-        ("row", np.uint32),
-        ("which", np.int32),
-        ("range_m", np.float64),
-        ("range_rate_mps", np.float32),
-        ("cosine", np.float32),
-        ("solid_angle_sr", np.float32),
-    ],
-    align=True,
-)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points(Columns):
+    """Scatterers.
+
+    normal: unit normal of its triangle.
+    area_m2: area that each represents.
+    reflectivity: complex normal numbers of mean power one; the sum of any of them is exactly Gaussian, so that
+        speckle is fully developed however few share a range cell.
+    wander: numbers of the two-sided exponential distribution of mean size one, for surfaces that move.
+    surface, face: where each lies: the surface in the scene, and the triangle in the surface.
+    """
+
+    position_m: Float[np.ndarray, "point 3"]
+    normal: Float[np.ndarray, "point 3"]
+    area_m2: Float[np.ndarray, " point"]
+    reflectivity: Complex[np.ndarray, " point"]
+    wander: Float[np.ndarray, " point"]
+    surface: Int[np.ndarray, " point"]
+    face: Int[np.ndarray, " point"]
+
+    @staticmethod
+    def room_for(count: int) -> "Points":
+        """Return a table to be written into."""
+        return Points(
+            position_m=np.empty((count, 3)),
+            normal=np.empty((count, 3), dtype=np.float32),
+            area_m2=np.empty(count, dtype=np.float32),
+            reflectivity=np.empty(count, dtype=np.complex64),
+            wander=np.empty(count, dtype=np.float32),
+            surface=np.empty(count, dtype=np.int32),
+            face=np.empty(count, dtype=np.int32),
+        )
+
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """All columns, for compiled code."""
+        return tuple(getattr(self, f.name) for f in fields(self))
 
 
 class Scatterers:
     """The scatterers of a scene, drawn where beams need them.
-
-    Of each there are: position and unit normal; the area that it represents; reflectivity, a complex normal number of
-    mean power one, so that the sum of any of them is exactly Gaussian and speckle is fully developed however few share
-    a range cell; wander, a number of the two-sided exponential distribution of mean size one, for surfaces that move;
-    its triangle in its surface, and the surface.
 
     Parameters
     ----------
@@ -84,38 +97,43 @@ class Scatterers:
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
         self._at = np.full(len(self.cells), -1, dtype=np.int64)
-        self.kept = np.empty(0, dtype=ROW)
+        self._points = Points.room_for(0)
         self._used = 0
 
-    def in_beams(self, pose: Pose, reach: tuple[float, float]) -> np.ndarray:
-        """Return a table, of rows `SEEN`, of what lies inside beams, sorted by beam; occlusion is ignored.
+    def in_beams(
+        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, first: Sightings
+    ) -> tuple[Sightings, Int[np.ndarray, " beam_edge"]]:
+        """Return what lies inside beams, beam by beam, behind other sightings, and where each beam's begin.
 
-        `kept` holds the scatterers until the next call.
+        Occlusion is ignored.
 
         Parameters
         ----------
-        pose:
-            Of the antennas; a beam's number is its row.
-        reach:
-            Largest direction cosines along left and up inside a beam.
+        pulses:
+            The pulses; beams start at their true positions.
+        beam:
+            What scatterers fill of the antenna's.
+        wander_hz:
+            Mean size of the scatterers' Doppler shifts.
+        first:
+            What the table begins with.
 
         """
-        axes = np.ascontiguousarray(pose.R_world_antenna)
-        edges, cell = self._tree.in_beams(pose.position_m, axes, reach)
+        pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
+        edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
         self._draw(np.unique(cell))
-        most = int(self._count[cell].sum())
-        out = np.empty(most, dtype=SEEN)
-        count = _inside(
-            edges, cell, self._at, self._count, self.kept, pose.position_m, pose.velocity_mps, axes, *reach, out
-        )
-        return out[:count]
+        begin = len(first)
+        out = Sightings.room_for(begin + int(self._count[cell].sum())).begun_with(first)
+        beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
+        ends = _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, begin)
+        return out.cut(int(ends[-1])), ends
 
-    def all(self) -> np.ndarray:
-        """Return a table, of rows `ROW`, of all scatterers, surface by surface."""
+    def all(self) -> Points:
+        """Return all scatterers, surface by surface."""
         self._draw(np.arange(len(self.cells)))
-        rows = np.concatenate([np.arange(a, a + n) for a, n in zip(self._at, self._count, strict=True)] or [[]])
-        table = self.kept[rows.astype(np.int64)]
-        return table[np.argsort(table["surface"], kind="stable")]
+        ranges = [np.arange(at, at + count) for at, count in zip(self._at, self._count, strict=True)]
+        table = self._points.rows(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
+        return table.rows(np.argsort(table.surface, kind="stable"))
 
     def __len__(self) -> int:
         return int(self._count.sum())
@@ -123,19 +141,21 @@ class Scatterers:
     def _draw(self, cell: Int[np.ndarray, " cell"]) -> None:
         """Draw the scatterers of cells that do not have theirs yet."""
         new = cell[self._at[cell] < 0]
-        if self._used + int(self._count[new].sum()) > max(KEPT, len(self.kept)):
+        if self._used + int(self._count[new].sum()) > max(KEPT, len(self._points)):
             self._at[:] = -1
             self._used, new = 0, cell
         needed = self._used + int(self._count[new].sum())
-        if needed > len(self.kept):
-            grown = np.empty(max(needed, 2 * len(self.kept)), dtype=ROW)
-            grown[: self._used] = self.kept[: self._used]
-            self.kept = grown
+        if needed > len(self._points):
+            grown = Points.room_for(max(needed, min(2 * len(self._points), KEPT)))
+            for field in fields(Points):
+                getattr(grown, field.name)[: self._used] = getattr(self._points, field.name)[: self._used]
+            self._points = grown
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
         grid = (self.density.west_m, self.density.south_m, self.density.step_m, self.density.per_m2)
         pieces = (self.cells.first, self.cells.face, self.cells.parts, self.cells.part, self.cells.surface)
-        _fill(new, self._at, self._count, self._state, *pieces, self._corner, self._first_face, *grid, self.kept)
+        meshes = (self._corner, self._first_face)
+        _fill(new, self._at, self._count, self._state, *pieces, *meshes, *grid, self._points.columns)
         self._used = needed
 
 
@@ -182,13 +202,14 @@ def _counts(state, expected):
 @njit(cache=True, nogil=True)
 @no_type_check
 def _fill(
-    chosen, at, counts, states, first, face, parts, part, surface, corners, first_face, west, south, step, per_m2, kept
+    chosen, at, counts, states, first, face, parts, part, surface, corners, first_face, west, south, step, per_m2, columns
 ):
     """Draw the scatterers of some cells.
 
     They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
     additive sequence (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
     """
+    position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
     piece = np.empty((3, 3))
     for cell in chosen:
         count, state = counts[cell], states[cell]
@@ -220,19 +241,19 @@ def _fill(
             v = (start_v + number * ADDITIVE_STEP[1]) % 1.0
             root = np.sqrt(u)
             a, b, c = 1.0 - root, root * (1.0 - v), root * v
-            row = kept[at[cell] + number]
+            row = at[cell] + number
             for axis in range(3):
-                row.position_m[axis] = a * piece[0, axis] + b * piece[1, axis] + c * piece[2, axis]
-            row.normal[0], row.normal[1], row.normal[2] = normal_x / size, normal_y / size, normal_z / size
-            row.area_m2 = 1.0 / n
+                position[row, axis] = a * piece[0, axis] + b * piece[1, axis] + c * piece[2, axis]
+            normal[row, 0], normal[row, 1], normal[row, 2] = normal_x / size, normal_y / size, normal_z / size
+            area_m2[row] = 1.0 / n
             # Box and Muller: both parts of a complex normal number of mean power one.
             radius = np.sqrt(-np.log(_unit(state, stream + 1)))
             turn = 2.0 * np.pi * _unit(state, stream + 2)
-            row.reflectivity = complex(radius * np.cos(turn), radius * np.sin(turn))
+            reflectivity[row] = complex(radius * np.cos(turn), radius * np.sin(turn))
             sign = 1.0 if _unit(state, stream + 3) < 0.5 else -1.0
-            row.wander = -sign * np.log(_unit(state, stream + 4))
-            row.face = face[p] - first_face[surface[cell]]
-            row.surface = surface[cell]
+            wander[row] = -sign * np.log(_unit(state, stream + 4))
+            own_face[row] = face[p] - first_face[surface[cell]]
+            own_surface[row] = surface[cell]
 
 
 @njit(cache=True, nogil=True)
@@ -251,32 +272,45 @@ def _expected(p, face, parts, part, corners, west, south, step, per_m2, piece):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def _inside(edges, cells, at, counts, kept, apex, velocity, axes, reach_left, reach_up, out):
-    """Write what lies inside beams, beam by beam, and return how much that is."""
-    count = 0
+def _inside(
+    edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, begin
+):
+    """Write what lies inside beams, beam by beam, and return where each beam's begin and the last one's end."""
+    position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
+    row, hit, range_m, rate, cosine, solid_angle, surface, face, factor = columns
+    ends = np.empty(len(apex) + 1, dtype=np.int64)
+    ends[0] = n = begin
+    per_left, per_up = 1.0 / half_left, 1.0 / half_up
     for beam in range(len(apex)):
-        px, py, pz = apex[beam, 0], apex[beam, 1], apex[beam, 2]
-        R = axes[beam]
+        ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]
+        vx, vy, vz = velocity[beam, 0], velocity[beam, 1], velocity[beam, 2]
+        fx, fy, fz = axes[beam, 0, 0], axes[beam, 1, 0], axes[beam, 2, 0]
+        lx, ly, lz = axes[beam, 0, 1], axes[beam, 1, 1], axes[beam, 2, 1]
+        ux, uy, uz = axes[beam, 0, 2], axes[beam, 1, 2], axes[beam, 2, 2]
         for pair in range(edges[beam], edges[beam + 1]):
             cell = cells[pair]
-            for which in range(at[cell], at[cell] + counts[cell]):
-                place = kept[which].position_m
-                x, y, z = place[0] - px, place[1] - py, place[2] - pz
-                if x * R[0, 0] + y * R[1, 0] + z * R[2, 0] <= 0.0:
+            for i in range(at[cell], at[cell] + counts[cell]):
+                x, y, z = position[i, 0] - ax, position[i, 1] - ay, position[i, 2] - az
+                if x * fx + y * fy + z * fz <= 0.0:
+                    continue
+                left = (x * lx + y * ly + z * lz) * per_left
+                up = (x * ux + y * uy + z * uz) * per_up
+                if left * left + up * up > x * x + y * y + z * z:
                     continue
                 distance = np.sqrt(x * x + y * y + z * z)
-                if abs(x * R[0, 1] + y * R[1, 1] + z * R[2, 1]) > reach_left * distance:
-                    continue
-                if abs(x * R[0, 2] + y * R[1, 2] + z * R[2, 2]) > reach_up * distance:
-                    continue
-                normal = kept[which].normal
-                cosine = min(abs(x * normal[0] + y * normal[1] + z * normal[2]) / distance, 1.0)
-                row = out[count]
-                row.row, row.which, row.range_m = beam, which, distance
-                row.range_rate_mps = (
-                    -(x * velocity[beam, 0] + y * velocity[beam, 1] + z * velocity[beam, 2]) / distance
-                )
-                row.cosine = cosine
-                row.solid_angle_sr = kept[which].area_m2 * cosine / (distance * distance)
-                count += 1
-    return count
+                cos = min(abs(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2]) / distance, 1.0)
+                row[n] = beam
+                hit[0, n], hit[1, n], hit[2, n] = position[i, 0], position[i, 1], position[i, 2]
+                range_m[n] = distance
+                rate[n] = -(x * vx + y * vy + z * vz) / distance
+                cosine[n] = cos
+                solid_angle[n] = area_m2[i] * cos / (distance * distance)
+                surface[n], face[n] = own_surface[i], own_face[i]
+                if wander_hz == 0.0:
+                    factor[n] = reflectivity[i]
+                else:
+                    turn = 2.0 * np.pi * ((wander[i] * wander_hz * time_s[beam]) % 1.0)
+                    factor[n] = reflectivity[i] * complex(np.cos(turn), np.sin(turn))
+                n += 1
+        ends[beam + 1] = n
+    return ends
