@@ -23,11 +23,11 @@ class TracingTable(Table):
     speckle: persistent keeps scatterers on the surface, so that phase and speckle from chirp to chirp are those of a
         real scene; per_pulse draws new ones each pulse, as over a surface that moves between chirps. persistent, but
         for engines without it: path_solver draws new paths each pulse.
-    scatterers_per_m2: density of persistent scatterers of engine sionna; without it the beam's footprint decides, so that
-        a pulse sees some `paths_per_pulse`, and ten in a range cell.
-    decorrelation_time_s: after which a surface that moves, like grass in the wind, has lost so much of its phase that the
-        correlation of its echo's field with itself has fallen to 1/e; without it the surface stands still. It needs
-        persistent speckle.
+    scatterers_per_m2: density of persistent scatterers of engine sionna; without it the beam's footprint decides, so
+        that a pulse sees some `paths_per_pulse`, and ten in a range cell.
+    decorrelation_time_s: after which a surface that moves, like grass in the wind, has lost so much of its phase that
+        the correlation of its echo's field with itself has fallen to 1/e; without it the surface stands still. It
+        needs persistent speckle.
     paths_per_pulse: rays inside the beam of a pulse, or scatterers.
     side_lobe_share: share of them that look for side lobes.
     """

@@ -1,8 +1,8 @@
 """How scatterers of a surface that moves lose their phase, like those of grass in the wind.
 
-Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the spectra
-of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter", ch. 6). The shifts turn phases and do not
-move the scatterers, which stay where they are in the mean.
+Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the
+spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter", ch. 6). The shifts turn phases
+and do not move the scatterers, which stay where they are in the mean.
 """
 
 import math

@@ -49,6 +49,11 @@ class DensityMap:
         return found
 
     @property
+    def columns(self) -> tuple[float, float, float, np.ndarray]:
+        """All of it, for compiled code."""
+        return self.west_m, self.south_m, self.step_m, self.per_m2
+
+    @property
     def typical_per_m2(self) -> float:
         """Median of the densities; zero without any."""
         some = self.per_m2[self.per_m2 > 0]

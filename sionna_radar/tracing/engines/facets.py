@@ -52,7 +52,7 @@ MOST_PARTS = 4
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
 # Draws a facet's Doppler shift apart from its phases, whose steps are the numbers of pulses.
-WANDER_STEP = np.uint64(2**63)
+WANDER_STEP = np.array([2**63], dtype=np.uint64)
 # Of one pulse: a gigabyte.
 MOST_FACETS = 5_000_000
 

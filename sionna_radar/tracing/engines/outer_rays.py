@@ -93,4 +93,3 @@ def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row colum
     face = np.stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v], axis=-1)
     inside = filled.holds(face.reshape(-1, 3) @ grid.R_face_antenna).reshape(u.shape)
     return inside[1:, 1:] & inside[1:, :-1] & inside[:-1, 1:] & inside[:-1, :-1]
-

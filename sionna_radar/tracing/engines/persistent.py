@@ -132,7 +132,7 @@ class PersistentEngine:
     def _fields(
         self, pulses: Pulses, seen: Sightings, found: int
     ) -> tuple[Complex[np.ndarray, " place"], Bool[np.ndarray, " place"]]:
-        """Return the field from each place for a factor of one, and whether it is visible; the first are known to be."""
+        """Return the field from each place for a factor of one, and whether it is visible; that many first ones are."""
         apex, row = _points(pulses.true.position_m.T), mi.UInt32(seen.row)
         position = _points(seen.hit_m)
         origin = dr.gather(mi.Point3f, apex, row)

@@ -1,8 +1,8 @@
 """Scatterers fixed to the surface, so that the phase from chirp to chirp is that of a real scene.
 
-Their density follows the place (see `density`), decided before the flight, so that all pulses see scatterers of one and
-the same surface. They are drawn cell by cell of space when a beam first reaches the cell, from the seed, the surface and
-the place of the cell alone: which pulses were traced before, and in which blocks, changes nothing.
+Their density follows the place (see `density`), decided before the flight, so that all pulses see scatterers of one
+and the same surface. They are drawn cell by cell of space when a beam first reaches the cell, from the seed, the
+surface and the place of the cell alone: which pulses were traced before, and in which blocks, changes nothing.
 """
 
 from dataclasses import dataclass, fields
@@ -28,7 +28,6 @@ ADDITIVE_STEP = (0.7548776662466927, 0.5698402909980532)
 # SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 FIRST_MIX, SECOND_MIX = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,10 +151,9 @@ class Scatterers:
             self._points = grown
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
-        grid = (self.density.west_m, self.density.south_m, self.density.step_m, self.density.per_m2)
         pieces = (self.cells.first, self.cells.face, self.cells.parts, self.cells.part, self.cells.surface)
-        meshes = (self._corner, self._first_face)
-        _fill(new, self._at, self._count, self._state, *pieces, *meshes, *grid, self._points.columns)
+        meshes, density = (self._corner, self._first_face), self.density.columns
+        _fill(new, self._at, self._count, self._state, pieces, *meshes, density, self._points.columns)
         self._used = needed
 
 
@@ -201,14 +199,13 @@ def _counts(state, expected):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def _fill(
-    chosen, at, counts, states, first, face, parts, part, surface, corners, first_face, west, south, step, per_m2, columns
-):
+def _fill(chosen, at, counts, states, pieces, corners, first_face, density, columns):
     """Draw the scatterers of some cells.
 
     They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
     additive sequence (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
     """
+    first, face, parts, part, surface = pieces
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
     piece = np.empty((3, 3))
     for cell in chosen:
@@ -217,7 +214,7 @@ def _fill(
             continue
         total = 0.0
         for p in range(first[cell], first[cell + 1]):
-            total += _expected(p, face, parts, part, corners, west, south, step, per_m2, piece)[0]
+            total += _expected(p, face, parts, part, corners, density, piece)[0]
         start_u, start_v = _unit(state, 1), _unit(state, 2)
         p, below, n, done = first[cell] - 1, 0.0, 0.0, 0.0
         for number in range(count):
@@ -226,16 +223,16 @@ def _fill(
             while p < first[cell] or (below + done < target and p < first[cell + 1] - 1):
                 p += 1
                 below += done
-                done, n = _expected(p, face, parts, part, corners, west, south, step, per_m2, piece)
-                normal_x = (piece[1, 1] - piece[0, 1]) * (piece[2, 2] - piece[0, 2]) - (
-                    piece[1, 2] - piece[0, 2]
-                ) * (piece[2, 1] - piece[0, 1])
-                normal_y = (piece[1, 2] - piece[0, 2]) * (piece[2, 0] - piece[0, 0]) - (
-                    piece[1, 0] - piece[0, 0]
-                ) * (piece[2, 2] - piece[0, 2])
-                normal_z = (piece[1, 0] - piece[0, 0]) * (piece[2, 1] - piece[0, 1]) - (
-                    piece[1, 1] - piece[0, 1]
-                ) * (piece[2, 0] - piece[0, 0])
+                done, n = _expected(p, face, parts, part, corners, density, piece)
+                normal_x = (piece[1, 1] - piece[0, 1]) * (piece[2, 2] - piece[0, 2]) - (piece[1, 2] - piece[0, 2]) * (
+                    piece[2, 1] - piece[0, 1]
+                )
+                normal_y = (piece[1, 2] - piece[0, 2]) * (piece[2, 0] - piece[0, 0]) - (piece[1, 0] - piece[0, 0]) * (
+                    piece[2, 2] - piece[0, 2]
+                )
+                normal_z = (piece[1, 0] - piece[0, 0]) * (piece[2, 1] - piece[0, 1]) - (piece[1, 1] - piece[0, 1]) * (
+                    piece[2, 0] - piece[0, 0]
+                )
                 size = np.sqrt(normal_x**2 + normal_y**2 + normal_z**2)
             u = (start_u + number * ADDITIVE_STEP[0]) % 1.0
             v = (start_v + number * ADDITIVE_STEP[1]) % 1.0
@@ -258,7 +255,7 @@ def _fill(
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def _expected(p, face, parts, part, corners, west, south, step, per_m2, piece):
+def _expected(p, face, parts, part, corners, density, piece):
     """Write the corners of a piece, and return its expected number of scatterers and their density."""
     piece_of(corners[face[p]], parts[p], part[p], piece)
     ux, uy, uz = (piece[1, 0] - piece[0, 0], piece[1, 1] - piece[0, 1], piece[1, 2] - piece[0, 2])
@@ -266,7 +263,7 @@ def _expected(p, face, parts, part, corners, west, south, step, per_m2, piece):
     area = 0.5 * np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
     x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
     y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
-    n = density_at(x, y, west, south, step, per_m2)
+    n = density_at(x, y, density)
     return n * area, n
 
 

@@ -79,10 +79,9 @@ def cells_of(
 
     """
     box = np.array([[-np.inf] * 3, [np.inf] * 3]) if region_m is None else np.asarray(region_m, dtype=np.float64)
-    grid = (density.west_m, density.south_m, density.step_m, density.per_m2)
     side = cell_side_m(density.typical_per_m2)
     while True:
-        found = _pieces(corner_m, box, *grid, side, LONGEST_SIDE * side, MOST_PARTS, MOST_PIECES)
+        found = _pieces(corner_m, box, density.columns, side, LONGEST_SIDE * side, MOST_PARTS, MOST_PIECES)
         if len(found[0]) < MOST_PIECES:
             break
         side *= 2
@@ -173,8 +172,9 @@ def _area(corner):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def density_at(x, y, west, south, step, per_m2):
+def density_at(x, y, density):
     """Return the density of a `DensityMap` at a place of the plan."""
+    west, south, step, per_m2 = density
     column = min(max(int(np.floor((x - west) / step)), 0), per_m2.shape[1] - 1)
     row = min(max(int(np.floor((y - south) / step)), 0), per_m2.shape[0] - 1)
     return per_m2[row, column]
@@ -182,7 +182,7 @@ def density_at(x, y, west, south, step, per_m2):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def _pieces(corner_m, box, west, south, step, per_m2, side, longest, most_parts, most):
+def _pieces(corner_m, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
     capacity = max(1024, len(corner_m) // 2)
     face = np.empty(capacity, dtype=np.int64)
@@ -214,7 +214,7 @@ def _pieces(corner_m, box, west, south, step, per_m2, side, longest, most_parts,
             x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
             y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
             z = (piece[0, 2] + piece[1, 2] + piece[2, 2]) / 3
-            n = density_at(x, y, west, south, step, per_m2)
+            n = density_at(x, y, density)
             if n <= 0.0:
                 continue
             area = _area(piece)
