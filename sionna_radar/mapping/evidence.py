@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Float32
 
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model import Sightings, echo_level
+from sionna_radar.mapping.echo_model import Sightings
 
 # A step of reflectivity: 6 dB, in nepers of power.
 STEP = float(np.log(4.0))
@@ -95,8 +95,9 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings) -> _Reflectivities:
     profiles = sightings.profiles
+    from sionna_radar.mapping.echo_kernels import echo_level
     level = np.array(
-        [echo_level(profiles.values(i), float(profiles.noise[i]), profiles.background(i)) for i in range(len(profiles))]
+        [echo_level(profiles.values(i), float(profiles.noise[i]), profiles.background(i)-profiles.noise[i]+np.zeros(len(profiles.values(i)))) for i in range(len(profiles))]
     )
     level = level[level > 0]
     if len(level) == 0:

@@ -22,7 +22,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
+from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Sightings
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
 
 TILE_M = 160.0
@@ -134,25 +134,19 @@ def evenly(echoes: MeanRanges) -> MeanRanges:
 def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> Smoothed:
     """Return the surface after one step of Fisher scoring."""
     model, white = fitted.model, fitted.white
-    linear = EchoModel(sightings, fitted.surface).linearise(noise_factor)
+    linear = EchoModel(sightings, fitted.surface).linearise(
+        np.full(len(sightings), sightings.looks_per_cell / noise_factor)
+    )
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
     transposed = weights.T.tocsr()
 
     def curved(step: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
         under = (weights @ model.coloured(step)).reshape(linear.score.shape)
-        return step + model.coloured(transposed @ _curvature(linear, under).ravel())
+        return step + model.coloured(transposed @ linear.curvature(under).ravel())
 
     right = model.coloured(transposed @ linear.score.ravel()) - white
     step = conjugate_gradients(curved, right, MOST_ITERATIONS, 1e-6)
     return Smoothed(model, white + step, fitted.noise_factor)
-
-
-def _curvature(linear: Linearised, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
-    result = np.zeros_like(heights)
-    single = heights.astype(np.float32)
-    for pulse, factor in enumerate(linear.factor):
-        result[pulse] = factor.T @ (factor @ single[pulse])
-    return result
 
 
 def _bias(
