@@ -103,7 +103,5 @@ def first_hits(height, west, south, spacing, origin, direction, reach, steepest,
     """Return the ranges at which rays first meet the surface: (ray, 3) and (ray, 3) to (ray)."""
     hit = np.empty(len(origin))
     for ray in range(len(origin)):
-        hit[ray] = first_hit(
-            height, west, south, spacing, origin[ray], direction[ray], reach, steepest, highest
-        )
+        hit[ray] = first_hit(height, west, south, spacing, origin[ray], direction[ray], reach, steepest, highest)
     return hit

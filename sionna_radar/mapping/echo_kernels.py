@@ -10,11 +10,10 @@ import numpy as np
 
 from sionna_radar.elevation.ray_march import first_hit, slope_at
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.mapping.profile_kernels import echo_level
 
 # One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
 HIGHEST_RATIO = 8.0
-# One cell of pure noise in 10^13 exceeds this many means.
-OUT_OF_NOISE = 30.0
 # Level, relative to the echo's, at which the weight of a cell is a quarter.
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
@@ -28,13 +27,20 @@ FEWEST_CELLS = 2
 
 @compiled
 @no_type_check
-def meet(height, west, south, spacing, steepest, highest, position, direction, reach, range_m, place, per_height):
-    """Cast the nodes of every pulse on a surface; write range, place, and change of range with the height there."""
+def meet(
+    height, west, south, spacing, steepest, highest, position, direction, wanted, reach, range_m, place, per_height
+):
+    """Cast the nodes of every pulse on a surface; write range, place, and change of range with the height there.
+
+    wanted: whether a node is; the others count as meeting nothing.
+    """
     for pulse in range(len(position)):
         origin = position[pulse]
         for node in range(direction.shape[1]):
             ray = direction[pulse, node]
-            hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
+            hit = np.nan
+            if wanted[node]:
+                hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
             there = 0.0 if np.isnan(hit) else hit
             place[pulse, node, 0] = origin[0] + there * ray[0]
             place[pulse, node, 1] = origin[1] + there * ray[1]
@@ -111,19 +117,6 @@ def _spread(power, cell, sample_range, corner, weight, first, cells, half, cell_
             for c in range(4):
                 onto[below, corner[k, c]] += weight[k, c] * moved
     return low, high
-
-
-@compiled
-@no_type_check
-def echo_level(power, noise, volume):
-    """Return the level of a box with the echo's power, from E[P^2] = 2 E[P]^2; 0 if nothing exceeds the noise."""
-    square, total = 0.0, 0.0
-    for c in range(len(power)):
-        above = power[c] - volume[c] - OUT_OF_NOISE * noise
-        if above > 0.0:
-            square += above * above
-            total += above
-    return square / total / 2 if total > 0 else 0.0
 
 
 @compiled

@@ -26,8 +26,6 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 
-# One cell of pure noise in 10^13 exceeds this many means.
-OUT_OF_NOISE = 30.0
 # Room for the rows of this many pulses is made at once, before it is known how many there are.
 PULSES_AT_ONCE = 64
 
@@ -106,8 +104,10 @@ class Linearised:
         return result.astype(np.float64)
 
 
-def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
-    """Cast the beam's nodes of every pulse on a surface."""
+def footprints(
+    sightings: Sightings, surface: Heightfield, wanted: Bool[np.ndarray, " node"] | None = None
+) -> Footprints:
+    """Cast the beam's nodes of every pulse, or some of the nodes, on a surface."""
     from sionna_radar.mapping.echo_kernels import meet
 
     direction = sightings.direction()
@@ -116,7 +116,8 @@ def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
     height, grid = np.ascontiguousarray(surface.height_m), surface.grid
     on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
     position = np.ascontiguousarray(sightings.pose.position_m)
-    meet(*on, position, direction, float(sightings.reach_m), feet.range_m, feet.place_m, feet.range_per_height)
+    wanted = np.ones(shape[1], dtype=bool) if wanted is None else wanted
+    meet(*on, position, direction, wanted, float(sightings.reach_m), feet.range_m, feet.place_m, feet.range_per_height)
     return feet
 
 

@@ -95,10 +95,12 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings) -> _Reflectivities:
     profiles = sightings.profiles
-    from sionna_radar.mapping.echo_kernels import echo_level
-    level = np.array(
-        [echo_level(profiles.values(i), float(profiles.noise[i]), profiles.background(i)-profiles.noise[i]+np.zeros(len(profiles.values(i)))) for i in range(len(profiles))]
-    )
+    from sionna_radar.mapping.profile_kernels import echo_levels
+
+    level, volume = np.empty(len(profiles)), np.zeros(len(profiles.power))
+    if profiles.volume is not None:
+        volume = profiles.volume.power.astype(np.float64) * profiles.volume.in_air
+    echo_levels(profiles.start, profiles.power, profiles.noise, volume, level)
     level = level[level > 0]
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
