@@ -3,14 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.sparse import csr_matrix
 
 from sionna_radar.foundation.raster import Grid
-
-MARCH_STEPS = 1000
-# Bisected nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
-BISECTIONS = 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,50 +52,21 @@ class Heightfield:
         Each ray advances by its height above the surface over the fastest rate at which they can close, at least by
         a quarter of a cell, so that it misses nothing wider than that.
         """
+        from sionna_radar.elevation.ray_march import first_hits
+
+        origin, direction = np.ascontiguousarray(origin_m), np.ascontiguousarray(direction)
+        grid, height = self.grid, np.ascontiguousarray(self.height_m)
+        bounds = self.steepest, float(height.max())
+        hit: Float[np.ndarray, " ray"] = first_hits(
+            height, grid.west_m, grid.south_m, grid.spacing_m, origin, direction, float(reach_m), *bounds
+        )
+        return hit
+
+    @property
+    def steepest(self) -> float:
+        """Bound on the slope, with a margin, for rays that march toward the surface."""
         east, north = np.gradient(self.height_m, self.grid.spacing_m, axis=(1, 0))
-        steepest = float(np.hypot(east, north).max()) + 0.05
-        closing = np.abs(direction[:, 2]) + steepest * np.hypot(direction[:, 0], direction[:, 1])
-        above = origin_m[:, 2] - float(self.height_m.max())
-        reached = np.clip(above / np.maximum(-direction[:, 2], 1e-6), 0.0, reach_m)
-        before, after = reached.copy(), np.full(len(reached), np.nan)
-        active = np.arange(len(reached))
-        for _ in range(MARCH_STEPS):
-            gap = self._gap(origin_m, direction, reached, active)
-            after[active[gap <= 0]] = reached[active[gap <= 0]]
-            going = (gap > 0) & (reached[active] < reach_m)
-            active, gap = active[going], gap[going]
-            if len(active) == 0:
-                break
-            before[active] = reached[active]
-            reached[active] += np.maximum(gap / closing[active], self.grid.spacing_m / 4)
-        hit = np.flatnonzero(np.isfinite(after))
-        return self._bisect(origin_m, direction, hit, np.minimum(before, after), after)
-
-    def _bisect(
-        self,
-        origin_m: Float[np.ndarray, "ray 3"],
-        direction: Float[np.ndarray, "ray 3"],
-        hit: Int[np.ndarray, " hit"],
-        before: Float[np.ndarray, " ray"],
-        after: Float[np.ndarray, " ray"],
-    ) -> Float[np.ndarray, " ray"]:
-        low, high = before.copy(), after.copy()
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            below: Bool[np.ndarray, " hit"] = self._gap(origin_m, direction, middle, hit) <= 0
-            high[hit] = np.where(below, middle[hit], high[hit])
-            low[hit] = np.where(below, low[hit], middle[hit])
-        return (low + high) / 2
-
-    def _gap(
-        self,
-        origin_m: Float[np.ndarray, "ray 3"],
-        direction: Float[np.ndarray, "ray 3"],
-        range_m: Float[np.ndarray, " ray"],
-        ray: Int[np.ndarray, " active"],
-    ) -> Float[np.ndarray, " active"]:
-        x, y, z = (origin_m[ray] + range_m[ray, None] * direction[ray]).T
-        return z - self.at(x, y)
+        return float(np.hypot(east, north).max()) + 0.05
 
     def _cell(
         self, x_m: Float[np.ndarray, " n"], y_m: Float[np.ndarray, " n"]

@@ -33,6 +33,16 @@ class BeamNodes:
     elevation: Float[np.ndarray, " v"]
     between: csr_matrix
 
+    @cached_property
+    def corner(self) -> Int[np.ndarray, "sample 4"]:
+        """The four nodes around each fine sample."""
+        return self.between.indices.reshape(-1, 4).astype(np.int64)
+
+    @cached_property
+    def weight(self) -> Float[np.ndarray, "sample 4"]:
+        """Weights of the four nodes around each fine sample, of `between`."""
+        return self.between.data.reshape(-1, 4)
+
     @property
     def corners(self) -> Int[np.ndarray, "4"]:
         """Nodes at the corners of the main lobe."""

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.foundation.raster import Grid, Raster
@@ -22,6 +22,10 @@ class Illumination:
         """Mark the cells under hits of the main beam, seen from their origins."""
         row, column, inside = self._grid.cell_of(hit_m)
         self._origin_m[row[inside], column[inside]] = origin_m[inside]
+
+    def add_cells(self, cell: Int[np.ndarray, " lit"], origin_m: Float[np.ndarray, "lit 3"]) -> None:
+        """Mark cells, by their number in the grid, seen from their origins; of several the last counts."""
+        self._origin_m.reshape(-1, 3)[cell] = origin_m
 
     def mask(self, gap_m: float, surface: Raster, visible: Visible) -> Bool[np.ndarray, "row column"]:
         """Return the illuminated cells, with the gaps between scan lines closed if narrower than `gap_m`.

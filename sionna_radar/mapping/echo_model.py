@@ -14,12 +14,11 @@ Behind a volume such as rain, mu includes the volume's power, as far as the beam
 own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from scipy.ndimage import convolve1d, gaussian_filter1d
-from scipy.sparse import csr_matrix
 
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
@@ -27,18 +26,8 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 
-# Level, relative to the echo's, at which the weight of a cell is a quarter.
-FADING_LEVEL = 0.02
-PEDESTAL = 1e-4
-# One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
-HIGHEST_RATIO = 8.0
-# One cell of pure noise in 10^13 exceeds this many means.
-OUT_OF_NOISE = 30.0
-STEEPEST = 0.05
-LEVEL_ITERATIONS = 12
-# A spread of the volume's drift below this has no effect.
-LEAST_SPREAD_CELLS = 0.05
-FEWEST_CELLS = 2
+# Room for the rows of this many pulses is made at once, before it is known how many there are.
+PULSES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,43 +83,42 @@ class Footprints:
 class Linearised:
     """The log-likelihood linearised about a surface, in the heights under the nodes.
 
-    score: its gradient; factor: for each pulse F, with F^T F the expected curvature.
+    score: its gradient.
+    factor: the rows of F of all pulses, with F^T F the expected curvature of each; first: where those of a pulse
+    begin, plus the overall end.
+    residual: whitened residuals of the data in these rows; the score is F^T residual.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
-    factor: list[Float32[np.ndarray, "_ node"]]
+    factor: Float32[np.ndarray, "row node"]
+    first: Int[np.ndarray, " pulse+1"]
+    residual: Float[np.ndarray, " row"]
+
+    def curvature(self, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
+        """Return F^T F of each pulse applied to heights under its nodes."""
+        from sionna_radar.mapping.echo_kernels import curve
+
+        result = np.empty(heights.shape, dtype=np.float32)
+        curve(self.factor, self.first, heights.astype(np.float32), result)
+        return result.astype(np.float64)
 
 
-def footprints(sightings: Sightings, surface: Heightfield) -> Footprints:
-    """Cast the beam's nodes of every pulse on a surface."""
+def footprints(
+    sightings: Sightings, surface: Heightfield, wanted: Bool[np.ndarray, " node"] | None = None
+) -> Footprints:
+    """Cast the beam's nodes of every pulse, or some of the nodes, on a surface."""
+    from sionna_radar.mapping.echo_kernels import meet
+
     direction = sightings.direction()
-    pulses, nodes, _ = direction.shape
-    rays = direction.reshape(-1, 3)
-    origin = np.repeat(sightings.pose.position_m, nodes, axis=0)
-    range_m = surface.first_hit(origin, rays, sightings.reach_m)
-    place = origin[:, :2] + np.nan_to_num(range_m)[:, None] * rays[:, :2]
-    east, north = surface.slope(*place.T)
-    # On the ray z + r d_z = h(x + r d_x, y + r d_y): raising h shortens r by 1 / (d_z - slope . d_xy) < 0.
-    closing = np.minimum(rays[:, 2] - east * rays[:, 0] - north * rays[:, 1], -STEEPEST)
-    per_height = np.where(np.isfinite(range_m), 1 / closing, 0.0)
-    shape = (pulses, nodes)
-    return Footprints(range_m.reshape(shape), place.reshape(*shape, 2), per_height.reshape(shape))
-
-
-@dataclass(frozen=True)
-class _Spread:
-    """The samples of one pulse that fall inside its range cells, with cell, share of the cell, and power.
-
-    share_before: share of the beam that meets the surface before the first cell.
-    """
-
-    sample: Int[np.ndarray, " inside"]
-    below: Int[np.ndarray, " inside"]
-    above_share: Float[np.ndarray, " inside"]
-    power: Float[np.ndarray, " inside"]
-    stretch: Float[np.ndarray, " inside"]
-    share_before: float
+    shape = direction.shape[:2]
+    feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape))
+    height, grid = np.ascontiguousarray(surface.height_m), surface.grid
+    on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
+    position = np.ascontiguousarray(sightings.pose.position_m)
+    wanted = np.ones(shape[1], dtype=bool) if wanted is None else wanted
+    meet(*on, position, direction, wanted, float(sightings.reach_m), feet.range_m, feet.place_m, feet.range_per_height)
+    return feet
 
 
 class EchoModel:
@@ -140,181 +128,45 @@ class EchoModel:
         self._sightings = sightings
         self._feet = footprints(sightings, surface)
         self._shift = sightings.shift_m(sightings.direction())
-        self._half = len(sightings.response) // 2
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
-        mean = np.full(len(self._sightings), np.nan)
-        for pulse in range(len(mean)):
-            spread = self._spread(pulse, -np.inf, np.inf)
-            total = spread.power.sum()
-            if total > 0:
-                cell = spread.below + spread.above_share
-                mean[pulse] = spread.power @ cell / total * self._sightings.profiles.cell_m
+        from sionna_radar.mapping.echo_kernels import centroids
+
+        beam, mean = self._sightings.beam, np.empty(len(self._sightings))
+        cell_m = float(self._sightings.profiles.cell_m)
+        centroids(self._feet.range_m, self._shift, beam.share, beam.corner, beam.weight, cell_m, mean)
         return mean
 
-    def linearise(self, noise_factor: float) -> Linearised:
+    def linearise(self, looks: Float[np.ndarray, " pulse"]) -> Linearised:
         """Return score and curvature of the likelihood of the profiles.
 
-        noise_factor: factor by which errors outside the model raise the variance of the data.
+        looks: independent looks in each range cell of each pulse.
         """
-        nodes = self._sightings.beam.direction.shape[0]
-        score = np.zeros((len(self._sightings), nodes))
-        factor = []
-        for pulse in range(len(score)):
-            one, root = self._pulse(pulse, self._sightings.looks_per_cell / noise_factor)
-            score[pulse] = one
-            factor.append(root)
-        return Linearised(self._feet.place_m, score, factor)
+        parts = list(self._parts(looks))
+        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[3] for part in parts)])
+        score, factor, residual = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        return Linearised(self._feet.place_m, score, factor, np.cumsum(count), residual)
 
-    def _pulse(self, pulse: int, looks: float) -> tuple[Float[np.ndarray, " node"], Float32[np.ndarray, "_ node"]]:
-        profiles = self._sightings.profiles
-        power, first = profiles.values(pulse), int(profiles.first[pulse])
-        spread = self._spread(pulse, float(first), float(first + len(power) - 1))
-        shape = self._mean(spread, len(power))
-        nodes = self._sightings.beam.direction.shape[0]
-        volume, by_height = self._volume(pulse) if profiles.volume is not None else (np.zeros(len(power)), None)
-        noise = float(profiles.noise[pulse])
-        top = echo_level(power, noise, noise + volume)
-        if not shape.any() or top == 0:
-            return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
-        level, mean, weight = _fit_level(power, shape, volume, noise + PEDESTAL * top, top)
-        used = np.flatnonzero(weight > 1e-4)
-        power, mean, weight = power[used], mean[used], weight[used]
-        moved = self._responded(self._moved(pulse, spread, spread.power, len(shape)), len(shape))
-        if by_height is not None:
-            moved += by_height / level
-        jacobian = moved[used] * (level / mean)[:, None]
-        of_level = level * shape[used] / mean
-        if len(used) < FEWEST_CELLS:
-            return np.zeros(nodes), np.zeros((0, nodes), dtype=np.float32)
-        jacobian -= np.outer(of_level, (weight * of_level) @ jacobian / (weight @ of_level**2))
-        residual = np.minimum(power / mean, HIGHEST_RATIO) - 1
-        root = np.sqrt(looks * weight)[:, None] * jacobian
-        return looks * (weight * residual) @ jacobian, root.astype(np.float32)
+    def _parts(self, looks: Float[np.ndarray, " pulse"]) -> Iterator[tuple[np.ndarray, ...]]:
+        """Yield score, rows of factors, residuals and numbers of rows of some pulses after others."""
+        from sionna_radar.mapping.echo_kernels import linearise
 
-    def _volume(self, pulse: int) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, "cell node"]]:
-        """Return the mean power of a volume in front of the ground, and its derivative by the nodes' heights."""
-        profiles = self._sightings.profiles
-        inside = slice(profiles.start[pulse], profiles.start[pulse + 1])
-        cells, first = inside.stop - inside.start, float(profiles.first[pulse])
-        assert profiles.volume is not None
-        power = profiles.volume.power[inside].astype(np.float64)
-        spread = self._spread(pulse, first, first + cells - 1, float(profiles.volume.drift_m[pulse]))
-        share, pad = self._sightings.beam.share[spread.sample], 2 * self._half + 1
-        hit = self._hits(spread, share, cells)
-        air = 1 - spread.share_before - _up_to_middle(hit[:, None])
-        moved = -_up_to_middle(self._moved(pulse, spread, share, cells))
-        sigma = profiles.volume.spread_m / profiles.cell_m
-        response = self._sightings.response / self._sightings.response.sum()
-        both = np.concatenate([air, moved], axis=1)
-        if sigma > LEAST_SPREAD_CELLS:
-            both = gaussian_filter1d(both, sigma, axis=0, mode="nearest")
-        both = convolve1d(both, response, axis=0, mode="nearest")[pad : pad + cells]
-        return power * both[:, 0], power[:, None] * both[:, 1:]
-
-    def _spread(self, pulse: int, first: float, last: float, drift_m: float = 0.0) -> _Spread:
-        """Return the samples of a pulse between two range cells, numbered from the first.
-
-        drift_m: by how much they appear farther than the ground's echoes.
-        """
-        beam = self._sightings.beam
-        range_m = self._feet.range_m[pulse]
-        met = np.isfinite(range_m)
-        inverse = np.where(met, 1 / np.maximum(range_m, 1.0), 0.0)
-        whole = beam.between @ (~met).astype(float) == 0
-        sample_range = 1 / np.maximum(beam.between @ inverse, 1e-6)
-        cell = (sample_range + beam.between @ self._shift[pulse] + drift_m) / self._sightings.profiles.cell_m
-        origin = first if np.isfinite(first) else 0.0
-        inside: Bool[np.ndarray, " sample"] = whole & (cell > first - self._half) & (cell < last + self._half)
-        before = float(beam.share[whole & (cell <= first - self._half)].sum())
-        cell = cell[inside] - origin
-        below = np.floor(cell).astype(np.int64)
-        power = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
-        return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2, before)
-
-    def _mean(self, spread: _Spread, cells: int) -> Float[np.ndarray, " cell"]:
-        """Return the profile of the samples at unit level."""
-        pad = 2 * self._half + 1
-        hit = self._hits(spread, spread.power, cells)
-        profile: Float[np.ndarray, " cell"] = np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
-        return profile
-
-    def _hits(self, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int) -> Float[np.ndarray, " padded"]:
-        """Return the power of the samples on cells, with a margin for the window's response."""
-        pad = 2 * self._half + 1
-        size = cells + 2 * pad
-        hit = np.bincount(spread.below + pad, power * (1 - spread.above_share), size)
-        return np.asarray(hit + np.bincount(spread.below + pad + 1, power * spread.above_share, size))
-
-    def _moved(
-        self, pulse: int, spread: _Spread, power: Float[np.ndarray, " inside"], cells: int
-    ) -> Float[np.ndarray, "padded node"]:
-        """Return the derivative of the hits with respect to the heights under the nodes."""
-        sightings = self._sightings
-        pad = 2 * self._half + 1
-        moved = power * spread.stretch / sightings.profiles.cell_m
-        number = np.arange(len(moved))
-        onto = csr_matrix(
-            (
-                np.concatenate([-moved, moved]),
-                (np.concatenate([spread.below, spread.below + 1]) + pad, np.concatenate([number, number])),
-            ),
-            shape=(cells + 2 * pad, len(moved)),
+        profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
+        nothing = np.zeros(0)
+        data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
+        in_front = (
+            (np.zeros(0, dtype=np.float32), nothing, 0.0)
+            if volume is None
+            else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
         )
-        inverse = 1 / np.maximum(np.nan_to_num(self._feet.range_m[pulse], nan=np.inf), 1.0)
-        raw = (onto @ sightings.beam.between[spread.sample]).toarray()
-        return np.asarray(raw * (inverse**2 * self._feet.range_per_height[pulse]))
-
-    def _responded(self, raw: Float[np.ndarray, "padded node"], cells: int) -> Float[np.ndarray, "cell node"]:
-        """Return values on cells, convolved with the window's response."""
-        pad = 2 * self._half + 1
-        spread = np.zeros((cells, raw.shape[1]))
-        for offset, response in enumerate(self._sightings.response):
-            start = pad + self._half - offset
-            spread += response * raw[start : start + cells]
-        return spread
-
-
-def _up_to_middle(values: Float[np.ndarray, "cell n"]) -> Float[np.ndarray, "cell n"]:
-    """Return the cumulative sums of values up to the middle of each cell."""
-    total = np.cumsum(values, axis=0)
-    return np.asarray(total - values / 2)
-
-
-def echo_level(
-    power: Float[np.ndarray, " cell"], noise: float, background: float | Float[np.ndarray, " cell"]
-) -> float:
-    """Return the level of a box with the echo's power, from E[P^2] = 2 E[P]^2; 0 if nothing exceeds the noise.
-
-    noise: receiver noise power; background: that plus the mean of a volume in front of the ground.
-    """
-    above = np.maximum(power - (background - noise) - OUT_OF_NOISE * noise, 0.0)
-    return float(above @ above / above.sum() / 2) if above.any() else 0.0
-
-
-def _fit_level(
-    power: Float[np.ndarray, " cell"],
-    shape: Float[np.ndarray, " cell"],
-    volume: Float[np.ndarray, " cell"],
-    noise: float,
-    top: float,
-) -> tuple[float, Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-    """Return the most likely level of an echo, with the mean powers and weights of the cells at that level."""
-    level = float(power.sum() / shape.sum())
-    for _ in range(LEVEL_ITERATIONS):
-        mean, weight = _at_level(level, shape, volume, noise, top)
-        share = weight * level * shape / mean
-        excess = np.minimum(power / mean, HIGHEST_RATIO) - 1
-        step = float(share @ excess / max(share.sum(), np.finfo(float).tiny))
-        level *= float(np.exp(np.clip(step, -1.0, 1.0)))
-        if abs(step) < 1e-4:
-            break
-    return level, *_at_level(level, shape, volume, noise, top)
-
-
-def _at_level(
-    level: float, shape: Float[np.ndarray, " cell"], volume: Float[np.ndarray, " cell"], noise: float, top: float
-) -> tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
-    signal = level * shape + volume
-    return signal + noise, (signal / (signal + FADING_LEVEL * top)) ** 2
+        geometry = self._feet.range_m, self._shift, self._feet.range_per_height
+        antenna = beam.share, beam.corner, beam.weight, self._sightings.response
+        nodes = beam.direction.shape[0]
+        for begin in range(0, max(len(profiles), 1), PULSES_AT_ONCE):
+            pulses = np.arange(begin, min(begin + PULSES_AT_ONCE, len(profiles)))
+            most = int(np.diff(profiles.start)[pulses].sum())
+            score, count = np.empty((len(pulses), nodes)), np.empty(len(pulses), dtype=np.int64)
+            factor, residual = np.empty((most, nodes), dtype=np.float32), np.empty(most)
+            used = linearise(pulses, *data, *in_front, *geometry, *antenna, score, factor, residual, count)
+            yield score, factor[:used].copy(), residual[:used].copy(), count

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Float32
 
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model import Sightings, echo_level
+from sionna_radar.mapping.echo_model import Sightings
 
 # A step of reflectivity: 6 dB, in nepers of power.
 STEP = float(np.log(4.0))
@@ -95,9 +95,12 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings) -> _Reflectivities:
     profiles = sightings.profiles
-    level = np.array(
-        [echo_level(profiles.values(i), float(profiles.noise[i]), profiles.background(i)) for i in range(len(profiles))]
-    )
+    from sionna_radar.mapping.profile_kernels import echo_levels
+
+    level, volume = np.empty(len(profiles)), np.zeros(len(profiles.power))
+    if profiles.volume is not None:
+        volume = profiles.volume.power.astype(np.float64) * profiles.volume.in_air
+    echo_levels(profiles.start, profiles.power, profiles.noise, volume, level)
     level = level[level > 0]
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)

@@ -11,7 +11,6 @@ Only the measured poses, the antenna and the measured profiles are used. A large
 overlapping tiles; each has its own terrain model, and their surfaces are blended.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,11 +18,11 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model import OUT_OF_NOISE, EchoModel, Linearised, Sightings
-from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, conjugate_gradients, smooth
+from sionna_radar.mapping.echo_model import EchoModel, Sightings
+from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
+from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, smooth
 
 TILE_M = 160.0
 OVERLAP_M = 30.0
@@ -32,8 +31,9 @@ FEWEST_PULSES = 20
 FIRST_STEPS, LAST_STEPS = 2, 5
 # These, and two smoothing surfaces.
 STEPS_OF_A_TILE = FIRST_STEPS + LAST_STEPS + 2
-CELLS_BELOW_PEAK = 1e-2
 OUTLIER_SIGMAS = 4.0
+# Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
+STEP_TOLERANCE = 1e-2
 
 
 def refinement_steps(grid: Grid) -> int:
@@ -76,37 +76,6 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Heightfiel
     return Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeanRanges(Columns):
-    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle error."""
-
-    range_m: Float[np.ndarray, " pulse"]
-    sigma_m: Float[np.ndarray, " pulse"]
-
-
-def mean_ranges(sightings: Sightings) -> MeanRanges:
-    """Return the mean range of every profile, from the cells within 20 dB of its strongest.
-
-    Behind a volume of rain, where the strongest cell may be rain, it is the detected range.
-    """
-    profiles = sightings.profiles
-    axis = sightings.pose.boresight[:, None]
-    if profiles.volume is not None:
-        return MeanRanges(
-            range_m=profiles.volume.echo_m - sightings.shift_m(axis)[:, 0], sigma_m=profiles.volume.echo_sigma_m
-        )
-    range_m, sigma = np.empty(len(profiles)), np.empty(len(profiles))
-    for i in range(len(profiles)):
-        power = profiles.values(i)
-        power[power < max(CELLS_BELOW_PEAK * power.max(), OUT_OF_NOISE * profiles.noise[i])] = 0.0
-        cell, total = np.arange(len(power)), max(power.sum(), np.finfo(float).tiny)
-        mean = power @ cell / total
-        spread = power**2 @ (cell - mean) ** 2 / 2 / sightings.looks_per_cell
-        range_m[i] = (profiles.first[i] + mean) * profiles.cell_m
-        sigma[i] = max(np.sqrt(spread) / total, 0.05) * profiles.cell_m
-    return MeanRanges(range_m=range_m - sightings.shift_m(axis)[:, 0], sigma_m=sigma)
-
-
 def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> Heightfield:
     grid = _reaching(grid, sightings, echoes)
     fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
@@ -134,25 +103,19 @@ def evenly(echoes: MeanRanges) -> MeanRanges:
 def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> Smoothed:
     """Return the surface after one step of Fisher scoring."""
     model, white = fitted.model, fitted.white
-    linear = EchoModel(sightings, fitted.surface).linearise(noise_factor)
+    linear = EchoModel(sightings, fitted.surface).linearise(
+        np.full(len(sightings), sightings.looks_per_cell / noise_factor)
+    )
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
     transposed = weights.T.tocsr()
 
-    def curved(step: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        under = (weights @ model.coloured(step)).reshape(linear.score.shape)
-        return step + model.coloured(transposed @ _curvature(linear, under).ravel())
+    def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        under = (weights @ height_m).reshape(linear.score.shape)
+        return np.asarray(transposed @ linear.curvature(under).ravel())
 
     right = model.coloured(transposed @ linear.score.ravel()) - white
-    step = conjugate_gradients(curved, right, MOST_ITERATIONS, 1e-6)
+    step = model.solve(information, right, MOST_ITERATIONS, STEP_TOLERANCE)
     return Smoothed(model, white + step, fitted.noise_factor)
-
-
-def _curvature(linear: Linearised, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
-    result = np.zeros_like(heights)
-    single = heights.astype(np.float32)
-    for pulse, factor in enumerate(linear.factor):
-        result[pulse] = factor.T @ (factor @ single[pulse])
-    return result
 
 
 def _bias(

@@ -37,23 +37,28 @@ def seen_from_points(points: Points, surface: Heightfield, grid: Grid, gap_m: fl
 
 def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
     """Return the cells that the main beam saw, from the measured poses over an estimated surface."""
+    from sionna_radar.mapping.profile_kernels import lit_cells
+
     illumination = Illumination(grid)
-    share = sightings.beam.share
-    bright = np.flatnonzero(share >= LIT * share.max())
-    between = sightings.beam.between[bright]
+    beam = sightings.beam
+    bright = beam.share >= LIT * beam.share.max()
+    corner, weight = beam.corner[bright], beam.weight[bright]
+    wanted = np.zeros(len(beam.direction), dtype=bool)
+    wanted[corner] = True
+    height, on = np.ascontiguousarray(surface.height_m), surface.grid
+    cells = grid.west_m, grid.south_m, grid.spacing_m, grid.rows, grid.columns
     for start in range(0, len(sightings), PULSES_AT_ONCE):
         block = np.zeros(len(sightings), dtype=bool)
         block[start : start + PULSES_AT_ONCE] = True
         part = sightings.rows(block)
-        range_m = footprints(part, surface).range_m
-        for pulse in range(len(part)):
-            met = np.isfinite(range_m[pulse])
-            whole = between @ (~met).astype(float) == 0
-            inverse = between @ np.where(met, 1 / np.where(met, range_m[pulse], 1.0), 0.0)
-            direction = between @ (sightings.beam.direction @ part.pose.R_world_antenna[pulse].T)
-            hit = part.pose.position_m[pulse] + direction[whole] / inverse[whole, None]
-            hit = hit[np.abs(hit[:, 2] - surface.at(hit[:, 0], hit[:, 1])) < OFF_SURFACE_M]
-            illumination.add(hit, np.broadcast_to(part.pose.position_m[pulse], hit.shape))
+        position, direction = np.ascontiguousarray(part.pose.position_m), part.direction()
+        range_m = footprints(part, surface, wanted).range_m
+        found, pulse = np.empty((2, len(part) * len(corner)), dtype=np.int64)
+        used = lit_cells(
+            height, on.west_m, on.south_m, on.spacing_m, position, direction, range_m, corner, weight, OFF_SURFACE_M,
+            cells, np.full(grid.rows * grid.columns, -1), found, pulse,
+        )  # fmt: skip
+        illumination.add_cells(found[:used], position[pulse[:used]])
     return _closed(illumination, surface, grid, gap_m)
 
 

@@ -27,6 +27,8 @@ PADDING_LENGTHS = 1.0
 PADDING_M = 20.0
 # Tolerance at which one iteration more or less, which rounding may decide, has no visible effect.
 MOST_ITERATIONS = 1000
+# Of the residual; heights are then within 0.1 mm of the exact solution.
+TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,40 @@ class TerrainModel:
         spectrum = self._root * scipy.fft.rfft2(white.reshape(self.grid.shape))
         field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
         return field.ravel()
+
+    def solve(
+        self,
+        information: Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]],
+        right: Float[np.ndarray, " cell"],
+        iterations: int,
+        tolerance: float,
+    ) -> Float[np.ndarray, " cell"]:
+        """Return the white field w with w + R A R w = right, R being the filter to this covariance.
+
+        information: applies A, symmetric and positive, to the heights of the cells.
+
+        The unknowns are the coefficients of an orthonormal Fourier transform, in which R is diagonal: that halves the
+        number of transforms.
+        """
+        shape, twice = self.grid.shape, np.full(self._root.shape[1], np.sqrt(2 / self.grid.rows / self.grid.columns))
+        # Of a real field, the other half of the spectrum is the conjugate, except of these columns.
+        twice[0] /= np.sqrt(2)
+        if self.grid.columns % 2 == 0:
+            twice[-1] /= np.sqrt(2)
+        down, up = self._root * twice, self._root / twice
+
+        def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            field = scipy.fft.irfft2(up * flat.view(np.complex128).reshape(down.shape), s=shape, overwrite_x=True)
+            informed = scipy.fft.rfft2(information(field.ravel()).reshape(shape))
+            informed *= down
+            return flat + informed.ravel().view(np.float64)
+
+        start = (twice * scipy.fft.rfft2(right.reshape(shape))).ravel().view(np.float64)
+        found = conjugate_gradients(normal, start, iterations, tolerance)
+        white: Float[np.ndarray, "row column"] = scipy.fft.irfft2(
+            found.view(np.complex128).reshape(down.shape) / twice, s=shape
+        )
+        return white.ravel()
 
     def surface(self, white: Float[np.ndarray, " cell"]) -> Heightfield:
         """Return the terrain that a white field represents."""
@@ -113,13 +149,14 @@ def smooth_with(
     transposed = weights.T.tocsr()
     precision = 1 / (fitted.noise_factor * np.maximum(heights.sigma_m, 1e-3) ** 2)
 
-    def normal(white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+    def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
         step()
-        return white + model.coloured(transposed @ (precision * (weights @ model.coloured(white))))
+        return np.asarray(transposed @ (precision * (weights @ height_m)))
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.coloured(transposed @ (precision * excess))
-    return Smoothed(model, conjugate_gradients(normal, right, MOST_ITERATIONS, 1e-9), fitted.noise_factor)
+    white = model.solve(information, right, MOST_ITERATIONS, TOLERANCE)
+    return Smoothed(model, white, fitted.noise_factor)
 
 
 def conjugate_gradients(

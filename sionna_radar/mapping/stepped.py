@@ -25,8 +25,9 @@ from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import evidence_against
 from sionna_radar.mapping.levels import choose_levels
+from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import FEWEST_PULSES, mean_ranges, refine, refinement_steps
+from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
 
 # The coarse map is computed in blocks of cells, each with the cells around it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24

@@ -10,8 +10,8 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
 from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
+from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import mean_ranges
 from sionna_radar.mapping.stepped import lowest_in_view_m, step_surface
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from beams import make_antenna
-from sionna_radar.detection.ranging.beam_profile import beam_profile, fit_echo
+from plain_plane_fit import fit_plane
+from sionna_radar.detection.ranging.beam_profile import MARGIN, PEDESTAL, beam_profile, fit_echo
 from sionna_radar.mapping.beam import beam_nodes
 from sionna_radar.radar.taylor_array import taylor_cut
 
@@ -33,3 +34,19 @@ def test_a_fit_of_any_echo_is_a_number(width_deg):
     found = fit_echo(beam, power, np.ones_like(power), index, index + 97, index + 104, index + 100.0)
     assert np.isfinite(found.centre).all()
     assert (found.sigma > 0).all()
+
+
+@pytest.mark.parametrize("width_deg", [2.0, 8.0])
+def test_a_fit_is_that_of_the_plain_formulas(width_deg):
+    beam = beam_profile(make_antenna(width_deg, width_deg), np.array([0.2, 0.6, 0.2]))
+    rng, bins = np.random.default_rng(2), np.arange(200)
+    centre, half = np.linspace(80.0, 120.0, 6), np.arange(3, 9)
+    mean = 100 * np.exp(-(((bins - centre[:, None]) / half[:, None]) ** 2)) + 1
+    power, index = rng.exponential(size=mean.shape) * mean, np.arange(6)
+    start, stop = centre.astype(int) - half, centre.astype(int) + half
+    found = fit_echo(beam, power, np.ones_like(power), index, start, stop, centre)
+    for i in range(6):
+        span = np.arange(start[i] - MARGIN, stop[i] + MARGIN)
+        background = max(1.0, PEDESTAL * power[i, span].mean())
+        expected = fit_plane(beam, span, power[i, span], background, centre[i])
+        assert (found.centre[i], found.sigma[i]) == pytest.approx(expected, rel=1e-6)

@@ -10,10 +10,10 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from numba import njit
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.engines.cell_tree import CellTree
 from sionna_radar.tracing.engines.density import DensityMap
@@ -157,7 +157,7 @@ class Scatterers:
         self._used = needed
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _mixed(value):
     value = (value ^ (value >> np.uint64(30))) * FIRST_MIX
@@ -165,7 +165,7 @@ def _mixed(value):
     return value ^ (value >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _unit(state, number):
     """Return the given number of a stream, in (0, 1)."""
@@ -173,7 +173,7 @@ def _unit(state, number):
     return (float(mixed >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _states(seed, surface, place, side):
     out = np.empty(len(surface), dtype=np.uint64)
@@ -187,7 +187,7 @@ def _states(seed, surface, place, side):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _counts(state, expected):
     """Return how many scatterers each cell has: its expected number in the mean, rounded up or down at random."""
@@ -197,7 +197,7 @@ def _counts(state, expected):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _fill(chosen, at, counts, states, pieces, corners, first_face, density, columns):
     """Draw the scatterers of some cells.
@@ -253,7 +253,7 @@ def _fill(chosen, at, counts, states, pieces, corners, first_face, density, colu
             own_surface[row] = surface[cell]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _expected(p, face, parts, part, corners, density, piece):
     """Write the corners of a piece, and return its expected number of scatterers and their density."""
@@ -267,7 +267,7 @@ def _expected(p, face, parts, part, corners, density, piece):
     return n * area, n
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _inside(
     edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, begin

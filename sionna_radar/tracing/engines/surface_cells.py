@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scene.model import Surface
 from sionna_radar.tracing.engines.density import DensityMap
 
@@ -124,7 +124,7 @@ def _curve(place: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     return _morton(place - place.min(axis=0))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _morton(place):
     out = np.empty(len(place), dtype=np.int64)
@@ -138,7 +138,7 @@ def _morton(place):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def piece_of(corner, parts, part, out):
     """Write the corners of one of the parts into which a triangle's sides are divided."""
@@ -162,7 +162,7 @@ def piece_of(corner, parts, part, out):
             )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _area(corner):
     ux, uy, uz = (corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2])
@@ -170,7 +170,7 @@ def _area(corner):
     return 0.5 * np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def density_at(x, y, density):
     """Return the density of a `DensityMap` at a place of the plan."""
@@ -180,7 +180,7 @@ def density_at(x, y, density):
     return per_m2[row, column]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _pieces(corner_m, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
@@ -240,7 +240,7 @@ def _pieces(corner_m, box, density, side, longest, most_parts, most):
     return face[:count], parts[:count], part[:count], place[:count], low[:count], high[:count], expected[:count]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _grown(array, size):
     out = np.empty(size, dtype=array.dtype)
@@ -248,7 +248,7 @@ def _grown(array, size):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _grown_rows(array, size):
     out = np.empty((size, 3), dtype=array.dtype)

@@ -1,0 +1,180 @@
+"""The fit of a sloping plane's mean echo to measured powers as machine code; `beam_profile` says what it computes."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from sionna_radar.foundation.compiled import compiled
+
+LEAST_CLOSING = 0.2
+LEAST_SHAPE = 1e-6
+LEVEL_STEPS = 6
+# Steps over which the echo's shape is differentiated: range in bins, and logarithm of the slope.
+RANGE_STEP, SLOPE_STEP = 0.05, 0.02
+MOST_RANGE, MOST_SLOPE = 3.0, 0.7
+DONE = 1e-4
+LEAST_VARIANCE = 1e-4
+
+
+@compiled
+@no_type_check
+def _shape(sine, share, across, response, first, boresight, log_slope, place, edge, below, spread, result):
+    """Write the echo of unit power on the bins from `first`; return the mean range of the beam's power."""
+    samples, slope, mean = len(sine), np.exp(log_slope), 0.0
+    for k in range(samples):
+        closing = np.sqrt(max(1 - sine[k] ** 2 - across, 0.0)) - sine[k] * slope
+        range_of = boresight / max(closing, LEAST_CLOSING)
+        mean += share[k] * range_of
+        place[k] = range_of - first
+    # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
+    edge[0] = 1.5 * place[0] - 0.5 * place[1]
+    edge[samples] = 1.5 * place[samples - 1] - 0.5 * place[samples - 2]
+    total = 0.0
+    below[0] = 0.0
+    for k in range(samples):
+        if k:
+            edge[k] = (place[k] + place[k - 1]) / 2
+        total += share[k] * (boresight / (place[k] + first)) ** 2
+        below[k + 1] = total
+    bins, half, before, k = len(result), len(response) // 2, 0.0, 0
+    for b in range(bins + 1):
+        at = b - 0.5
+        while k <= samples and edge[k] <= at:
+            k += 1
+        if k == 0:
+            reached = 0.0
+        elif k > samples:
+            reached = 1.0
+        else:
+            part = (at - edge[k - 1]) / (edge[k] - edge[k - 1])
+            reached = (below[k - 1] + part * (below[k] - below[k - 1])) / total
+        if b:
+            spread[b - 1] = reached - before
+        before = reached
+    for b in range(bins):
+        result[b] = 0.0
+        for tap in range(len(response)):
+            if 0 <= b + half - tap < bins:
+                result[b] += response[tap] * spread[b + half - tap]
+    return mean
+
+
+@compiled
+@no_type_check
+def _loss(shape, power, background, mean):
+    """Return the negative log-likelihood at the best level, and that level; write the mean powers."""
+    bins, level, unit = len(power), 0.0, 0.0
+    for b in range(bins):
+        level += power[b]
+        unit += shape[b]
+    level /= max(unit, LEAST_SHAPE)
+    for _ in range(LEVEL_STEPS):
+        total, pull = 0.0, 0.0
+        for b in range(bins):
+            expected = level * shape[b] + background
+            part = level * shape[b] / expected
+            total += part
+            pull += part * (power[b] / expected - 1)
+        if total <= 0:
+            break
+        level *= np.exp(min(max(pull / total, -1.0), 1.0))
+    loss = 0.0
+    for b in range(bins):
+        mean[b] = level * shape[b] + background
+        loss += power[b] / mean[b] + np.log(mean[b])
+    return loss, level
+
+
+@compiled
+@no_type_check
+def _centre_variance(a, b, c):
+    """Return the first element of the pseudo-inverse of the matrix ((a, b), (b, c))."""
+    determinant, size = a * c - b * b, a + c
+    if size <= 0:
+        return 0.0
+    if determinant > 1e-15 * size * size:
+        return c / determinant
+    # Of rank one: a vector times itself.
+    return a / (size * size)
+
+
+@compiled
+@no_type_check
+def fit_planes(
+    sine, share, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops, centroids,
+    centre, sigma,
+):  # fmt: skip
+    """Write boresight range in bins, and its standard deviation for one look per bin, of each echo."""
+    samples = len(sine)
+    place, edge, below = np.empty(samples), np.empty(samples + 1), np.empty(samples + 1)
+    for i in range(len(rows)):
+        first, last = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
+        power, bins = powers[rows[i], first:last], last - first
+        total, noise = 0.0, np.inf
+        for b in range(bins):
+            total += power[b]
+        for b in range(starts[i], stops[i]):
+            noise = min(noise, noises[rows[i], b])
+        background = max(noise, pedestal * total / bins)
+        spread, shape, mean = np.empty(bins), np.empty(bins), np.empty(bins)
+        trial_shape, trial_mean, by = np.empty(bins), np.empty(bins), np.empty((2, bins))
+        boresight, log_slope, loss, level = 0.0, 0.0, np.inf, 0.0
+        for slope in slopes:
+            one = _shape(
+                sine, share, across, response, first, 1.0, np.log(slope), place, edge, below, spread, trial_shape
+            )
+            at = centroids[i] / one
+            _shape(sine, share, across, response, first, at, np.log(slope), place, edge, below, spread, trial_shape)
+            found, its_level = _loss(trial_shape, power, background, trial_mean)
+            if found < loss:
+                boresight, log_slope, loss, level = at, np.log(slope), found, its_level
+                shape[:], mean[:] = trial_shape, trial_mean
+        damping, a, c, d, empty = 1e-3, 0.0, 0.0, 0.0, False
+        for _ in range(iterations):
+            for which in range(2):
+                dr, ds = (RANGE_STEP, 0.0) if which == 0 else (0.0, SLOPE_STEP)
+                for sign in (1, -1):
+                    _shape(
+                        sine, share, across, response, first, boresight + sign * dr, log_slope + sign * ds, place, edge,
+                        below, spread, trial_shape,
+                    )  # fmt: skip
+                    for b in range(bins):
+                        by[which, b] = trial_shape[b] if sign > 0 else (by[which, b] - trial_shape[b]) / (2 * (dr + ds))
+            # The level is refitted at each step, so the other columns are projected orthogonally to it.
+            norm, along_r, along_s = 0.0, 0.0, 0.0
+            for b in range(bins):
+                own = (mean[b] - background) / mean[b]
+                by[0, b] *= level / mean[b]
+                by[1, b] *= level / mean[b]
+                norm += own * own
+                along_r += own * by[0, b]
+                along_s += own * by[1, b]
+            if norm == 0.0:  # even the best slope puts no power in these bins
+                empty = True
+                break
+            a, c, d, pull_r, pull_s = 0.0, 0.0, 0.0, 0.0, 0.0
+            for b in range(bins):
+                own, excess = (mean[b] - background) / mean[b], power[b] / mean[b] - 1
+                r, s = by[0, b] - own * along_r / norm, by[1, b] - own * along_s / norm
+                a, c, d = a + r * r, c + r * s, d + s * s
+                pull_r, pull_s = pull_r + r * excess, pull_s + s * excess
+            m, n = a + damping * (a + 1e-12), d + damping * (d + 1e-12)
+            determinant = m * n - c * c
+            step_r, step_s = (n * pull_r - c * pull_s) / determinant, (m * pull_s - c * pull_r) / determinant
+            to_r = boresight + min(max(step_r, -MOST_RANGE), MOST_RANGE)
+            to_s = log_slope + min(max(step_s, -MOST_SLOPE), MOST_SLOPE)
+            to_s = min(max(to_s, np.log(slopes[0])), np.log(slopes[-1]))
+            _shape(sine, share, across, response, first, to_r, to_s, place, edge, below, spread, trial_shape)
+            found, its_level = _loss(trial_shape, power, background, trial_mean)
+            if found < loss:
+                done = loss - found < DONE
+                boresight, log_slope, loss, level, damping = to_r, to_s, found, its_level, damping / 4
+                shape[:], mean[:] = trial_shape, trial_mean
+                if done:
+                    break
+            else:
+                damping = damping * 10 + 1e-2
+        if empty:
+            centre[i], sigma[i] = centroids[i], float(bins)
+        else:
+            centre[i], sigma[i] = boresight, np.sqrt(max(_centre_variance(a, c, d), LEAST_VARIANCE))

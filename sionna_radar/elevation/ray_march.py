@@ -1,0 +1,107 @@
+"""Where rays first meet a bilinear surface, as machine code; see `Heightfield.first_hit`."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from sionna_radar.foundation.compiled import compiled
+
+MARCH_STEPS = 1000
+# Found nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
+ROOT_STEPS = 60
+CLOSE_M = 1e-12
+
+
+@compiled
+@no_type_check
+def corner_of(x, y, west, south, spacing, rows, columns):
+    """Return row and column of the cell south-west of a position, and how far it is from there, in cells."""
+    column = min(max((x - west) / spacing, 0.0), columns - 1.001)
+    row = min(max((y - south) / spacing, 0.0), rows - 1.001)
+    j, i = int(column), int(row)
+    return i, j, row - i, column - j
+
+
+@compiled
+@no_type_check
+def height_at(height, west, south, spacing, x, y):
+    """Return the height at a position."""
+    i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+    below = height[i, j] * (1 - a) + height[i, j + 1] * a
+    above = height[i + 1, j] * (1 - a) + height[i + 1, j + 1] * a
+    return below * (1 - b) + above * b
+
+
+@compiled
+@no_type_check
+def slope_at(height, west, south, spacing, x, y):
+    """Return the slopes toward east and north at a position."""
+    i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+    sw, se, nw, ne = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
+    east = (se - sw) * (1 - b) + (ne - nw) * b
+    north = (nw - sw) * (1 - a) + (ne - se) * a
+    return east / spacing, north / spacing
+
+
+@compiled
+@no_type_check
+def _gap(height, west, south, spacing, origin, direction, reached):
+    x, y = origin[0] + reached * direction[0], origin[1] + reached * direction[1]
+    return origin[2] + reached * direction[2] - height_at(height, west, south, spacing, x, y)
+
+
+@compiled
+@no_type_check
+def _crossing(height, west, south, spacing, origin, direction, low, high):
+    """Return where a ray crosses the surface between two ranges, by the Illinois variant of the false position."""
+    low_gap = _gap(height, west, south, spacing, origin, direction, low)
+    high_gap = _gap(height, west, south, spacing, origin, direction, high)
+    # Below the surface from the start, as under an overhang of the map: bisection went to the far end as well.
+    if low >= high or low_gap <= 0.0:
+        return low
+    side, middle = 0, high
+    for _ in range(ROOT_STEPS):
+        middle = high - high_gap * (high - low) / (high_gap - low_gap)
+        if not low < middle < high:
+            break
+        gap = _gap(height, west, south, spacing, origin, direction, middle)
+        if abs(gap) < CLOSE_M:
+            break
+        if gap < 0.0:
+            low_gap = low_gap / 2 if side < 0 else low_gap
+            high, high_gap, side = middle, gap, -1
+        else:
+            high_gap = high_gap / 2 if side > 0 else high_gap
+            low, low_gap, side = middle, gap, 1
+    return middle
+
+
+@compiled
+@no_type_check
+def first_hit(height, west, south, spacing, origin, direction, reach, steepest, highest):
+    """Return the range at which one ray first meets the surface, NaN if not within reach.
+
+    steepest, highest: of the surface, which bound how fast a ray can close and where it can first meet it.
+    """
+    closing = abs(direction[2]) + steepest * np.hypot(direction[0], direction[1])
+    reached = min(max((origin[2] - highest) / max(-direction[2], 1e-6), 0.0), reach)
+    before = reached
+    for _ in range(MARCH_STEPS):
+        gap = _gap(height, west, south, spacing, origin, direction, reached)
+        if gap <= 0.0:
+            return _crossing(height, west, south, spacing, origin, direction, min(before, reached), reached)
+        if reached >= reach:
+            break
+        before = reached
+        reached += max(gap / closing, spacing / 4)
+    return np.nan
+
+
+@compiled
+@no_type_check
+def first_hits(height, west, south, spacing, origin, direction, reach, steepest, highest):
+    """Return the ranges at which rays first meet the surface: (ray, 3) and (ray, 3) to (ray)."""
+    hit = np.empty(len(origin))
+    for ray in range(len(origin)):
+        hit[ray] = first_hit(height, west, south, spacing, origin[ray], direction[ray], reach, steepest, highest)
+    return hit

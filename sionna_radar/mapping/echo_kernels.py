@@ -1,0 +1,383 @@
+"""The forward model of echoes as machine code, pulse by pulse; `echo_model` says what it computes.
+
+Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
+profile, with a margin of `pad` cells on both sides for the response of the window.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from sionna_radar.elevation.ray_march import first_hit, slope_at
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.mapping.profile_kernels import echo_level
+
+# One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
+HIGHEST_RATIO = 8.0
+# Level, relative to the echo's, at which the weight of a cell is a quarter.
+FADING_LEVEL = 0.02
+PEDESTAL = 1e-4
+LEAST_WEIGHT = 1e-4
+STEEPEST = 0.05
+LEVEL_ITERATIONS = 12
+# A spread of the volume's drift below this has no effect.
+LEAST_SPREAD_CELLS = 0.05
+FEWEST_CELLS = 2
+
+
+@compiled
+@no_type_check
+def meet(
+    height, west, south, spacing, steepest, highest, position, direction, wanted, reach, range_m, place, per_height
+):
+    """Cast the nodes of every pulse on a surface; write range, place, and change of range with the height there.
+
+    wanted: whether a node is; the others count as meeting nothing.
+    """
+    for pulse in range(len(position)):
+        origin = position[pulse]
+        for node in range(direction.shape[1]):
+            ray = direction[pulse, node]
+            hit = np.nan
+            if wanted[node]:
+                hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
+            there = 0.0 if np.isnan(hit) else hit
+            place[pulse, node, 0] = origin[0] + there * ray[0]
+            place[pulse, node, 1] = origin[1] + there * ray[1]
+            east, north = slope_at(height, west, south, spacing, place[pulse, node, 0], place[pulse, node, 1])
+            # On the ray z + r d_z = h(x + r d_x, y + r d_y): raising h shortens r by 1 / (d_z - slope . d_xy) < 0.
+            closing = min(ray[2] - east * ray[0] - north * ray[1], -STEEPEST)
+            per_height[pulse, node] = 0.0 if np.isnan(hit) else 1 / closing
+            range_m[pulse, node] = hit
+
+
+@compiled
+@no_type_check
+def _samples(range_m, shift, share, corner, weight, cell_m, drift_m, cell, sample_range, inverse):
+    """Write range and range cell of every sample of a beam, NaN off the surface; return the mean range of the nodes."""
+    total, met = 0.0, 0
+    for node in range(len(range_m)):
+        hit = range_m[node]
+        inverse[node] = 0.0
+        if not np.isnan(hit):
+            inverse[node] = 1 / max(hit, 1.0)
+            total += hit
+            met += 1
+    for k in range(len(share)):
+        near, moved, whole = 0.0, 0.0, True
+        for c in range(4):
+            node = corner[k, c]
+            whole &= inverse[node] > 0.0
+            near += weight[k, c] * inverse[node]
+            moved += weight[k, c] * shift[node]
+        sample_range[k] = 1 / max(near, 1e-6)
+        cell[k] = (sample_range[k] + moved + drift_m) / cell_m if whole else np.nan
+    return total / met if met else np.nan
+
+
+@compiled
+@no_type_check
+def centroids(range_m, shift, share, corner, weight, cell_m, mean):
+    """Write the power-weighted mean range of every echo; NaN without one."""
+    nodes, samples = range_m.shape[1], len(share)
+    cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
+    for pulse in range(len(mean)):
+        _samples(range_m[pulse], shift[pulse], share, corner, weight, cell_m, 0.0, cell, sample_range, inverse)
+        total, moment = 0.0, 0.0
+        for k in range(samples):
+            if not np.isnan(cell[k]):
+                power = share[k] / sample_range[k] ** 2
+                total += power
+                moment += power * cell[k]
+        mean[pulse] = moment / total * cell_m if total > 0 else np.nan
+
+
+@compiled
+@no_type_check
+def _spread(power, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto, derivative):
+    """Add power of samples to the two cells around each; `onto` collects how raised nodes move it up by a cell."""
+    pad = 2 * half + 1
+    for row in range(len(hit)):
+        hit[row] = 0.0
+        for node in range(onto.shape[1]):
+            onto[row, node] = 0.0
+    low, high = len(hit), -1
+    for k in range(len(power)):
+        place = cell[k]
+        if not first - half < place < first + cells - 1 + half:
+            continue
+        below = int(np.floor(place - first))
+        above_share = place - first - below
+        below += pad
+        hit[below] += power[k] * (1 - above_share)
+        hit[below + 1] += power[k] * above_share
+        low, high = min(low, below), max(high, below)
+        if derivative:
+            moved = power[k] * sample_range[k] ** 2 / cell_m
+            for c in range(4):
+                onto[below, corner[k, c]] += weight[k, c] * moved
+    return low, high
+
+
+@compiled
+@no_type_check
+def _weigh(level, shape, volume, noise, top, mean, weight):
+    for c in range(len(shape)):
+        signal = level * shape[c] + volume[c]
+        mean[c] = signal + noise
+        weight[c] = (signal / (signal + FADING_LEVEL * top)) ** 2
+
+
+@compiled
+@no_type_check
+def _fit_level(power, shape, volume, noise, top, mean, weight):
+    """Return the most likely level of an echo; write the mean powers and weights of the cells at that level."""
+    level, unit = 0.0, 0.0
+    for c in range(len(shape)):
+        level += power[c]
+        unit += shape[c]
+    level /= unit
+    for _ in range(LEVEL_ITERATIONS):
+        _weigh(level, shape, volume, noise, top, mean, weight)
+        pull, total = 0.0, 0.0
+        for c in range(len(shape)):
+            part = weight[c] * level * shape[c] / mean[c]
+            pull += part * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+            total += part
+        step = pull / max(total, 2.2e-308)
+        level *= np.exp(min(max(step, -1.0), 1.0))
+        if abs(step) < 1e-4:
+            break
+    _weigh(level, shape, volume, noise, top, mean, weight)
+    return level
+
+
+@compiled
+@no_type_check
+def _filtered(values, taps, begin, end):
+    """Return the columns of (row, n) filtered by an odd number of taps, constant beyond the ends; some rows of it."""
+    rows, half = len(values), len(taps) // 2
+    result = np.zeros((end - begin, values.shape[1]))
+    for row in range(begin, end):
+        for tap in range(len(taps)):
+            source, factor = min(max(row + half - tap, 0), rows - 1), taps[tap]
+            for column in range(values.shape[1]):
+                result[row - begin, column] += factor * values[source, column]
+    return result
+
+
+@compiled
+@no_type_check
+def _gaussian(sigma):
+    half = int(4 * sigma + 0.5)
+    taps, total = np.empty(2 * half + 1), 0.0
+    for tap in range(len(taps)):
+        taps[tap] = np.exp(-0.5 * ((tap - half) / sigma) ** 2)
+        total += taps[tap]
+    for tap in range(len(taps)):
+        taps[tap] /= total
+    return taps
+
+
+@compiled
+@no_type_check
+def _up_to_middle(values):
+    """Replace the rows by their cumulative sums up to the middle of each."""
+    total = np.zeros(values.shape[1])
+    for row in range(len(values)):
+        for column in range(values.shape[1]):
+            own = values[row, column]
+            total[column] += own
+            values[row, column] = total[column] - own / 2
+
+
+@compiled
+@no_type_check
+def _volume(power, share, before, cell, sample_range, corner, weight, first, half, cell_m, response, sigma, scale):
+    """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes.
+
+    The columns are first the beam that has met the surface, less all of it, which is the beam still in the air.
+    """
+    cells, pad, nodes = len(power), 2 * half + 1, len(scale)
+    size = cells + 2 * pad
+    hit, onto = np.zeros(size), np.zeros((size, nodes))
+    _spread(share, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto, True)
+    both = np.empty((size, nodes + 1))
+    for row in range(size):
+        both[row, 0] = hit[row]
+        for node in range(nodes):
+            from_below = onto[row - 1, node] if row else 0.0
+            both[row, node + 1] = (from_below - onto[row, node]) * scale[node]
+    _up_to_middle(both)
+    for row in range(size):
+        both[row, 0] -= 1 - before
+    if sigma > LEAST_SPREAD_CELLS:
+        both = _filtered(both, _gaussian(sigma), 0, size)
+    both = _filtered(both, response, pad, pad + cells)
+    total = 0.0
+    for tap in range(len(response)):
+        total += response[tap]
+    for row in range(cells):
+        for column in range(nodes + 1):
+            both[row, column] *= -power[row] / total
+    return both
+
+
+@compiled
+@no_type_check
+def _jacobian(onto, low, high, response, scale, row, result):
+    """Write how the power of one cell changes with the heights under the nodes: moved power, spread by the window."""
+    half = len(response) // 2
+    pad = 2 * half + 1
+    for node in range(len(result)):
+        result[node] = 0.0
+    for source in range(max(row + pad - half - 1, low), min(row + pad + half, high) + 1):
+        # Power that leaves `source` arrives in the cell beyond it.
+        leaving, arriving = row + pad - source + half, row + pad - source - 1 + half
+        factor = response[arriving] if 0 <= arriving < len(response) else 0.0
+        factor -= response[leaving] if 0 <= leaving < len(response) else 0.0
+        for node in range(len(result)):
+            result[node] += factor * onto[source, node]
+    for node in range(len(result)):
+        result[node] *= scale[node]
+
+
+@compiled
+@no_type_check
+def _doubled(values, begin, end):
+    result = np.empty(end - begin)
+    for k in range(begin, end):
+        result[k - begin] = values[k]
+    return result
+
+
+@compiled
+@no_type_check
+def linearise(
+    pulses,
+    first,
+    start,
+    profile_power,
+    profile_noise,
+    looks,
+    cell_m,
+    volume_power,
+    drift,
+    volume_sigma,
+    range_m,
+    shift,
+    per_height,
+    share,
+    corner,
+    corner_weight,
+    response,
+    score,
+    factor,
+    residual,
+    count,
+):
+    """Write score, factor rows, whitened residuals, and the number of rows of each of some pulses; return all rows."""
+    nodes, samples, half = range_m.shape[1], len(share), len(response) // 2
+    pad = 2 * half + 1
+    cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
+    power_of, scale = np.empty(samples), np.empty(nodes)
+    used = 0
+    for number in range(len(pulses)):
+        pulse = pulses[number]
+        for node in range(nodes):
+            score[number, node] = 0.0
+        count[number] = 0
+        power = _doubled(profile_power, start[pulse], start[pulse + 1])
+        cells, begin, noise = len(power), float(first[pulse]), profile_noise[pulse]
+        size = cells + 2 * pad
+        middle = _samples(
+            range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
+        )
+        for node in range(nodes):
+            scale[node] = inverse[node] ** 2 * per_height[pulse, node]
+        for k in range(samples):
+            power_of[k] = share[k] * (middle / sample_range[k]) ** 2
+        hit, onto = np.empty(size), np.empty((size, nodes))
+        low, high = _spread(
+            power_of, cell, sample_range, corner, corner_weight, begin, cells, half, cell_m, hit, onto, True
+        )
+        shape, strongest = np.zeros(cells), 0.0
+        for c in range(cells):
+            for tap in range(len(response)):
+                shape[c] += response[tap] * hit[c + pad + half - tap]
+            strongest = max(strongest, shape[c])
+        if strongest == 0.0:
+            continue
+        in_front = np.zeros((cells, 1))
+        if len(volume_power):
+            _samples(
+                range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, drift[pulse], cell, sample_range,
+                inverse,
+            )  # fmt: skip
+            before = 0.0
+            for k in range(samples):
+                if cell[k] <= begin - half:
+                    before += share[k]
+            clutter = _doubled(volume_power, start[pulse], start[pulse + 1])
+            in_front = _volume(
+                clutter, share, before, cell, sample_range, corner, corner_weight, begin, half, cell_m, response,
+                volume_sigma, scale,
+            )  # fmt: skip
+        volume = np.empty(cells)
+        for c in range(cells):
+            volume[c] = in_front[c, 0]
+        top = echo_level(power, noise, volume)
+        if top == 0.0:
+            continue
+        mean, weight = np.empty(cells), np.empty(cells)
+        level = _fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
+        rows, of_level = 0.0, 0.0
+        for c in range(cells):
+            if weight[c] > LEAST_WEIGHT:
+                rows += 1
+                of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
+        if rows < FEWEST_CELLS:
+            continue
+        jacobian, own = np.empty((int(rows), nodes)), np.zeros(nodes)
+        row = 0
+        for c in range(cells):
+            if weight[c] <= LEAST_WEIGHT:
+                continue
+            _jacobian(onto, low, high, response, scale, c, jacobian[row])
+            by_level = weight[c] * level * shape[c] / mean[c]
+            for node in range(nodes):
+                if len(volume_power):
+                    jacobian[row, node] += in_front[c, node + 1] / level
+                jacobian[row, node] *= level / mean[c]
+                own[node] += by_level * jacobian[row, node]
+            row += 1
+        row = 0
+        for c in range(cells):
+            if weight[c] <= LEAST_WEIGHT:
+                continue
+            # The part of the change that a change of the echo's level explains is projected out.
+            part = level * shape[c] / mean[c] / of_level
+            root = np.sqrt(looks[pulse] * weight[c])
+            rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+            residual[used] = rest
+            for node in range(nodes):
+                whitened = root * (jacobian[row, node] - part * own[node])
+                factor[used, node] = whitened
+                score[number, node] += rest * whitened
+            row += 1
+            used += 1
+        count[number] = row
+    return used
+
+
+@compiled
+@no_type_check
+def curve(factor, first, heights, result):
+    """Write F^T F applied to the heights under the nodes of each pulse."""
+    for pulse in range(len(heights)):
+        if first[pulse] == first[pulse + 1]:
+            for node in range(heights.shape[1]):
+                result[pulse, node] = 0.0
+        else:
+            own = factor[first[pulse] : first[pulse + 1]]
+            np.dot(np.dot(own, heights[pulse]), own, result[pulse])

@@ -1,0 +1,93 @@
+"""The machine code of the forward model against the same model with plain arrays, one pulse after the other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plain_echoes import PlainEchoes
+from sightings import make_sightings
+from sionna_radar.detection.profiles import VolumeInFront
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model import EchoModel
+
+WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
+PULSES = 12
+LOOKS = 0.7
+
+
+def hills(x_m, y_m):
+    return 1.5 * np.sin(x_m / 9) * np.cos(y_m / 11)
+
+
+@pytest.fixture(scope="module")
+def surface():
+    x, y = np.meshgrid(WIDE.x_m, WIDE.y_m)
+    return Heightfield(grid=WIDE, height_m=hills(x, y))
+
+
+@pytest.fixture(scope="module")
+def in_clear_air(surface):
+    every = make_sightings(surface)
+    some = every.rows(np.arange(len(every)) % (len(every) // PULSES) == 0)
+    window = np.array([0.02, 0.3, 1.0, 0.3, 0.02])
+    return replace(some, response=window, doppler=1.0, pose=replace(some.pose, velocity_mps=some.pose.boresight * 9.0))
+
+
+@pytest.fixture(scope="module")
+def in_rain(in_clear_air):
+    count, values = len(in_clear_air), len(in_clear_air.profiles.power)
+    typical = float(np.percentile(in_clear_air.profiles.power, 99))
+    volume = VolumeInFront(
+        power=np.full(values, 0.1 * typical, dtype=np.float32),
+        in_air=np.ones(values, dtype=np.float32),
+        echo_m=np.full(count, 70.0),
+        echo_sigma_m=np.full(count, 0.1),
+        drift_m=np.linspace(-0.4, 0.8, count),
+        spread_m=0.5,
+    )
+    return replace(in_clear_air, profiles=replace(in_clear_air.profiles, volume=volume))
+
+
+@pytest.mark.parametrize("air", ["in_clear_air", "in_rain"])
+def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request):
+    sightings = request.getfixturevalue(air)
+    looks = LOOKS * np.linspace(1, 2, len(sightings))
+    linear = EchoModel(sightings, surface).linearise(looks)
+    plain = PlainEchoes(sightings, surface)
+    heights = np.random.default_rng(1).standard_normal(linear.score.shape)
+    curved = linear.curvature(heights)
+    for pulse in range(len(sightings)):
+        score, factor = plain.pulse(pulse, looks[pulse])
+        own = slice(linear.first[pulse], linear.first[pulse + 1])
+        assert len(factor) > 10
+        np.testing.assert_allclose(linear.factor[own], factor, rtol=1e-5, atol=1e-6 * np.abs(factor).max())
+        np.testing.assert_allclose(linear.score[pulse], score, rtol=1e-7, atol=1e-9 * np.abs(score).max())
+        np.testing.assert_allclose(linear.residual[own] @ factor, score, rtol=1e-5, atol=1e-7 * np.abs(score).max())
+        expected = factor.T @ (factor @ heights[pulse])
+        np.testing.assert_allclose(curved[pulse], expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+def test_mean_ranges_are_those_of_the_plain_model(in_clear_air, surface):
+    expected = PlainEchoes(in_clear_air, surface).centroid_m()
+    np.testing.assert_allclose(EchoModel(in_clear_air, surface).centroid_m(), expected, rtol=1e-12)
+
+
+def test_a_pulse_alone_gives_the_same_bits_as_among_others(in_rain, surface):
+    looks = np.ones(len(in_rain))
+    together = EchoModel(in_rain, surface).linearise(looks)
+    for pulse in (0, 5):
+        alone = EchoModel(in_rain.rows(np.arange(len(in_rain)) == pulse), surface).linearise(looks[:1])
+        np.testing.assert_array_equal(alone.score[0], together.score[pulse])
+        np.testing.assert_array_equal(alone.factor, together.factor[together.first[pulse] : together.first[pulse + 1]])
+
+
+def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
+    upward = in_clear_air.pose.R_world_antenna * np.array([1.0, 1.0, -1.0])[:, None]
+    linear = EchoModel(
+        replace(in_clear_air, pose=replace(in_clear_air.pose, R_world_antenna=upward)), surface
+    ).linearise(np.ones(len(in_clear_air)))
+    assert linear.factor.shape == (0, linear.score.shape[1])
+    np.testing.assert_array_equal(linear.score, 0.0)
+    np.testing.assert_array_equal(linear.curvature(np.ones_like(linear.score)), 0.0)
