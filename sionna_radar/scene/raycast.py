@@ -45,17 +45,21 @@ def mitsuba_mesh(surface: Surface) -> Any:
 
 
 class RayCaster:
-    """Casts rays against a set of surfaces."""
+    """Casts rays against a set of surfaces.
+
+    mi_scene: the surfaces as a scene of Mitsuba.
+    surface_of_shape: the surface that each shape pointer, as an integer, stands for; -1 for none.
+    """
 
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         mi = load_mitsuba()
         import drjit as dr
 
         meshes = {f"surface-{i}": mitsuba_mesh(surface) for i, surface in enumerate(surfaces)}
-        self._scene = mi.load_dict({"type": "scene", **meshes})
+        self.mi_scene = mi.load_dict({"type": "scene", **meshes})
         ids = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mesh))[0]) for mesh in meshes.values()]
-        self._surface_of_shape = np.full(max(ids) + 1, -1)
-        self._surface_of_shape[ids] = np.arange(len(ids))
+        self.surface_of_shape = np.full(max(ids) + 1, -1)
+        self.surface_of_shape[ids] = np.arange(len(ids))
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""
@@ -69,7 +73,7 @@ class RayCaster:
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)
         shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
-        surface = np.where(hit.numpy(), self._surface_of_shape[shape.numpy()], -1)
+        surface = np.where(hit.numpy(), self.surface_of_shape[shape.numpy()], -1)
         cosine = dr.minimum(dr.abs(dr.dot(found.n, ray.d)), 1.0)
         return Hits(
             distance_m=distance.numpy().astype(np.float64), surface=surface, cosine=cosine.numpy().astype(np.float64)
@@ -88,7 +92,7 @@ class RayCaster:
         """Return Mitsuba's surface interactions of prepared rays, fully evaluated."""
         import drjit as dr
 
-        found = self._scene.ray_intersect(ray)
+        found = self.mi_scene.ray_intersect(ray)
         dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
         dr.sync_thread()
         return found

@@ -21,6 +21,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.outer_rays import OuterRays
@@ -50,6 +51,7 @@ class PersistentEngine:
     region_m: box that the survey can see; scatterers lie inside it only.
     outer_rays: rays a pulse beside the scatterers.
     decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
+    caster: rays against the scene's surfaces; without it one is built.
     """
 
     def __init__(
@@ -63,9 +65,10 @@ class PersistentEngine:
         *,
         outer_rays: int = OUTER_RAYS,
         decorrelation_time_s: float | None = None,
+        caster: RayCaster | None = None,
     ) -> None:
         check_sionna()
-        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
+        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz, caster)
         self._density = density if isinstance(density, DensityMap) else DensityMap.constant(density)
         self._scatterers = Scatterers(scene, self._density, seed, region_m)
         self._region_m, self._seed, self._outer_rays = region_m, seed, outer_rays
@@ -100,8 +103,8 @@ class PersistentEngine:
         row = np.repeat(np.arange(len(pulses), dtype=np.uint32), rays)
         direction = np.einsum("nij,nj->ni", pose.R_world_antenna[row], within)
         ray = mi.Ray3f(_points(pose.position_m[row].T), mi.Vector3f(_points(direction.T)))
-        hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
-        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+        hit = self._sionna.caster.mi_scene.ray_intersect(ray)
+        shape = self._sionna.shape_of_hit(hit)
         cosine = dr.minimum(dr.abs(dr.dot(hit.n, ray.d)), 1.0)
         dr.eval(hit.t, hit.prim_index, shape, cosine)
         used = np.isfinite(hit.t.numpy()) & (per_sr > 0)
@@ -141,7 +144,7 @@ class PersistentEngine:
         ray = mi.Ray3f(origin, away / distance)
         ray.maxt = distance * (1 - SHORT_OF_SURFACE)
         tested = dr.arange(mi.UInt32, len(seen)) >= dr.opaque(mi.UInt32, found)
-        visible = ~self._sionna.rt_scene.mi_scene.ray_test(ray, tested)
+        visible = ~self._sionna.caster.mi_scene.ray_test(ray, tested)
         buffer = diffuse_buffer(
             row,
             position,
