@@ -147,7 +147,7 @@ def _numbered(
 @compiled
 @no_type_check
 def _grouped(cell, count):
-    """Return the order that groups pieces by cell, keeping theirs inside it, and where each cell that has any begins."""
+    """Return the order that groups pieces by cell, keeping theirs inside it, and where each occupied cell begins."""
     begin = np.zeros(count + 1, dtype=np.int64)
     for number in cell:
         begin[number + 1] += 1

@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int, UInt32
+from jaxtyping import Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.radar.antenna import Antenna
@@ -48,7 +48,6 @@ class SionnaScene:
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
         self.surface_of_shape[shapes] = np.arange(len(shapes))
-        self._shape_of_hit = mi.UInt32(self._by_shape_of_caster())
 
     @cached_property
     def rt_scene(self) -> Any:
@@ -72,9 +71,10 @@ class SionnaScene:
         """Return the shape of a hit by the caster as an integer that Sionna knows; 0 for a miss."""
         return dr.gather(mi.UInt32, self._shape_of_hit, dr.reinterpret_array(mi.UInt32, hit.shape), hit.is_valid())
 
-    def _by_shape_of_caster(self) -> UInt32[np.ndarray, " shape"]:
+    @cached_property
+    def _shape_of_hit(self) -> Any:
         surface = self.caster.surface_of_shape
-        return np.where(surface < 0, 0, self.shape_of_surface[surface]).astype(np.uint32)
+        return mi.UInt32(np.where(surface < 0, 0, self.shape_of_surface[surface]).astype(np.uint32))
 
     def with_antenna(self, antenna: Antenna) -> "SionnaScene":
         """Return the same scene with another antenna."""
