@@ -130,17 +130,17 @@ def _clipped(x, dx, last, near, far):
 
 @compiled
 @no_type_check
-def _block(x, x0, dx, t, level, blocks):
+def _block(x, x0, per_cell, t, level, blocks):
     """Return the block along one axis that a ray is in, and where it leaves that block."""
     block = min(max(int(np.floor(x)) >> level, 0), blocks - 1)
-    if dx == 0.0:
+    if per_cell == np.inf:
         return block, np.inf
-    ahead = 1 if dx > 0.0 else 0
-    leaves = (((block + ahead) << level) - x0) / dx
+    ahead = 1 if per_cell > 0.0 else 0
+    leaves = (((block + ahead) << level) - x0) * per_cell
     if leaves <= t:
         # On the line between two blocks, along which the ray hardly moves.
         block = min(max(block + 2 * ahead - 1, 0), blocks - 1)
-        leaves = (((block + ahead) << level) - x0) / dx
+        leaves = (((block + ahead) << level) - x0) * per_cell
         if leaves <= t:
             return block, np.inf
     return block, leaves
@@ -171,6 +171,7 @@ def _meet(ground, x0, y0, z0, dx, dy, dz, near, far, level):
         # Along a plumb line the ground is met at most once.
         return (t, 2 * (i * columns + j) + half, side) if near < t <= far and dz * side < 0.0 else (np.inf, -1, side)
     nudge = NUDGE / speed
+    per_column, per_row = 1.0 / dx if dx != 0.0 else np.inf, 1.0 / dy if dy != 0.0 else np.inf
     if side < 0:
         level = 0
     t = near
@@ -180,8 +181,8 @@ def _meet(ground, x0, y0, z0, dx, dy, dz, near, far, level):
         if side > 0 and dz >= 0.0 and z0 + t * dz > top:
             return np.inf, -1, side
         x, y = x0 + (t + nudge) * dx, y0 + (t + nudge) * dy
-        i, down = _block(y, y0, dy, t, level, shapes[level, 0])
-        j, along = _block(x, x0, dx, t, level, shapes[level, 1])
+        i, down = _block(y, y0, per_row, t, level, shapes[level, 0])
+        j, along = _block(x, x0, per_column, t, level, shapes[level, 1])
         end = min(min(along, down), far)
         if end <= t:
             end = min(t + nudge, far)

@@ -49,9 +49,22 @@ class ObservedBlock:
 
 
 def fly(schedule: PulseSchedule, sensor: Sensor, block_size: int = BLOCK_SIZE) -> Iterator[ObservedBlock]:
-    """Yield a survey block by block, as the sensor observes it."""
-    for pulses in schedule.line_blocks(block_size):
-        yield ObservedBlock(pulses=pulses, observation=sensor.observe(pulses))
+    """Yield a survey block by block, as the sensor observes it.
+
+    A sensor with a method `expect` is told of each block before it observes the one in front of it, and may begin with
+    it in another thread.
+    """
+    expect = getattr(sensor, "expect", None)
+    blocks = schedule.line_blocks(block_size)
+    current = next(blocks, None)
+    if expect is not None and current is not None:
+        expect(current)
+    while current is not None:
+        following = next(blocks, None)
+        if expect is not None and following is not None:
+            expect(following)
+        yield ObservedBlock(pulses=current, observation=sensor.observe(current))
+        current = following
 
 
 @dataclass(frozen=True, kw_only=True)

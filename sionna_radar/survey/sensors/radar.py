@@ -1,5 +1,8 @@
 """The radar: one sweep a pulse, or an up- and a down-sweep."""
 
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+
 import numpy as np
 from jaxtyping import Int
 
@@ -15,6 +18,8 @@ from sionna_radar.tracing.paths import Paths
 class Radar:
     """Traces the paths of pulses, receives them as beat signals, and finds the echoes in these.
 
+    Paths are traced in one thread of its own, one block ahead of the others.
+
     Of a single sweep a pulse the measured velocity takes the Doppler shift out; the two sweeps of a triangle do so
     themselves. The beam stands still during a pair, as it does during a single sweep.
     """
@@ -22,18 +27,24 @@ class Radar:
     def __init__(self, given: SensorInputs) -> None:
         self._receiver, self._watch = given.receiver, given.watch
         self.tracer = given.tracer()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
+        self._expected: deque[tuple[Pulses, Future[Paths]]] = deque()
         self.sweeps = SweepDetector(
             detector=given.detector,
             sweeps=given.receiver.sweeps,
             schedule=given.schedule,
             expected_ground=given.expected_ground,
-            beats=lambda pulses: self._receiver.beats(self.tracer.trace(pulses), pulses),
+            beats=lambda pulses: self._receiver.beats(self._trace(pulses), pulses),
         )
+
+    def expect(self, pulses: Pulses) -> None:
+        """Begin to trace a block of pulses before it is to be observed."""
+        self._expected.append((pulses, self._thread.submit(self.tracer.trace, pulses)))
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
         with self._watch("trace"):
-            paths = self.tracer.trace(pulses)
+            paths = self._trace(pulses)
         beats = self._beats(paths, pulses)
         with self._watch("detect"):
             found = self.sweeps.detect(beats, pulses)
@@ -60,6 +71,12 @@ class Radar:
     def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
         """Return the chirps of some pulses at once, as `record_chirp` does of one."""
         return self.sweeps.record_chirps(pulses)
+
+    def _trace(self, pulses: Pulses) -> Paths:
+        """Trace pulses in the one thread that does so, or wait until it has."""
+        if self._expected and self._expected[0][0] is pulses:
+            return self._expected.popleft()[1].result()
+        return self._thread.submit(self.tracer.trace, pulses).result()
 
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
         with self._watch("synthesise"):

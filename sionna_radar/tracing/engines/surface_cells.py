@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.row_threads import over_rows
 from sionna_radar.scene.model import Surface
 from sionna_radar.tracing.engines.density import DensityMap
 
@@ -100,7 +101,7 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     side = cell_side_m(density.typical_per_m2)
     meshes = (triangles.vertices_m, triangles.corners)
     while True:
-        found = _pieces(*meshes, box, density.columns, side, LONGEST_SIDE * side, MOST_PARTS, MOST_PIECES)
+        found = _all_pieces(meshes, box, density, side)
         if len(found[0]) < MOST_PIECES:
             break
         side *= 2
@@ -127,6 +128,23 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
         parts=parts[order],
         part=part[order],
     )
+
+
+def _all_pieces(
+    meshes: tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]],
+    box: Float[np.ndarray, "2 3"],
+    density: DensityMap,
+    side_m: float,
+) -> list[np.ndarray]:
+    """Return triangle, parts, part, place and expected number of scatterers of every piece that bears some."""
+    parts: dict[int, tuple[np.ndarray, ...]] = {}
+    sizes = (side_m, LONGEST_SIDE * side_m, MOST_PARTS, MOST_PIECES)
+
+    def search(low: int, high: int) -> None:
+        parts[low] = _pieces(low, high, *meshes, box, density.columns, *sizes)
+
+    over_rows(search, len(meshes[1]))
+    return [np.concatenate(column) for column in zip(*(parts[low] for low in sorted(parts)), strict=True)]
 
 
 def _numbered(
@@ -278,15 +296,15 @@ def density_at(x, y, density):
 
 @compiled
 @no_type_check
-def _pieces(vertices, corners, box, density, side, longest, most_parts, most):
+def _pieces(low, high, vertices, corners, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
-    capacity = min(max(1024, len(corners) // 2), most)
+    capacity = min(max(1024, (high - low) // 2), most)
     face, parts = np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=np.int32)
     part, place = np.empty(capacity, dtype=np.int32), np.empty((capacity, 3), dtype=np.int32)
     expected = np.empty(capacity)
     count = 0
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
-    for f in range(len(corners)):
+    for f in range(low, high):
         corners_of(f, vertices, corners, corner)
         outside = False
         for axis in range(3):
