@@ -27,8 +27,13 @@ SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
 LEAST_NOISE_M = 1e-3
+# Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
+NEW_NOISE = 0.03
 # Standard deviation of the logarithm of the noise factor, beforehand.
-NOISE_FACTOR_SPREAD = 0.5
+NOISE_FACTOR_SPREAD = 0.2
+# Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
+# Gaussian: so many nepers of likelihood are no evidence. A map that takes rough ground for smooth is overconfident.
+CLEARLY_LESS_LIKELY = 7.0
 # The mixture of Gaussian covariances: how many, and the span of their squared lengths around the mean, in nepers.
 MIXTURE, SPAN = 48, (-14.0, 4.0)
 TABLE = 400
@@ -123,8 +128,9 @@ def fit_covariance(measured: Measured) -> FittedCovariance:
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
     ]
-    best: tuple[float, FittedCovariance] | None = None
-    for smoothness in SMOOTHNESSES:
+    best, least = None, np.inf
+    # From smooth to rough; a rougher one replaces a smoother one unless it is clearly less likely.
+    for smoothness in reversed(SMOOTHNESSES):
         found = minimize(
             _loss,
             start,
@@ -134,12 +140,13 @@ def fit_covariance(measured: Measured) -> FittedCovariance:
             bounds=bounds,
             options={"maxiter": ITERATIONS, "ftol": 1e-6},
         )
-        if best is None or found.fun < best[0]:
+        if found.fun < least + CLEARLY_LESS_LIKELY:
             length, scale, factor = (float(value) for value in np.exp(found.x))
-            best = float(found.fun), FittedCovariance(Covariance(smoothness, length, scale), factor)
+            best = FittedCovariance(Covariance(smoothness, length, scale), factor)
+        least = min(least, float(found.fun))
         start = found.x
     assert best is not None
-    return best[1]
+    return best
 
 
 @dataclass(frozen=True)
@@ -172,8 +179,10 @@ def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> 
     Two echoes of one pulse lie in different range cells, which share none.
     """
     apart = np.subtract.outer(order, order) ** 2
-    square = np.add.outer(reach**2, reach**2) / 2
-    together: Float[np.ndarray, "n n"] = np.where(apart > 0, np.exp(-apart / np.maximum(square, 1e-6)), 0.0)
+    square = np.maximum(np.add.outer(reach**2, reach**2) / 2, 1e-6)
+    # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
+    alike = np.sqrt(np.outer(reach, reach) / square) * np.exp(-apart / square)
+    together: Float[np.ndarray, "n n"] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
     np.fill_diagonal(together, 1.0)
     return together
 

@@ -11,26 +11,31 @@ Only the measured poses, the antenna and the measured profiles are used. A large
 overlapping tiles; each has its own terrain model, and their surfaces are blended.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import uniform_filter1d
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
+from sionna_radar.mapping.footprint import footprint_axes
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
-from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, smooth
+from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, TerrainModel, smooth
+from sionna_radar.mapping.speckle import repeats
 
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
 # A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
-FIRST_STEPS, LAST_STEPS = 2, 5
-# These, and two smoothing surfaces.
-STEPS_OF_A_TILE = FIRST_STEPS + LAST_STEPS + 2
+FIRST_SURFACES, SCORING_STEPS = 2, 4
+# Neighbouring pulses whose echoes are alike in shape.
+SIMILAR_PULSES = 9
+STEPS_OF_A_TILE = FIRST_SURFACES + SCORING_STEPS
 OUTLIER_SIGMAS = 4.0
 # Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
 STEP_TOLERANCE = 1e-2
@@ -66,7 +71,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Heightfiel
                 for _ in range(STEPS_OF_A_TILE):
                     step()
                 continue
-            surface = _refine_tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0), step)
+            surface = _refine_tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0), step).surface
             rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
             window = np.ix_(rows, columns)
             total[window] += core[window] * surface.at(x[window].ravel(), y[window].ravel()).reshape(len(rows), -1)
@@ -76,36 +81,28 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Heightfiel
     return Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
 
 
-def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> Heightfield:
+def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> Smoothed:
+    """Return the most probable surface under some sightings; a surface beyond the grid reaches all footprints."""
     grid = _reaching(grid, sightings, echoes)
-    fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
-    step()
-    for _ in range(FIRST_STEPS):
-        fitted = _score_step(sightings, fitted, 1.0)
+    reach = sightings.repeated(echoes.range_m)
+    raw = _heights(sightings, echoes, np.zeros(len(sightings)), reach)
+    surface = TerrainModel.flat(grid, raw.trend())
+    for _ in range(FIRST_SURFACES):
+        heights, odd = _debiased(sightings, surface, echoes, reach)
+        fitted = smooth(heights.rows(~odd), grid)
+        surface = fitted.surface
         step()
-    bias, outlier = _bias(sightings, fitted.surface, echoes)
-    heights = _heights(sightings, echoes, bias)
-    keep = ~outlier
-    heights = Heights(heights.place_m[keep], heights.height_m[keep], heights.sigma_m[keep])
-    fitted = smooth(heights, grid)
-    step()
-    for _ in range(LAST_STEPS):
-        fitted = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))
+    looks = sightings.looks_per_cell / repeats(reach) / max(1.0, fitted.noise_factor)
+    for _ in range(SCORING_STEPS):
+        fitted = _score_step(sightings, fitted, looks)
         step()
-    return fitted.surface
+    return fitted
 
 
-def evenly(echoes: MeanRanges) -> MeanRanges:
-    """Give all ranges the median uncertainty: before the beam's bias is known, that outweighs speckle."""
-    return MeanRanges(range_m=echoes.range_m, sigma_m=np.full(len(echoes), np.median(echoes.sigma_m)))
-
-
-def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> Smoothed:
+def _score_step(sightings: Sightings, fitted: Smoothed, looks: Float[np.ndarray, " pulse"]) -> Smoothed:
     """Return the surface after one step of Fisher scoring."""
     model, white = fitted.model, fitted.white
-    linear = EchoModel(sightings, fitted.surface).linearise(
-        np.full(len(sightings), sightings.looks_per_cell / noise_factor)
-    )
+    linear = EchoModel(sightings, fitted.surface).linearise(looks)
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
     transposed = weights.T.tocsr()
 
@@ -118,27 +115,44 @@ def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> 
     return Smoothed(model, white + step, fitted.noise_factor)
 
 
-def _bias(
-    sightings: Sightings, surface: Heightfield, echoes: MeanRanges
-) -> tuple[Float[np.ndarray, " pulse"], Bool[np.ndarray, " pulse"]]:
-    """Return how far each predicted mean range exceeds the axis range, and which echoes do not fit the surface."""
+def _debiased(
+    sightings: Sightings, surface: Heightfield, echoes: MeanRanges, reach: Float[np.ndarray, " pulse"]
+) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
+    """Return heights of echoes, means over their footprints, and which do not fit a surface.
+
+    The mean range of each echo exceeds that predicted over the surface as the mean height over its footprint falls
+    short of the surface's.
+    """
     pose = sightings.pose
     axis = pose.boresight
     predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
-    bias = predicted - surface.first_hit(pose.position_m, axis, sightings.reach_m)
+    on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
+    known = np.isfinite(predicted) & np.isfinite(on_axis)
+    heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach)
+    over = heights.weights(surface.grid) @ surface.height_m.ravel() - surface.at(*heights.place_m.T)
     residual = (echoes.range_m - predicted) / echoes.sigma_m
-    known = np.isfinite(bias)
     scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
     odd = ~known | (np.abs(np.nan_to_num(residual)) > OUTLIER_SIGMAS * scale)
     if odd.mean() > 0.5:
         odd = ~known
-    return np.where(known, bias, 0.0), odd
+    return replace(heights, height_m=heights.height_m + over), odd
 
 
-def _heights(sightings: Sightings, echoes: MeanRanges, bias_m: Float[np.ndarray, " pulse"]) -> Heights:
+def _heights(
+    sightings: Sightings, echoes: MeanRanges, bias_m: Float[np.ndarray, " pulse"], reach: Float[np.ndarray, " pulse"]
+) -> Heights:
     point = _on_axis(sightings.pose, echoes.range_m - bias_m)
-    sigma = echoes.sigma_m * np.abs(sightings.pose.boresight[:, 2])
-    return Heights(point[:, :2], point[:, 2], np.maximum(sigma, 0.02))
+    # Speckle makes the uncertainty that is read from one echo as uncertain, and small where the error is not.
+    sigma = np.sqrt(uniform_filter1d(echoes.sigma_m**2, SIMILAR_PULSES, mode="nearest"))
+    sigma *= np.abs(sightings.pose.boresight[:, 2])
+    return Heights(
+        place_m=point[:, :2],
+        height_m=point[:, 2],
+        sigma_m=np.maximum(sigma, 0.02),
+        footprint_m=footprint_axes(sightings.pose, echoes.range_m, sightings.beam),
+        order=sightings.profiles.pulse.astype(float),
+        reach=reach,
+    )
 
 
 def _on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse 3"]:

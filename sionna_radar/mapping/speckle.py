@@ -150,15 +150,24 @@ def _overlap(
     later: Float[np.ndarray, " n"],
     chirp: Chirp,
 ) -> float:
-    """Return |rho|^2 of the fields of two pulses over common directions, averaged over range cells by their power."""
+    """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
+
+    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range, what
+    pulls one echo farther pulls the next one nearer.
+    """
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
     cell -= cell.min()
     # Random directions: the sum over pairs of different ones is free of the bias of few.
     both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
     one, two = np.bincount(cell, power), np.bincount(cell, later)
-    alone = one * two - np.bincount(cell, power * later)
-    usable = alone > 1e-9 * alone.max(initial=0.0)
-    if not usable.any():
-        return 0.0
-    return float(np.clip(np.sum(one[usable] * both[usable] / alone[usable]) / one[usable].sum(), 0.0, 1.0))
+    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
+    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
+
+
+def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+    """Return how far each cell is from their mean, weighted with their power."""
+    cell = np.arange(len(power))
+    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
+    return distance
