@@ -61,6 +61,15 @@ class Covariance:
         result: Float[np.ndarray, ...] = np.exp(-np.multiply.outer(distance_m**2, 0.5 / widened)) @ weight
         return self.variance_m2 * result
 
+    def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the power spectral density, m^4, whose integral over the plane of wave vectors is (2 pi)^2 variances."""
+        if np.isinf(self.smoothness):
+            scale = 2 * np.pi * self.length_m**2
+        else:
+            nu = self.smoothness
+            scale = 4 * np.pi * nu * (2 * nu / self.length_m**2) ** nu
+        return self.variance_m2 * scale * self._density(wavenumber)
+
     def spectrum_root(self, grid: Grid) -> Float[np.ndarray, "row frequency"]:
         """Return the square root of the power spectrum on the grid's real Fourier frequencies.
 
