@@ -1,7 +1,7 @@
 """Covariance of terrain heights, estimated from scattered measurements of them by maximum likelihood.
 
-The Matern family spans rough to infinitely smooth terrain: exponential (smoothness 1/2), 3/2, 5/2 and Gaussian
-(infinite), each with a length and a variance (Stein 1999, "Interpolation of Spatial Data").
+The Matern family spans rough to infinitely smooth terrain by its smoothness, from fractal (0.3 to 1, the Hurst
+exponent) to Gaussian (infinite), with a length and a variance (Stein 1999, "Interpolation of Spatial Data").
 
 A measured height is the mean of the terrain over a beam's footprint plus noise. Two such means have the terrain's
 covariance smoothed with both footprints: a Matern covariance is a mixture of Gaussian ones with gamma-distributed
@@ -19,11 +19,12 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
-from scipy.special import gammaln
+from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.raster import Grid
 
-SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
+# Bounds of the smoothness; beyond them terrain is Gaussian.
+ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
 LEAST_NOISE_M = 1e-3
@@ -32,12 +33,15 @@ NEW_NOISE = 0.03
 # Standard deviation of the logarithm of the noise factor, beforehand.
 NOISE_FACTOR_SPREAD = 0.2
 # Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
-# Gaussian: so many nepers of likelihood are no evidence. A map that takes rough ground for smooth is overconfident.
-CLEARLY_LESS_LIKELY = 7.0
+# Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
+# beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
+ROUGHER, OF_GAUSSIAN = 6.0, 12.0
 # The mixture of Gaussian covariances: how many, and the span of their squared lengths around the mean, in nepers.
 MIXTURE, SPAN = 48, (-14.0, 4.0)
 TABLE = 400
-ITERATIONS = 20
+ITERATIONS, STEP = 30, 1e-3
+# Where the search for the smoothness begins, and above which Gaussian terrain is tried too.
+FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Covariance:
         return self.variance_m2 * result
 
     def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the power spectral density, m^4, whose integral over the plane of wave vectors is (2 pi)^2 variances."""
+        """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""
         if np.isinf(self.smoothness):
             scale = 2 * np.pi * self.length_m**2
         else:
@@ -131,31 +135,23 @@ def fit_covariance(measured: Measured) -> FittedCovariance:
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
     groups = [_Group.of(measured, rows) for rows in _groups(measured.place_m)]
-    start = np.log([0.1 * extent, variance, 1.0])
     bounds = [
         (np.log(3e-3 * extent), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
         (np.log(0.02), np.log(100.0)),
+        (np.log(ROUGHEST), np.log(SMOOTHEST)),
     ]
-    best, least = None, np.inf
-    # From smooth to rough; a rougher one replaces a smoother one unless it is clearly less likely.
-    for smoothness in reversed(SMOOTHNESSES):
-        found = minimize(
-            _loss,
-            start,
-            args=(smoothness, groups),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"maxiter": ITERATIONS, "ftol": 1e-6},
+    start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
+    options = {"maxiter": ITERATIONS, "ftol": 1e-6}
+    rough = minimize(_loss, start, args=(groups,), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    found, smoothness = rough, float(np.exp(rough.x[3]))
+    if smoothness > GAUSSIAN_TRIED:
+        gaussian = minimize(
+            _loss, rough.x[:3], args=(groups,), jac=True, method="L-BFGS-B", bounds=bounds[:3], options=options
         )
-        if found.fun < least + CLEARLY_LESS_LIKELY:
-            length, scale, factor = (float(value) for value in np.exp(found.x))
-            best = FittedCovariance(Covariance(smoothness, length, scale), factor)
-        least = min(least, float(found.fun))
-        start = found.x
-    assert best is not None
-    return best
+        found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
+    length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
+    return FittedCovariance(Covariance(smoothness, length, scale), factor)
 
 
 @dataclass(frozen=True)
@@ -197,38 +193,48 @@ def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> 
 
 
 def _loss(
-    parameters: Float[np.ndarray, "3"], smoothness: float, groups: Sequence[_Group]
-) -> tuple[float, Float[np.ndarray, "3"]]:
-    """Return the negative logarithm of the posterior of length, variance and noise factor, and its gradient."""
-    length, variance, factor = np.exp(parameters)
-    step = 1e-3
-    loss = float(parameters[2] ** 2) / (2 * NOISE_FACTOR_SPREAD**2)
-    gradient = np.array([0.0, 0.0, parameters[2] / NOISE_FACTOR_SPREAD**2])
+    parameters: Float[np.ndarray, " parameter"], groups: Sequence[_Group]
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Return the negative logarithm of the posterior, and its gradient.
+
+    parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
+    """
+    smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
+    length, variance, factor = (float(value) for value in np.exp(parameters[:3]))
+    longer = Covariance(smoothness, length * np.exp(STEP), variance)
+    smoother = Covariance(smoothness * np.exp(STEP), length, variance)
+    loss = float(parameters[2] ** 2) / (2 * NOISE_FACTOR_SPREAD**2) + ROUGHER * np.log1p(min(smoothness, OF_GAUSSIAN))
+    gradient = np.zeros(len(parameters))
+    gradient[2] = parameters[2] / NOISE_FACTOR_SPREAD**2
+    if len(parameters) > 3:
+        gradient[3] = ROUGHER * smoothness / (1 + smoothness)
     for group in groups:
-        terrain = group.covariance(Covariance(smoothness, float(length), float(variance)))
-        longer = group.covariance(Covariance(smoothness, float(length) * np.exp(step), float(variance)))
+        terrain = group.covariance(Covariance(smoothness, length, variance))
         noise = factor * group.noise_m2
         total = terrain + noise
         total[np.diag_indices_from(total)] += 1e-9 * variance
         try:
             root = cho_factor(total, lower=True, check_finite=False)
         except LinAlgError:
-            return 1e12, np.zeros(3)
+            return 1e12, np.zeros(len(parameters))
         inverse = cho_solve(root, np.eye(len(total)), check_finite=False)
         solved = inverse @ group.height_m
         loss += float(group.height_m @ solved / 2 + np.log(np.diag(root[0])).sum())
         outward = inverse - np.outer(solved, solved)
-        for number, change in enumerate(((longer - terrain) / step, terrain, noise)):
-            gradient[number] += np.sum(outward * change) / 2
+        changes = [(group.covariance(longer) - terrain) / STEP, terrain, noise]
+        if len(parameters) > 3:
+            changes.append((group.covariance(smoother) - terrain) / STEP)
+        gradient += [np.vdot(outward, change) / 2 for change in changes]
     return loss, gradient
 
 
 def _correlation(smoothness: float, scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     if np.isinf(smoothness):
         return np.exp(-(scaled**2) / 2)
-    root = np.sqrt(2 * smoothness) * scaled
-    polynomial = {0.5: 1.0, 1.5: 1 + root, 2.5: 1 + root + root**2 / 3}[smoothness]
-    return polynomial * np.exp(-root)
+    root = np.maximum(np.sqrt(2 * smoothness) * scaled, 1e-10)
+    logarithm = (1 - smoothness) * np.log(2) - gammaln(smoothness) + smoothness * np.log(root)
+    # The exponentially scaled Bessel function does not vanish where the correlation does not.
+    return np.exp(logarithm - root) * kve(smoothness, root)
 
 
 def _groups(place_m: Float[np.ndarray, "n 2"]) -> list[Int[np.ndarray, " member"]]:

@@ -24,7 +24,7 @@ from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
-from sionna_radar.mapping.speckle import SpeckleMemory, speckle_reach
+from sionna_radar.mapping.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
 # Room for the rows of this many pulses is made at once, before it is known how many there are.
@@ -51,7 +51,7 @@ class Sightings:
     looks_per_cell: float
     doppler: float
     reach_m: float
-    memory: SpeckleMemory = SpeckleMemory()
+    memory: SpeckleMemory = STILL
 
     def __len__(self) -> int:
         return len(self.profiles)

@@ -10,9 +10,7 @@ from sionna_radar.mapping.beam import BeamNodes
 SHALLOWEST = 0.1
 
 
-def footprint_axes(
-    pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes
-) -> Float[np.ndarray, "pulse 2 2"]:
+def footprint_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes) -> Float[np.ndarray, "pulse 2 2"]:
     """Return the axes of each pulse's footprint on level ground, as long as its standard deviations.
 
     The two-way pattern is taken for a Gaussian with the same second moments in azimuth and in elevation.

@@ -72,7 +72,7 @@ class Heights(Columns):
     def trend(self) -> Float[np.ndarray, "3"]:
         """Return the plane through them: height at the origin, slopes toward east and north."""
         design = np.column_stack([np.ones(len(self)), self.place_m])
-        plane: Float[np.ndarray, "3"] = np.linalg.lstsq(design, self.height_m, rcond=None)[0]
+        plane: Float[np.ndarray, 3] = np.linalg.lstsq(design, self.height_m, rcond=None)[0]
         return plane
 
     def weights(self, grid: Grid) -> csr_matrix:
@@ -88,7 +88,11 @@ class Heights(Columns):
         each = flat.weights(*around.reshape(-1, 2).T)
         count = len(offset)
         mean = csr_matrix(
-            (np.tile(np.outer(share, share).ravel(), len(self)), np.arange(count * len(self)), np.arange(len(self) + 1) * count),
+            (
+                np.tile(np.outer(share, share).ravel(), len(self)),
+                np.arange(count * len(self)),
+                np.arange(len(self) + 1) * count,
+            ),
             shape=(len(self), count * len(self)),
         )
         return mean @ each

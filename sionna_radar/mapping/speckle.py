@@ -21,10 +21,11 @@ from scipy.spatial import KDTree
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.tracing import TracingTable
 
 # Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
 # The directions are random, but always the same.
-DIRECTIONS, SAMPLED_PULSES, SEED = 1500, 384, 2007
+DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
 # The lag is doubled while the speckle of so many pulses is still correlated by more than this.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
 LEAST_CORRELATION = 1e-3
@@ -46,6 +47,16 @@ class SpeckleMemory:
         if self.decorrelation_s == 0:
             return np.where(lag_s == 0, 1.0, 0.0)
         return (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2) ** -2.0
+
+
+STILL = SpeckleMemory()
+
+
+def speckle_memory(table: TracingTable) -> SpeckleMemory:
+    """Return how long the ground of a scenario keeps its speckle."""
+    if table.speckle == "per_pulse":
+        return SpeckleMemory(decorrelation_s=0.0)
+    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf)
 
 
 def speckle_reach(
@@ -152,8 +163,8 @@ def _overlap(
 ) -> float:
     """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
 
-    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range, what
-    pulls one echo farther pulls the next one nearer.
+    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
+    what pulls one echo farther pulls the next one nearer.
     """
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
