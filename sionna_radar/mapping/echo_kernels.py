@@ -368,16 +368,3 @@ def linearise(
             used += 1
         count[number] = row
     return used
-
-
-@compiled
-@no_type_check
-def curve(factor, first, heights, result):
-    """Write F^T F applied to the heights under the nodes of each pulse."""
-    for pulse in range(len(heights)):
-        if first[pulse] == first[pulse + 1]:
-            for node in range(heights.shape[1]):
-                result[pulse, node] = 0.0
-        else:
-            own = factor[first[pulse] : first[pulse + 1]]
-            np.dot(np.dot(own, heights[pulse]), own, result[pulse])

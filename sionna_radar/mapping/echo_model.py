@@ -97,7 +97,7 @@ class Linearised:
 
     def curvature(self, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
         """Return F^T F of each pulse applied to heights under its nodes."""
-        from sionna_radar.mapping.echo_kernels import curve
+        from sionna_radar.mapping.curvature_kernels import curve
 
         result = np.empty(heights.shape, dtype=np.float32)
         curve(self.factor, self.first, heights.astype(np.float32), result)
