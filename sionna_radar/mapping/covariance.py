@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
@@ -21,9 +20,6 @@ SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 350, 2
 LEAST_NOISE_M = 1e-3
-# A likelihood outside the bounds, or of a matrix that is not positive definite.
-FORBIDDEN = 1e12
-Group = tuple[Float[np.ndarray, "n n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True)
@@ -81,57 +77,46 @@ def fit_covariance(
     variance = max(float(np.var(height_m)), LEAST_NOISE_M**2)
     problem = [(cdist(place_m[g], place_m[g]), height_m[g], np.maximum(sigma_m[g], LEAST_NOISE_M) ** 2) for g in groups]
     best: tuple[float, FittedCovariance] | None = None
-    start = np.log([0.15 * extent, 1 / variance])
     for smoothness in SMOOTHNESSES:
-        # The likeliest variance for a length and a ratio of noise to variance is known in closed form.
-        def loss(parameters: Float[np.ndarray, "2"], smoothness: float = smoothness) -> float:
-            length, ratio = np.exp(parameters)
-            if not (1e-3 * extent < length < extent and 1e-4 < ratio * variance < 1e4):
-                return FORBIDDEN
-            return _profile_likelihood(smoothness, float(length), float(ratio), problem)[0]
 
-        simplex = start + np.array([[0, 0], [1, 0], [0, -1.0]])
+        def loss(parameters: Float[np.ndarray, "3"], smoothness: float = smoothness) -> float:
+            length, scale, factor = np.exp(parameters)
+            if not (1e-3 * extent < length < extent and 1e-4 < factor < 1e4):
+                return 1e12
+            covariance = Covariance(smoothness, float(length), float(scale))
+            return sum(_negative_log_likelihood(covariance, factor * n, d, z) for d, z, n in problem)
+
+        start = np.log([0.15 * extent, variance, 1.0])
+        simplex = start + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0]])
         options = {"maxiter": 90, "xatol": 0.03, "fatol": 0.1, "initial_simplex": simplex}
         found = minimize(loss, start, method="Nelder-Mead", options=options)
         if best is None or found.fun < best[0]:
-            length, ratio = (float(value) for value in np.exp(found.x))
-            scale = _profile_likelihood(smoothness, length, ratio, problem)[1]
-            best = float(found.fun), FittedCovariance(Covariance(smoothness, length, scale), ratio * scale)
+            length, scale, factor = (float(value) for value in np.exp(found.x))
+            best = float(found.fun), FittedCovariance(Covariance(smoothness, length, scale), factor)
     assert best is not None
     return best[1]
-
-
-def _profile_likelihood(smoothness: float, length_m: float, ratio: float, problem: list[Group]) -> tuple[float, float]:
-    """Return the negative log-likelihood at the likeliest variance, and that variance.
-
-    ratio: factor on the variances of the noise, over the variance of the terrain.
-    """
-    square, logs, count = 0.0, 0.0, 0
-    for distance_m, height_m, noise_m2 in problem:
-        matrix = _correlation(smoothness, distance_m / length_m)
-        matrix.flat[:: len(matrix) + 1] += ratio * noise_m2 + 1e-9
-        # Symmetric, so that its transpose, in LAPACK's order, is the matrix too.
-        root, failed = dpotrf(matrix.T, lower=1, clean=0, overwrite_a=1)
-        if failed:
-            return FORBIDDEN, 0.0
-        white = solve_triangular(root, height_m, lower=True, check_finite=False)
-        square += float(white @ white)
-        logs += float(np.log(np.diag(root)).sum())
-        count += len(height_m)
-    scale = max(square / count, LEAST_NOISE_M**2)
-    return square / scale / 2 + logs + count * np.log(scale) / 2, scale
 
 
 def _correlation(smoothness: float, scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     if np.isinf(smoothness):
         return np.exp(-(scaled**2) / 2)
     root = np.sqrt(2 * smoothness) * scaled
-    falling = np.exp(-root)
-    if smoothness == 1.5:
-        falling *= 1 + root
-    elif smoothness == 2.5:
-        falling *= 1 + root + root**2 / 3
-    return falling
+    polynomial = {0.5: 1.0, 1.5: 1 + root, 2.5: 1 + root + root**2 / 3}[smoothness]
+    return polynomial * np.exp(-root)
+
+
+def _negative_log_likelihood(
+    covariance: Covariance,
+    noise_m2: Float[np.ndarray, " n"],
+    distance_m: Float[np.ndarray, "n n"],
+    height_m: Float[np.ndarray, " n"],
+) -> float:
+    try:
+        root = cholesky(covariance.at(distance_m) + np.diag(noise_m2 + 1e-9 * covariance.variance_m2), lower=True)
+    except LinAlgError:
+        return 1e12
+    white = solve_triangular(root, height_m, lower=True)
+    return float(white @ white / 2 + np.log(np.diag(root)).sum())
 
 
 def _groups(place_m: Float[np.ndarray, "n 2"]) -> list[np.ndarray]:
