@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.threads import equal_parts, in_threads
 from sionna_radar.mapping.echo_model import Linearised
 
 Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
@@ -23,13 +24,22 @@ def information_of(linear: Linearised, surface: Heightfield) -> Information:
     if start[-1] > linear.factor.size:
         return _by_nodes(linear, surface)
     on_cells, begin = np.empty(start[-1], dtype=np.float32), np.cumsum(count)
-    onto_cells(linear.factor, linear.first, place, *on, local, count[1:], start, on_cells)
+    onto = linear.factor, linear.first, place, *on, local, count[1:], start, on_cells
+    list(in_threads(lambda low, high: onto_cells(*onto, low, high), equal_parts(len(place))))
     cell = cell[: begin[-1]].copy()
 
     def informed(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        result = np.zeros(height_m.size)
-        curve_cells(on_cells, start, cell, begin, height_m.astype(np.float32), result, 0, len(place))
-        return result
+        single = height_m.astype(np.float32)
+
+        def some(low: int, high: int) -> Float[np.ndarray, " cell"]:
+            result = np.zeros(height_m.size)
+            curve_cells(on_cells, start, cell, begin, single, result, low, high)
+            return result
+
+        first, *others = in_threads(some, equal_parts(len(place)))
+        for other in others:
+            first += other
+        return first
 
     return informed
 

@@ -15,9 +15,9 @@ from sionna_radar.foundation.compiled import compiled
 
 @compiled
 @no_type_check
-def curve(factor, first, heights, result):
-    """Write F^T F applied to the heights under the nodes of each pulse."""
-    for pulse in range(len(heights)):
+def curve(factor, first, heights, result, low, high):
+    """Write F^T F applied to the heights under the nodes of the pulses from `low` to `high`."""
+    for pulse in range(low, high):
         if first[pulse] == first[pulse + 1]:
             for node in range(heights.shape[1]):
                 result[pulse, node] = 0.0
@@ -54,20 +54,23 @@ def touch(place, west, south, spacing, rows, columns, seen_by, cell, local):
 
 @compiled
 @no_type_check
-def onto_cells(factor, first, place, west, south, spacing, rows, columns, local, count, start, on_cells):
-    """Write F of each pulse as it acts on its cells, row by row, from `start` on."""
-    for pulse in range(len(place)):
+def onto_cells(factor, first, place, west, south, spacing, rows, columns, local, count, start, on_cells, low, high):
+    """Write F of the pulses from `low` to `high` as it acts on their cells, row by row, from `start` on."""
+    share = np.empty((place.shape[1], 4))
+    for pulse in range(low, high):
         cells = count[pulse]
-        for k in range(start[pulse], start[pulse + 1]):
-            on_cells[k] = 0.0
         for node in range(place.shape[1]):
             _, _, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
-            for row in range(first[pulse + 1] - first[pulse]):
-                at, value = start[pulse] + row * cells, factor[first[pulse] + row, node]
-                on_cells[at + local[pulse, node, 0]] += value * (1 - a) * (1 - b)
-                on_cells[at + local[pulse, node, 1]] += value * a * (1 - b)
-                on_cells[at + local[pulse, node, 2]] += value * (1 - a) * b
-                on_cells[at + local[pulse, node, 3]] += value * a * b
+            share[node, 0], share[node, 1] = (1 - a) * (1 - b), a * (1 - b)
+            share[node, 2], share[node, 3] = (1 - a) * b, a * b
+        for row in range(first[pulse + 1] - first[pulse]):
+            at = start[pulse] + row * cells
+            for k in range(at, at + cells):
+                on_cells[k] = 0.0
+            for node in range(place.shape[1]):
+                value = factor[first[pulse] + row, node]
+                for c in range(4):
+                    on_cells[at + local[pulse, node, c]] += value * share[node, c]
 
 
 @compiled
