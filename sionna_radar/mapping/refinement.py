@@ -29,12 +29,14 @@ TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
 # A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
-FIRST_STEPS, LAST_STEPS = 2, 5
+FIRST_STEPS, LAST_STEPS = 1, 4
 # These, and two smoothing surfaces.
 STEPS_OF_A_TILE = FIRST_STEPS + LAST_STEPS + 2
 OUTLIER_SIGMAS = 4.0
 # Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
-STEP_TOLERANCE = 1e-2
+STEP_TOLERANCE = 2e-2
+# Of the smoothing surfaces that only begin the iteration.
+ROUGH = 1e-4
 
 
 def refinement_steps(grid: Grid) -> int:
@@ -79,7 +81,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Heightfiel
 
 def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> Heightfield:
     grid = _reaching(grid, sightings, echoes)
-    fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid)
+    fitted = smooth(_heights(sightings, evenly(echoes), np.zeros(len(sightings))), grid, tolerance=ROUGH)
     step()
     for _ in range(FIRST_STEPS):
         fitted = _score_step(sightings, fitted, 1.0)
@@ -88,7 +90,7 @@ def _refine_tile(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Ste
     heights = _heights(sightings, echoes, bias)
     keep = ~outlier
     heights = Heights(heights.place_m[keep], heights.height_m[keep], heights.sigma_m[keep])
-    fitted = smooth(heights, grid)
+    fitted = smooth(heights, grid, tolerance=ROUGH)
     step()
     for _ in range(LAST_STEPS):
         fitted = _score_step(sightings, fitted, max(1.0, fitted.noise_factor))

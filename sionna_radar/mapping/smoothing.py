@@ -119,7 +119,7 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(heights: Heights, grid: Grid, step: Step = no_step) -> Smoothed:
+def smooth(heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -130,17 +130,24 @@ def smooth(heights: Heights, grid: Grid, step: Step = no_step) -> Smoothed:
         Cells that the surface must cover; it extends beyond them.
     step:
         Called after each iteration of the solution.
+    tolerance:
+        Of the solution: its residual relative to that of the trend.
 
     """
     x, y = heights.place_m.T
     design = np.column_stack([np.ones(len(x)), x, y])
     trend = np.linalg.lstsq(design, heights.height_m, rcond=None)[0]
     fitted = fit_covariance(heights.place_m, heights.height_m - design @ trend, heights.sigma_m)
-    return smooth_with(heights, grid, trend, fitted, step)
+    return smooth_with(heights, grid, trend, fitted, step, tolerance)
 
 
 def smooth_with(
-    heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fitted: FittedCovariance, step: Step = no_step
+    heights: Heights,
+    grid: Grid,
+    trend: Float[np.ndarray, "3"],
+    fitted: FittedCovariance,
+    step: Step = no_step,
+    tolerance: float = TOLERANCE,
 ) -> Smoothed:
     """Return the most probable surface under a known trend and covariance."""
     model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance)
@@ -155,7 +162,7 @@ def smooth_with(
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.coloured(transposed @ (precision * excess))
-    white = model.solve(information, right, MOST_ITERATIONS, TOLERANCE)
+    white = model.solve(information, right, MOST_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
 
 
