@@ -23,6 +23,7 @@ from jaxtyping import Float, Float32, Int
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.mapping.echo_model import Sightings
 
 # A step of reflectivity: 6 dB, in nepers of power.
@@ -82,7 +83,7 @@ def evidence_against(
         *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
         *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
         sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
-        *(gain, np.array([*_start_and_step(beam.azimuth), *_start_and_step(beam.elevation)])),
+        *(gain, _axes(beam)),
         *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
         np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
         *(bright.step, bright.typical, bright.alternatives, WIDEST_FOR, SPREAD_CELLS),
@@ -95,8 +96,10 @@ def evidence_against(
     return lowest
 
 
-def _start_and_step(values: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    return float(values[0]), float(values[1] - values[0])
+def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
+    """Return start and step of the samples in azimuth and in elevation, and the ends of both."""
+    u, v = beam.azimuth, beam.elevation
+    return np.array([u[0], u[1] - u[0], v[0], v[1] - v[0], u[-1], v[-1]])
 
 
 @dataclass(frozen=True)

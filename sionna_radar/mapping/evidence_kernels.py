@@ -44,12 +44,9 @@ def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
 @compiled
 @no_type_check
 def two_way(gain, first_u, step_u, first_v, step_v, u, v):
-    """Return the bilinear two-way gain at direction cosines; 0 outside the table."""
+    """Return the bilinear two-way gain at direction cosines within the table."""
     i, j = (u - first_u) / step_u, (v - first_v) / step_v
-    rows, columns = gain.shape
-    if not (0.0 <= i <= rows - 1 and 0.0 <= j <= columns - 1):
-        return 0.0
-    low_i, low_j = min(int(i), rows - 2), min(int(j), columns - 2)
+    low_i, low_j = min(max(int(i), 0), gain.shape[0] - 2), min(max(int(j), 0), gain.shape[1] - 2)
     a, b = i - low_i, j - low_j
     below = gain[low_i, low_j] * (1 - b) + gain[low_i, low_j + 1] * b
     above = gain[low_i + 1, low_j] * (1 - b) + gain[low_i + 1, low_j + 1] * b
@@ -65,10 +62,10 @@ def add_evidence(
     """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
 
     windows: first and last row and column of the map that each pulse sees, the last excluded.
-    gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts and steps.
+    gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
     in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
     """
-    log_alternatives = np.log(alternatives)
+    log_alternatives, spacing = np.log(alternatives), level[1] - level[0]
     longest = 0
     for pulse in range(len(windows)):
         longest = max(longest, start[pulse + 1] - start[pulse])
@@ -90,14 +87,22 @@ def add_evidence(
             for column in range(windows[pulse, 2], windows[pulse, 3]):
                 east = x[column] - position[pulse, 0]
                 flat, view = east * east + north * north, in_view[row, column]
-                for number in range(len(level)):
+                number, upcoming = 0, 0
+                while upcoming < len(level):
+                    number = upcoming
                     height = base[row, column] + level[number]
                     up = height - position[pulse, 2]
-                    if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
-                        continue
                     range_m = np.sqrt(flat + up * up)
                     u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
                     v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
+                    beyond = max(max(axes[0] - u, u - axes[4]), max(axes[2] - v, v - axes[5]))
+                    if beyond > 0.0:
+                        # To come as far in direction, a point must move by at least this share of its range.
+                        upcoming += max(int(beyond / (1 + beyond) * range_m / spacing), 1)
+                        continue
+                    upcoming += 1
+                    if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
+                        continue
                     w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)
                     if w <= 0.0:
                         continue
