@@ -12,7 +12,7 @@ from sionna_radar.mapping.echo_model import Linearised
 Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
 
 
-def information_of(linear: Linearised, surface: Heightfield) -> Information:
+def curvature_on_cells(linear: Linearised, surface: Heightfield) -> Information:
     """Return the operator W^T F^T F W on the heights of the cells, W taking them to the nodes of the beams."""
     from sionna_radar.mapping.curvature_kernels import curve_cells, onto_cells, touch
 

@@ -20,7 +20,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.curvature import information_of
+from sionna_radar.mapping.curvature import curvature_on_cells
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Heights, Smoothed, smooth
@@ -111,7 +111,7 @@ def _score_step(sightings: Sightings, fitted: Smoothed, noise_factor: float) -> 
     )
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
     right = model.coloured(weights.T @ linear.score.ravel()) - white
-    step = model.solve(information_of(linear, fitted.surface), right, MOST_ITERATIONS, STEP_TOLERANCE)
+    step = model.solve(curvature_on_cells(linear, fitted.surface), right, MOST_ITERATIONS, STEP_TOLERANCE)
     return Smoothed(model, white + step, fitted.noise_factor)
 
 
