@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -19,22 +20,37 @@ class TracingTable(Table):
     engine: sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
         path_solver (Sionna's stock solver, slow, for checks); or a custom one.
     engine_parameters: of a custom engine that has some.
-    speckle: per_pulse draws new phases each pulse; persistent keeps scatterers on the surface, so that phase from
-        chirp to chirp is that of a real scene.
-    scatterers_per_m2: density of persistent scatterers.
-    paths_per_pulse: rays inside the beam of a pulse.
-    side_lobe_share: share of the rays that look for side lobes over the lower hemisphere.
+    speckle: persistent keeps scatterers on the surface, so that phase and speckle from chirp to chirp are those of a
+        real scene; per_pulse draws new ones each pulse, as over a surface that moves between chirps. persistent, but
+        for engines without it: path_solver draws new paths each pulse.
+    scatterers_per_m2: density of persistent scatterers of engine sionna; without it the beam's footprint decides, so
+        that a pulse sees some `paths_per_pulse`, and ten in a range cell.
+    decorrelation_time_s: after which a surface that moves, like grass in the wind, has lost so much of its phase that
+        the correlation of its echo's field with itself has fallen to 1/e; without it the surface stands still. It
+        needs persistent speckle.
+    paths_per_pulse: rays inside the beam of a pulse, or scatterers.
+    side_lobe_share: share of them that look for side lobes.
     """
 
     engine: Annotated[str, name_in(ENGINES)] = "sionna"
     engine_parameters: Annotated[Table | None, ParametersOf("engine", ENGINES)] = None
-    speckle: Literal["per_pulse", "persistent"] = "per_pulse"
-    scatterers_per_m2: Annotated[Real, Field(gt=0, le=10_000)] = 20.0
+    speckle: Literal["per_pulse", "persistent"] = "persistent"
+    scatterers_per_m2: Annotated[Real | None, Field(gt=0, le=10_000)] = None
+    decorrelation_time_s: Annotated[Real | None, Field(gt=0, le=1e9)] = None
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
 
+    @model_validator(mode="before")
+    @classmethod
+    def _speckle_of_the_solver(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and given.get("engine") == "path_solver" and "speckle" not in given:
+            return {**given, "speckle": "per_pulse"}
+        return given
+
     @model_validator(mode="after")
     def _speckle_of_the_engine(self) -> TracingTable:
+        if self.decorrelation_time_s is not None and self.speckle == "per_pulse":
+            raise refuse("decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one")
         if self.engine == "path_solver" and self.speckle == "persistent":
             raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
         if self.engine == "sionna" and self.paths_per_pulse > MOST_PATHS_PER_PULSE:

@@ -144,7 +144,7 @@ def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:
 def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
     """Refuse more persistent scatterers in the main lobe than a block of pulses can hold."""
     tracing = scenario.tracing
-    if tracing.engine != "sionna" or tracing.speckle != "persistent":
+    if tracing.engine != "sionna" or tracing.speckle != "persistent" or tracing.scatterers_per_m2 is None:
         return None
     paths = tracing.scatterers_per_m2 * area_m2
     if paths <= MOST_PATHS_PER_PULSE:

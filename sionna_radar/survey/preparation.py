@@ -48,7 +48,7 @@ from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
 from sionna_radar.survey.warnings import described
 from sionna_radar.tracing.engine import Engine, EngineInputs
-from sionna_radar.tracing.engines.scatterers import check_scatterers
+from sionna_radar.tracing.looks import Looks
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,6 +173,7 @@ class Prepared(Brief):
             seed=self.local.seed,
             caster=self.scene.caster,
             region_m=region_in_reach_m(self.flight, self.receiver.chirp),
+            looks=looks_of(self.flight, self.scene),
         )
 
     def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
@@ -266,8 +267,6 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     step()
     looks = look(flight, scene)
     check_geometry(looks, flight, scene, chirp)
-    if local.tracing.engine == "sionna" and local.tracing.speckle == "persistent" and custom.engine is None:
-        check_scatterers(scene.scene, local.tracing.scatterers_per_m2, region_in_reach_m(flight, chirp))
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
     grid = dem_grid(local.dem.spacing_m, looks.extent_m, max_gap_m, place)
     mapper = build_mapper(
@@ -351,3 +350,15 @@ def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray
     """Return the lowest and highest corner of the box that the survey can see."""
     position = schedule.sample(SAMPLED_PULSES).true.position_m
     return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
+
+
+def looks_of(schedule: PulseSchedule, built: BuiltScene) -> Looks:
+    """Return how pulses spread over a survey look at its scene."""
+    pulses = schedule.sample(SAMPLED_PULSES)
+    pose = pulses.true
+    return Looks(
+        position_m=pose.position_m,
+        R_world_antenna=pose.R_world_antenna,
+        range_m=built.caster.cast(pose.position_m, pose.boresight).distance_m,
+        beam=np.zeros(len(pulses), dtype=np.int64) if pulses.beam is None else pulses.beam,
+    )

@@ -16,6 +16,7 @@ from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.looks import Looks
 from sionna_radar.tracing.paths import Paths
 
 Builder = TypeVar("Builder", bound=Callable[..., "Engine"])
@@ -37,6 +38,7 @@ class EngineInputs:
     tracing: the scenario's `[tracing]`.
     caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
     region_m: lowest and highest corner of the box that the survey can see.
+    looks: beams of pulses spread over the survey, for what depends on how the scene is looked at.
     beams: the antenna steered to each beam of an electronic scan, by number. Engines for such scans have a method
         `with_antenna` that returns the same engine with another antenna.
     """
@@ -48,6 +50,7 @@ class EngineInputs:
     seed: int
     caster: RayCaster
     region_m: Float[np.ndarray, "2 3"]
+    looks: Looks
     beams: tuple[Antenna, ...] = ()
 
 

@@ -65,7 +65,7 @@ ROUGH = {"model": "integral_equation", "permittivity": [4.0, 1.0], "rms_height_m
         ({"terrain.spacing_m": 1e-9}, "terrain.spacing_m"),
         ({"terrain.size_m": [1e9, 1e9]}, "terrain.spacing_m"),
         (PERSISTENT | {"tracing.scatterers_per_m2": 1000.0, "radar.antenna.beamwidth_deg": 60.0}, "scatterers_per_m2"),
-        (PERSISTENT | {"tracing.scatterers_per_m2": 1000.0}, "tracing.scatterers_per_m2"),
+        (PERSISTENT | {"tracing.scatterers_per_m2": 9000.0}, "tracing.scatterers_per_m2"),
         ({"radar.samples_per_chirp": 2**18, "processing.zero_padding": 16}, "processing.zero_padding"),
         ({"radar.samples_per_chirp": 2**20, "processing.zero_padding": 16}, "radar.samples_per_chirp"),
         ({"radar.samples_per_chirp": 10**6, "processing.cfar.training": 200_000}, "processing.cfar.training"),
@@ -104,7 +104,7 @@ def test_a_remedys_value_works():
     said = said_of({"platform.speed_mps": 1e-6})
     value = float(said.partition("raise it to ")[2].partition(",")[0])
     assert "chirps" not in said_of({"platform.speed_mps": value})
-    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 1000.0})
+    said = said_of(PERSISTENT | {"tracing.scatterers_per_m2": 9000.0})
     value = float(said.partition("lower it to ")[2].partition(",")[0])
     assert said_of(PERSISTENT | {"tracing.scatterers_per_m2": value}) == ""
 

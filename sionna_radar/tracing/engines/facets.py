@@ -39,6 +39,7 @@ from sionna_radar.tracing.engines.facet_index import FOOTPRINT_DB, FacetIndex, F
 from sionna_radar.tracing.engines.facet_mesh import FIRST_STEP, Facets, facets_of, split_mix, unit_of
 from sionna_radar.tracing.engines.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.wander import wander_hz
 
 # Longest side of a facet: this share of the half-power footprint, and this many range cells. At nadir,
 # where the footprint is smallest, the echo of a plane is then within 0.03 dB of the integral.
@@ -50,6 +51,8 @@ MOST_PARTS = 4
 # A facet's centre lies on the mesh it is tested against, to within the float32 precision of the ray caster.
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
+# Draws a facet's Doppler shift apart from its phases, whose steps are the numbers of pulses.
+WANDER_STEP = np.array([2**63], dtype=np.uint64)
 # Of one pulse: a gigabyte.
 MOST_FACETS = 5_000_000
 
@@ -85,6 +88,8 @@ class GammaEngine:
         Longest side of a facet, in local half-power widths of the beam and in range resolutions.
     speckle:
         Whether the phases of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
+    decorrelation_time_s:
+        After which the field's correlation has fallen to 1 / e, see `wander`; None for a surface that stands still.
 
     """
 
@@ -100,6 +105,7 @@ class GammaEngine:
         beam_share: float = BEAM_SHARE,
         range_cells: float = RANGE_CELLS,
         speckle: Literal["per_pulse", "persistent"] = "persistent",
+        decorrelation_time_s: float | None = None,
     ) -> None:
         self._index = FacetIndex(facets_of(scene.surfaces))
         self._scene, self._footprint_db, self._beam_share = scene, footprint_db, beam_share
@@ -110,6 +116,7 @@ class GammaEngine:
         self._longest_side_m = range_cells * chirp.range_resolution_m
         self._scattering = FacetScattering(scene, antenna)
         self._speckle = speckle
+        self._wander_hz = 0.0 if decorrelation_time_s is None else wander_hz(decorrelation_time_s)
         self._key = split_mix(np.array([seed], dtype=np.uint64), FIRST_STEP)
 
     def with_antenna(self, antenna: Antenna) -> "GammaEngine":
@@ -215,7 +222,10 @@ class GammaEngine:
         seen = together.gain != 0
         if seen.any():
             seen[seen] = self._caster.visible(origin[seen], point[seen], SHADOW_TOLERANCE_M)
-        phase = 2 * np.pi * self._turn(together.identity[seen], pulses.index[row[seen]])
+        turns = self._turn(together.identity[seen], pulses.index[row[seen]])
+        if self._wander_hz:
+            turns = turns + self._wander_hz * self._wander(together.identity[seen]) * pulses.time_s[row[seen]]
+        phase = 2 * np.pi * np.mod(turns, 1.0)
         turn = np.empty(len(phase), dtype=np.complex128)
         turn.real, turn.imag = np.cos(phase), np.sin(phase)
         return Paths.to_points(
@@ -235,3 +245,8 @@ class GammaEngine:
         if self._speckle == "per_pulse":
             state = split_mix(state, pulse.astype(np.uint64) + np.uint64(1))
         return unit_of(state)
+
+    def _wander(self, identity: UInt64[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
+        """Return a number of the two-sided exponential distribution of mean size one for each facet."""
+        share = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
+        return np.sign(share) * -np.log(np.maximum(1 - np.abs(share), 2.0**-60))

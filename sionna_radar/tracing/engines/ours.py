@@ -1,6 +1,8 @@
 """The engines by name; each is loaded when it is built, so that none needs the libraries of another."""
 
 from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
+from sionna_radar.tracing.engines.density import DensityMap, footprint_density
+from sionna_radar.tracing.engines.filled_beam import filled_beam
 
 
 @register_engine("sionna")
@@ -10,12 +12,25 @@ def sionna_engine(given: EngineInputs) -> Engine:
     if table.speckle == "persistent":
         from sionna_radar.tracing.engines.persistent import PersistentEngine
 
+        rays = max(1, round(table.paths_per_pulse * table.side_lobe_share))
         return PersistentEngine(
-            given.scene, given.antenna, given.chirp, given.seed, table.scatterers_per_m2, given.region_m
+            given.scene,
+            given.antenna,
+            given.chirp,
+            given.seed,
+            table.scatterers_per_m2 or _density(given, table.paths_per_pulse - rays),
+            given.region_m,
+            outer_rays=rays,
+            decorrelation_time_s=table.decorrelation_time_s,
         )
     from sionna_radar.tracing.engines.beam import BeamEngine
 
     return BeamEngine(given.scene, given.antenna, given.chirp, given.seed, table.paths_per_pulse, table.side_lobe_share)
+
+
+def _density(given: EngineInputs, scatterers: int) -> DensityMap:
+    beams = [filled_beam(antenna) for antenna in given.beams or (given.antenna,)]
+    return footprint_density(given.looks, beams, given.chirp.range_resolution_m, scatterers)
 
 
 @register_engine("gamma")
@@ -23,7 +38,15 @@ def gamma_engine(given: EngineInputs) -> Engine:
     """Return the paper's facet model, which is independent of Sionna."""
     from sionna_radar.tracing.engines.facets import GammaEngine
 
-    return GammaEngine(given.scene, given.antenna, given.chirp, given.seed, given.caster, speckle=given.tracing.speckle)
+    return GammaEngine(
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.seed,
+        given.caster,
+        speckle=given.tracing.speckle,
+        decorrelation_time_s=given.tracing.decorrelation_time_s,
+    )
 
 
 @register_engine("path_solver")

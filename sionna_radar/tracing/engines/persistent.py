@@ -3,42 +3,53 @@
 Each pulse sees the scatterers within its beam, truncated in azimuth and in elevation, that a ray reaches. Their fields
 come from the same material, antenna and field calculator as the beam engine's: a scatterer of area A at range r and
 incidence t represents the solid angle A cos t / r^2. Ranges, and with them phases, are float64.
+
+What the scatterers leave out, some thousandths of the echo, is traced by a few rays that are drawn anew in each pulse
+(see `outer_rays`): the skirts and side lobes of the beam carry their power, but no history of phase.
+
+On a surface that moves each scatterer has a Doppler shift of its own; see `wander`.
 """
 
 from copy import copy
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.main_lobe import reach_of_power
 from sionna_radar.scene.model import Scene
-from sionna_radar.tracing.engines.scatterers import scatter
+from sionna_radar.tracing.engines.density import DensityMap
+from sionna_radar.tracing.engines.filled_beam import filled_beam
+from sionna_radar.tracing.engines.outer_rays import OuterRays
+from sionna_radar.tracing.engines.scatterers import Scatterers
+from sionna_radar.tracing.engines.sightings import Sightings
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import sionna_angles
 from sionna_radar.tracing.sionna.scene import SionnaScene
+from sionna_radar.tracing.wander import wander_hz
 
 # isort: split
 # Loads libLLVM, which the import above has selected.
 import drjit as dr
 
-# Share of the two-way power of each cut that may lie outside the beam.
-OUTSIDE_SHARE = 1e-3
-PULSES_AT_ONCE = 64
 # A ray to a scatterer stops this far short of it, so that the scatterer's own triangle does not hide it.
 SHORT_OF_SURFACE = 1e-4
+OUTER_RAYS = 26
 
 
 class PersistentEngine:
     """Traces blocks of pulses over fixed scatterers; see the module docstring.
 
-    per_m2: scatterers per square metre of surface.
+    density: where there are how many scatterers per square metre of surface; a number for the same everywhere.
     region_m: box that the survey can see; scatterers lie inside it only.
+    outer_rays: rays a pulse beside the scatterers.
+    decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
     """
 
     def __init__(
@@ -47,89 +58,105 @@ class PersistentEngine:
         antenna: Antenna,
         chirp: Chirp,
         seed: int,
-        per_m2: float,
+        density: DensityMap | float,
         region_m: Float[np.ndarray, "2 3"] | None = None,
+        *,
+        outer_rays: int = OUTER_RAYS,
+        decorrelation_time_s: float | None = None,
     ) -> None:
         check_sionna()
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
-        self._scatterers = scatter(scene, per_m2, seed, region_m)
-        self._reach = reach_of_power(antenna, OUTSIDE_SHARE)
-        self._position = mi.Point3f(self._scatterers.position_m.T.astype(np.float32))
+        self._density = density if isinstance(density, DensityMap) else DensityMap.constant(density)
+        self._scatterers = Scatterers(scene, self._density, seed, region_m)
+        self._region_m, self._seed, self._outer_rays = region_m, seed, outer_rays
+        self._wander_hz = 0.0 if decorrelation_time_s is None else wander_hz(decorrelation_time_s)
+        self._look_through(antenna)
 
     def with_antenna(self, antenna: Antenna) -> "PersistentEngine":
         """Return the engine with another antenna, over the same scatterers."""
         other = copy(self)
         other._sionna = self._sionna.with_antenna(antenna)
-        other._reach = reach_of_power(antenna, OUTSIDE_SHARE)
+        other._look_through(antenna)
         return other
 
-    def trace(self, pulses: Pulses) -> Paths:
-        """Return the paths of a block of pulses, sorted by pulse and then by scatterer."""
-        chunks = np.array_split(np.arange(len(pulses)), -(-len(pulses) // PULSES_AT_ONCE))
-        parts = [self._seen(pulses, rows) for rows in chunks]
-        row, which = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return self._table(pulses, row, which)
+    def _look_through(self, antenna: Antenna) -> None:
+        self._beam = filled_beam(antenna)
+        self._outer = OuterRays(antenna, self._beam, self._outer_rays, self._seed)
 
-    def _seen(
-        self, pulses: Pulses, rows: Int[np.ndarray, " chunk"]
-    ) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]]:
-        """Return pulse row and scatterer of the pairs that lie in the beam and see each other."""
-        pose = pulses.true
-        beam, which = self._scatterers.cells.in_beams(pose.position_m[rows], pose.R_world_antenna[rows], self._reach)
-        if len(beam) == 0:  # Dr.Jit does not accept empty arrays together with scalars
-            return rows[beam], which
-        origin = mi.Point3f(pose.position_m[rows[beam]].T.astype(np.float32))
-        ahead, left, up = (mi.Vector3f(pose.R_world_antenna[rows[beam], :, i].T.astype(np.float32)) for i in range(3))
-        away = dr.gather(mi.Point3f, self._position, mi.UInt32(which.astype(np.uint32))) - origin
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses, sorted by pulse: those of its scatterers, then of its other rays."""
+        outside = self._outside(pulses)
+        seen, ends = self._scatterers.in_beams(pulses, self._beam, self._wander_hz, outside)
+        if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
+            return seen.paths(pulses, seen.factor, np.zeros(0, dtype=bool), (ends, ends))
+        field, visible = self._fields(pulses, seen, len(outside))
+        rows = np.searchsorted(outside.row, np.arange(len(pulses) + 1))
+        return seen.paths(pulses, field, visible, (ends, rows))
+
+    def _outside(self, pulses: Pulses) -> Sightings:
+        """Return where the rays beside the scatterers meet a surface."""
+        pose, rays = pulses.true, self._outer.rays
+        within, per_sr = self._outer.shoot(pulses.index)
+        row = np.repeat(np.arange(len(pulses), dtype=np.uint32), rays)
+        direction = np.einsum("nij,nj->ni", pose.R_world_antenna[row], within)
+        ray = mi.Ray3f(_points(pose.position_m[row].T), mi.Vector3f(_points(direction.T)))
+        hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
+        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+        cosine = dr.minimum(dr.abs(dr.dot(hit.n, ray.d)), 1.0)
+        dr.eval(hit.t, hit.prim_index, shape, cosine)
+        used = np.isfinite(hit.t.numpy()) & (per_sr > 0)
+        distance = np.where(used, hit.t.numpy(), 0.0).astype(np.float64)
+        place = pose.position_m[row] + distance[:, None] * direction
+        used &= ~(self._beam.holds(within) & self._bears_scatterers(place))
+        own, single = row[used], np.float32
+        phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, rays).ravel()[used]
+        rate = -np.einsum("ni,ni->n", pose.velocity_mps[own], direction[used])
+        return Sightings(
+            row=own,
+            hit_m=place[used].T.astype(single),
+            range_m=distance[used],
+            range_rate_mps=rate.astype(single),
+            cosine=cosine.numpy()[used],
+            solid_angle_sr=(1 / per_sr[used]).astype(single),
+            surface=self._sionna.surface_of_shape[shape.numpy()[used]].astype(np.int32),
+            face=hit.prim_index.numpy()[used].astype(np.int32),
+            factor=np.exp(2j * np.pi * phase).astype(np.complex64),
+        )
+
+    def _bears_scatterers(self, place_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        bears = self._density.at(place_m[:, :2]) > 0
+        if self._region_m is not None:
+            bears &= np.all((place_m >= self._region_m[0]) & (place_m <= self._region_m[1]), axis=1)
+        return bears
+
+    def _fields(
+        self, pulses: Pulses, seen: Sightings, found: int
+    ) -> tuple[Complex[np.ndarray, " place"], Bool[np.ndarray, " place"]]:
+        """Return the field from each place for a factor of one, and whether it is visible; that many first ones are."""
+        apex, row = _points(pulses.true.position_m.T), mi.UInt32(seen.row)
+        position = _points(seen.hit_m)
+        origin = dr.gather(mi.Point3f, apex, row)
+        away = position - origin
         distance = dr.norm(away)
-        azimuth, elevation = self._reach
-        in_beam = dr.dot(away, ahead) > 0
-        in_beam &= dr.abs(dr.dot(away, left)) <= azimuth * distance
-        in_beam &= dr.abs(dr.dot(away, up)) <= elevation * distance
         ray = mi.Ray3f(origin, away / distance)
         ray.maxt = distance * (1 - SHORT_OF_SURFACE)
-        seen = (in_beam & ~self._sionna.rt_scene.mi_scene.ray_test(ray, in_beam)).numpy()
-        return rows[beam[seen]], which[seen]
-
-    def _table(self, pulses: Pulses, row: Int[np.ndarray, " pair"], which: Int[np.ndarray, " pair"]) -> Paths:
-        pose, points = pulses.true, self._scatterers
-        away = points.position_m[which] - pose.position_m[row]
-        range_m = np.linalg.norm(away, axis=1)
-        direction = away / range_m[:, None]
-        cos = np.abs(np.einsum("ni,ni->n", direction, points.normal[which]))
-        solid_angle = points.area_m2 * cos / range_m**2
-        gain = self._gains(pulses, row, which, 4 * np.pi / np.maximum(solid_angle, 1e-30))
-        return Paths.to_points(
-            pulses,
-            row,
-            points.position_m[which],
-            gain=np.multiply(gain, points.reflectivity[which]),
-            incidence_rad=np.arccos(np.minimum(cos, 1.0)),
-            surface=points.surface[which],
-        )
-
-    def _gains(
-        self,
-        pulses: Pulses,
-        row: Int[np.ndarray, " pair"],
-        which: Int[np.ndarray, " pair"],
-        probability: Float[np.ndarray, " pair"],
-    ) -> Complex[np.ndarray, " pair"]:
-        points = self._scatterers
-        device_row, device_which = mi.UInt32(row.astype(np.uint32)), mi.UInt32(which.astype(np.uint32))
-        if len(row) == 0:
-            return np.zeros(0, dtype=np.complex64)
-        shape = self._sionna.shape_of_surface[points.surface[which]].astype(np.uint32)
+        tested = dr.arange(mi.UInt32, len(seen)) >= dr.opaque(mi.UInt32, found)
+        visible = ~self._sionna.rt_scene.mi_scene.ray_test(ray, tested)
         buffer = diffuse_buffer(
-            device_row,
-            dr.gather(mi.Point3f, self._position, device_which),
-            mi.UInt32(shape),
-            mi.UInt32(points.face[which].astype(np.uint32)),
-            mi.Float(probability.astype(np.float32)),
-            dr.full(mi.Bool, True, len(row)),
+            row,
+            position,
+            mi.UInt32(self._sionna.shape_of_surface.astype(np.uint32)[seen.surface]),
+            mi.UInt32(seen.face.view(np.uint32)),
+            4 * dr.pi / dr.maximum(mi.Float(seen.solid_angle_sr), 1e-30),
+            visible,
         )
-        origin = mi.Point3f(pulses.true.position_m.T.astype(np.float32))
-        angles = mi.Point3f(sionna_angles(pulses.true.R_world_antenna).T.astype(np.float32))
-        gain = calculate_fields(self._sionna, buffer, origin, angles).a[0][0]
-        dr.eval(gain)
-        return gain.real.numpy() + 1j * gain.imag.numpy()
+        angles = _points(sionna_angles(pulses.true.R_world_antenna).T)
+        gain = calculate_fields(self._sionna, buffer, apex, angles).a[0][0]
+        dr.eval(gain, visible)
+        out = np.empty(len(seen), dtype=np.complex64)
+        out.real, out.imag = gain.real.numpy(), gain.imag.numpy()
+        return out, visible.numpy()
+
+
+def _points(columns: Float[np.ndarray, "3 n"]) -> Any:
+    return mi.Point3f(*(np.ascontiguousarray(column, dtype=np.float32) for column in columns))

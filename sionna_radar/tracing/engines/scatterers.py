@@ -1,215 +1,313 @@
-"""Scatterers fixed to the surface, for processing that needs the phase from chirp to chirp."""
+"""Scatterers fixed to the surface, so that the phase from chirp to chirp is that of a real scene.
 
-from dataclasses import dataclass
+Their density follows the place (see `density`), decided before the flight, so that all pulses see scatterers of one
+and the same surface. They are drawn cell by cell of space when a beam first reaches the cell, from the seed, the
+surface and the place of the cell alone: which pulses were traced before, and in which blocks, changes nothing.
+"""
+
+from dataclasses import dataclass, fields
+from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Complex, Float, Int
+from numba import njit
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.scene.model import Scene
+from sionna_radar.tracing.engines.cell_tree import CellTree
+from sionna_radar.tracing.engines.density import DensityMap
+from sionna_radar.tracing.engines.filled_beam import FilledBeam
+from sionna_radar.tracing.engines.sightings import Sightings
+from sionna_radar.tracing.engines.surface_cells import cells_of, density_at, piece_of
 
-MAX_SCATTERERS = 30_000_000
-CELL_M = 4.0
+# Scatterers kept for later pulses; those of one block may be more.
+KEPT = 2_000_000
 # Powers of the inverse of the plastic number, the root of x^3 = x + 1.
-ADDITIVE_STEP = np.array([0.7548776662466927, 0.5698402909980532])
+ADDITIVE_STEP = (0.7548776662466927, 0.5698402909980532)
+# SplitMix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+FIRST_MIX, SECOND_MIX = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cells:
-    """Groups of neighbouring scatterers, for a quick search of those in a beam.
+class Points(Columns):
+    """Scatterers.
 
-    first: where each cell's scatterers begin; the last entry is the end of all.
-    centre_m, radius_m: a sphere around them.
-    """
-
-    first: Int[np.ndarray, " edge"]
-    centre_m: Float[np.ndarray, "cell 3"]
-    radius_m: Float[np.ndarray, " cell"]
-
-    def in_beams(
-        self,
-        apex_m: Float[np.ndarray, "beam 3"],
-        R_world_antenna: Float[np.ndarray, "beam 3 3"],
-        reach: tuple[float, float],
-    ) -> tuple[Int[np.ndarray, " pair"], Int[np.ndarray, " pair"]]:
-        """Return beam and scatterer of all pairs whose cell reaches into the beam.
-
-        Parameters
-        ----------
-        apex_m, R_world_antenna:
-            Where the beams start, and the axes of their antennas.
-        reach:
-            Largest direction cosines along left and up inside a beam.
-
-        """
-        half_angle_rad = np.arcsin(min(np.hypot(*reach), 1.0))
-        ahead = R_world_antenna[:, :, 0]
-        along = ahead @ self.centre_m.T - np.sum(ahead * apex_m, axis=1)[:, None]
-        squares = np.sum(self.centre_m**2, axis=1) - 2 * apex_m @ self.centre_m.T + np.sum(apex_m**2, axis=1)[:, None]
-        distance = np.sqrt(np.maximum(squares, 1e-12))
-        # The small angle allows for rounding of these products.
-        widened = half_angle_rad + np.arcsin(np.minimum(self.radius_m / distance, 1.0)) + 1e-4
-        # First a cone around the beam, for all cells; then the beam's sides, for the remaining ones.
-        beam, cell = np.nonzero(along >= distance * np.cos(np.minimum(widened, np.pi)))
-        away, radius = self.centre_m[cell] - apex_m[beam], self.radius_m[cell]
-        aside = np.abs(np.einsum("ni,nij->nj", away, R_world_antenna[beam, :, 1:]))
-        bound = (np.array(reach) + 1e-4) * (distance[beam, cell] + radius)[:, None] + radius[:, None]
-        near = np.all(aside <= bound, axis=1)
-        beam, cell = beam[near], cell[near]
-        length = self.first[cell + 1] - self.first[cell]
-        begin = np.cumsum(length) - length
-        which = np.arange(length.sum()) + np.repeat(self.first[cell] - begin, length)
-        return np.repeat(beam, length), which
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scatterers:
-    """Points on the surfaces of a scene, each representing the same area, cell by cell.
-
-    surface, face: where each lies, as indices of the scene's surfaces and of their triangles.
-    normal: unit normal of the triangle.
+    normal: unit normal of its triangle.
+    area_m2: area that each represents.
     reflectivity: complex normal numbers of mean power one; the sum of any of them is exactly Gaussian, so that
         speckle is fully developed however few share a range cell.
-    area_m2: area that each represents.
+    wander: numbers of the two-sided exponential distribution of mean size one, for surfaces that move.
+    surface, face: where each lies: the surface in the scene, and the triangle in the surface.
     """
 
-    position_m: Float[np.ndarray, "scatterer 3"]
-    normal: Float[np.ndarray, "scatterer 3"]
-    surface: Int[np.ndarray, " scatterer"]
-    face: Int[np.ndarray, " scatterer"]
-    reflectivity: Complex[np.ndarray, " scatterer"]
-    area_m2: float
-    cells: Cells
+    position_m: Float[np.ndarray, "point 3"]
+    normal: Float[np.ndarray, "point 3"]
+    area_m2: Float[np.ndarray, " point"]
+    reflectivity: Complex[np.ndarray, " point"]
+    wander: Float[np.ndarray, " point"]
+    surface: Int[np.ndarray, " point"]
+    face: Int[np.ndarray, " point"]
 
-    def __len__(self) -> int:
-        return len(self.surface)
+    @staticmethod
+    def room_for(count: int) -> "Points":
+        """Return a table to be written into."""
+        return Points(
+            position_m=np.empty((count, 3)),
+            normal=np.empty((count, 3), dtype=np.float32),
+            area_m2=np.empty(count, dtype=np.float32),
+            reflectivity=np.empty(count, dtype=np.complex64),
+            wander=np.empty(count, dtype=np.float32),
+            surface=np.empty(count, dtype=np.int32),
+            face=np.empty(count, dtype=np.int32),
+        )
+
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """All columns, for compiled code."""
+        return tuple(getattr(self, f.name) for f in fields(self))
 
 
-def scatter(
-    scene: Scene,
-    per_m2: float,
-    seed: int,
-    region_m: Float[np.ndarray, "2 3"] | None = None,
-) -> Scatterers:
-    """Distribute scatterers over a scene, uniformly by area.
+class Scatterers:
+    """The scatterers of a scene, drawn where beams need them.
 
     Parameters
     ----------
     scene:
         The surfaces.
-    per_m2:
-        Scatterers per square metre of surface.
+    density:
+        Where how many are needed.
     seed:
-        Each surface has its own generator, so that adding one leaves the others' scatterers where they were.
+        Each surface draws its own numbers, so that adding one leaves the others' scatterers where they were.
     region_m:
-        Lowest and highest corner of the box of interest; triangles wholly outside get none. None: no limit.
-
-    Raises
-    ------
-    ScenarioError
-        There would be more than fit into memory.
+        Lowest and highest corner of the box of interest; there are none outside. None: no limit.
 
     """
-    corners = [s.vertices_m[s.faces] for s in scene.surfaces]
-    inside = [_touching(c, region_m) for c in corners]
-    _check_count(sum(_area(c[i]).sum() for c, i in zip(corners, inside, strict=True)), per_m2)
-    parts = []
-    for index, (corner, use) in enumerate(zip(corners, inside, strict=True)):
-        generator = np.random.default_rng([seed, index])
-        face = _by_area(_area(corner), per_m2, generator)
-        share = _barycentric(face, len(corner), generator)
-        kept = use[face]
-        field = generator.standard_normal((len(face), 2)) * np.sqrt(0.5)
-        face, share, field = face[kept], share[kept], field[kept]
-        triangle = corner[face]
-        normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
-        position = np.einsum("nk,nki->ni", share, triangle)
-        unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        parts.append((position, unit, np.full(len(face), index), face, field[:, 0] + 1j * field[:, 1]))
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    order, first = _cell_order(columns[0])
-    position, normal, surface, face, reflectivity = (column[order] for column in columns)
-    return Scatterers(
-        position_m=position,
-        normal=normal,
-        surface=surface,
-        face=face,
-        reflectivity=reflectivity,
-        area_m2=1 / per_m2,
-        cells=_cells(position, first),
-    )
+
+    def __init__(
+        self, scene: Scene, density: DensityMap, seed: int, region_m: Float[np.ndarray, "2 3"] | None = None
+    ) -> None:
+        self._corner = np.concatenate([s.vertices_m[s.faces] for s in scene.surfaces]).astype(np.float64)
+        self._first_face = np.concatenate([[0], np.cumsum([len(s.faces) for s in scene.surfaces])])
+        self.density = density
+        self.cells = cells_of(scene.surfaces, self._corner, self._first_face, density, region_m)
+        self._tree = CellTree.over(self.cells.low_m, self.cells.high_m)
+        self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
+        self._count = _counts(self._state, self.cells.expected)
+        self._at = np.full(len(self.cells), -1, dtype=np.int64)
+        self._points = Points.room_for(0)
+        self._used = 0
+
+    def in_beams(
+        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, first: Sightings
+    ) -> tuple[Sightings, Int[np.ndarray, " beam_edge"]]:
+        """Return what lies inside beams, beam by beam, behind other sightings, and where each beam's begin.
+
+        Occlusion is ignored.
+
+        Parameters
+        ----------
+        pulses:
+            The pulses; beams start at their true positions.
+        beam:
+            What scatterers fill of the antenna's.
+        wander_hz:
+            Mean size of the scatterers' Doppler shifts.
+        first:
+            What the table begins with.
+
+        """
+        pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
+        edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
+        self._draw(np.unique(cell))
+        begin = len(first)
+        out = Sightings.room_for(begin + int(self._count[cell].sum())).begun_with(first)
+        beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
+        ends = _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, begin)
+        return out.cut(int(ends[-1])), ends
+
+    def all(self) -> Points:
+        """Return all scatterers, surface by surface."""
+        self._draw(np.arange(len(self.cells)))
+        ranges = [np.arange(at, at + count) for at, count in zip(self._at, self._count, strict=True)]
+        table = self._points.rows(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
+        return table.rows(np.argsort(table.surface, kind="stable"))
+
+    def __len__(self) -> int:
+        return int(self._count.sum())
+
+    def _draw(self, cell: Int[np.ndarray, " cell"]) -> None:
+        """Draw the scatterers of cells that do not have theirs yet."""
+        new = cell[self._at[cell] < 0]
+        if self._used + int(self._count[new].sum()) > max(KEPT, len(self._points)):
+            self._at[:] = -1
+            self._used, new = 0, cell
+        needed = self._used + int(self._count[new].sum())
+        if needed > len(self._points):
+            grown = Points.room_for(max(needed, min(2 * len(self._points), KEPT)))
+            for field in fields(Points):
+                getattr(grown, field.name)[: self._used] = getattr(self._points, field.name)[: self._used]
+            self._points = grown
+        length = self._count[new]
+        self._at[new] = self._used + np.cumsum(length) - length
+        pieces = (self.cells.first, self.cells.face, self.cells.parts, self.cells.part, self.cells.surface)
+        meshes, density = (self._corner, self._first_face), self.density.columns
+        _fill(new, self._at, self._count, self._state, pieces, *meshes, density, self._points.columns)
+        self._used = needed
 
 
-def check_scatterers(scene: Scene, per_m2: float, region_m: Float[np.ndarray, "2 3"] | None = None) -> None:
-    """Refuse what `scatter` would refuse, before any scatterer is made; see there for the parameters."""
-    area = 0.0
-    for surface in scene.surfaces:
-        corner = surface.vertices_m[surface.faces]
-        area += float(_area(corner[_touching(corner, region_m)]).sum())
-    _check_count(area, per_m2)
+@njit(cache=True, nogil=True)
+@no_type_check
+def _mixed(value):
+    value = (value ^ (value >> np.uint64(30))) * FIRST_MIX
+    value = (value ^ (value >> np.uint64(27))) * SECOND_MIX
+    return value ^ (value >> np.uint64(31))
 
 
-def _check_count(area_m2: float, per_m2: float) -> None:
-    count = area_m2 * per_m2
-    if count > MAX_SCATTERERS:
-        message = (
-            f"{per_m2:g} gives {count:.3g} scatterers, more than {MAX_SCATTERERS:,}; "
-            f"lower it to {0.99 * MAX_SCATTERERS / area_m2:.3g}"
-        )
-        raise ScenarioError([Problem("tracing.scatterers_per_m2", message)])
+@njit(cache=True, nogil=True)
+@no_type_check
+def _unit(state, number):
+    """Return the given number of a stream, in (0, 1)."""
+    mixed = _mixed(state + np.uint64(number + 1) * GOLDEN)
+    return (float(mixed >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
-def _cell_order(position_m: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order that groups scatterers by cubes of space, and where each cube begins in it."""
-    index = np.floor(position_m / CELL_M).astype(np.int64)
-    index -= index.min(axis=0, initial=0)
-    key = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0, initial=0) + 1))
-    order = np.argsort(key, kind="stable")
-    return order, np.flatnonzero(np.diff(key[order], prepend=-1))
+@njit(cache=True, nogil=True)
+@no_type_check
+def _states(seed, surface, place, side):
+    out = np.empty(len(surface), dtype=np.uint64)
+    level = int(np.round(np.log2(side))) + 64
+    first = _mixed(_mixed(seed + GOLDEN) + np.uint64(level))
+    for cell in range(len(surface)):
+        state = _mixed(first + np.uint64(surface[cell] + 1) * GOLDEN)
+        for axis in range(3):
+            state = _mixed(state + np.uint64(place[cell, axis] + 2**40) * GOLDEN)
+        out[cell] = state
+    return out
 
 
-def _cells(position_m: Float[np.ndarray, "n 3"], first: Int[np.ndarray, " cell"]) -> Cells:
-    if len(first) == 0:
-        return Cells(first=np.zeros(1, dtype=np.int64), centre_m=np.zeros((0, 3)), radius_m=np.zeros(0))
-    low, high = np.minimum.reduceat(position_m, first), np.maximum.reduceat(position_m, first)
-    return Cells(
-        first=np.append(first, len(position_m)),
-        centre_m=(low + high) / 2,
-        radius_m=np.linalg.norm(high - low, axis=1) / 2,
-    )
+@njit(cache=True, nogil=True)
+@no_type_check
+def _counts(state, expected):
+    """Return how many scatterers each cell has: its expected number in the mean, rounded up or down at random."""
+    out = np.empty(len(state), dtype=np.int64)
+    for cell in range(len(state)):
+        out[cell] = int(np.floor(expected[cell] + _unit(state[cell], 0)))
+    return out
 
 
-def _area(corner: Float[np.ndarray, "face 3 3"]) -> Float[np.ndarray, " face"]:
-    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) / 2
+@njit(cache=True, nogil=True)
+@no_type_check
+def _fill(chosen, at, counts, states, pieces, corners, first_face, density, columns):
+    """Draw the scatterers of some cells.
 
-
-def _touching(
-    corner: Float[np.ndarray, "face 3 3"], region_m: Float[np.ndarray, "2 3"] | None
-) -> Bool[np.ndarray, " face"]:
-    if region_m is None:
-        return np.ones(len(corner), dtype=bool)
-    return np.all((corner.max(axis=1) >= region_m[0]) & (corner.min(axis=1) <= region_m[1]), axis=1)
-
-
-def _by_area(
-    area: Float[np.ndarray, " face"], per_m2: float, generator: np.random.Generator
-) -> Int[np.ndarray, " scatterer"]:
-    """Return the triangle of each scatterer: equal steps of area from one random start."""
-    edge = np.cumsum(area) * per_m2
-    step = np.arange(int(edge[-1] + generator.random())) + generator.random()
-    return np.minimum(np.searchsorted(edge, step, side="right"), len(area) - 1)
-
-
-def _barycentric(face: Int[np.ndarray, " n"], faces: int, generator: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-    """Return the position of each scatterer in its triangle.
-
-    The scatterers of a triangle follow an additive sequence with a random start (Roberts 2018, "The unreasonable
-    effectiveness of quasirandom sequences"), which spreads them more evenly than random draws: a range cell then holds
-    nearly the number it should.
+    They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
+    additive sequence (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
     """
-    first = np.flatnonzero(np.diff(face, prepend=-1))
-    number = np.arange(len(face)) - np.repeat(first, np.diff(first, append=len(face)))
-    start = generator.random((faces, 2))[face]
-    u, v = np.mod(start + number[:, None] * ADDITIVE_STEP, 1.0).T
-    root = np.sqrt(u)
-    return np.column_stack([1 - root, root * (1 - v), root * v])
+    first, face, parts, part, surface = pieces
+    position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
+    piece = np.empty((3, 3))
+    for cell in chosen:
+        count, state = counts[cell], states[cell]
+        if count == 0:
+            continue
+        total = 0.0
+        for p in range(first[cell], first[cell + 1]):
+            total += _expected(p, face, parts, part, corners, density, piece)[0]
+        start_u, start_v = _unit(state, 1), _unit(state, 2)
+        p, below, n, done = first[cell] - 1, 0.0, 0.0, 0.0
+        for number in range(count):
+            stream = 3 + 5 * number
+            target = (number + _unit(state, stream)) * (total / count)
+            while p < first[cell] or (below + done < target and p < first[cell + 1] - 1):
+                p += 1
+                below += done
+                done, n = _expected(p, face, parts, part, corners, density, piece)
+                normal_x = (piece[1, 1] - piece[0, 1]) * (piece[2, 2] - piece[0, 2]) - (piece[1, 2] - piece[0, 2]) * (
+                    piece[2, 1] - piece[0, 1]
+                )
+                normal_y = (piece[1, 2] - piece[0, 2]) * (piece[2, 0] - piece[0, 0]) - (piece[1, 0] - piece[0, 0]) * (
+                    piece[2, 2] - piece[0, 2]
+                )
+                normal_z = (piece[1, 0] - piece[0, 0]) * (piece[2, 1] - piece[0, 1]) - (piece[1, 1] - piece[0, 1]) * (
+                    piece[2, 0] - piece[0, 0]
+                )
+                size = np.sqrt(normal_x**2 + normal_y**2 + normal_z**2)
+            u = (start_u + number * ADDITIVE_STEP[0]) % 1.0
+            v = (start_v + number * ADDITIVE_STEP[1]) % 1.0
+            root = np.sqrt(u)
+            a, b, c = 1.0 - root, root * (1.0 - v), root * v
+            row = at[cell] + number
+            for axis in range(3):
+                position[row, axis] = a * piece[0, axis] + b * piece[1, axis] + c * piece[2, axis]
+            normal[row, 0], normal[row, 1], normal[row, 2] = normal_x / size, normal_y / size, normal_z / size
+            area_m2[row] = 1.0 / n
+            # Box and Muller: both parts of a complex normal number of mean power one.
+            radius = np.sqrt(-np.log(_unit(state, stream + 1)))
+            turn = 2.0 * np.pi * _unit(state, stream + 2)
+            reflectivity[row] = complex(radius * np.cos(turn), radius * np.sin(turn))
+            sign = 1.0 if _unit(state, stream + 3) < 0.5 else -1.0
+            wander[row] = -sign * np.log(_unit(state, stream + 4))
+            own_face[row] = face[p] - first_face[surface[cell]]
+            own_surface[row] = surface[cell]
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def _expected(p, face, parts, part, corners, density, piece):
+    """Write the corners of a piece, and return its expected number of scatterers and their density."""
+    piece_of(corners[face[p]], parts[p], part[p], piece)
+    ux, uy, uz = (piece[1, 0] - piece[0, 0], piece[1, 1] - piece[0, 1], piece[1, 2] - piece[0, 2])
+    vx, vy, vz = (piece[2, 0] - piece[0, 0], piece[2, 1] - piece[0, 1], piece[2, 2] - piece[0, 2])
+    area = 0.5 * np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
+    x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
+    y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
+    n = density_at(x, y, density)
+    return n * area, n
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def _inside(
+    edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, begin
+):
+    """Write what lies inside beams, beam by beam, and return where each beam's begin and the last one's end."""
+    position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
+    row, hit, range_m, rate, cosine, solid_angle, surface, face, factor = columns
+    ends = np.empty(len(apex) + 1, dtype=np.int64)
+    ends[0] = n = begin
+    per_left, per_up = 1.0 / half_left, 1.0 / half_up
+    for beam in range(len(apex)):
+        ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]
+        vx, vy, vz = velocity[beam, 0], velocity[beam, 1], velocity[beam, 2]
+        fx, fy, fz = axes[beam, 0, 0], axes[beam, 1, 0], axes[beam, 2, 0]
+        lx, ly, lz = axes[beam, 0, 1], axes[beam, 1, 1], axes[beam, 2, 1]
+        ux, uy, uz = axes[beam, 0, 2], axes[beam, 1, 2], axes[beam, 2, 2]
+        for pair in range(edges[beam], edges[beam + 1]):
+            cell = cells[pair]
+            for i in range(at[cell], at[cell] + counts[cell]):
+                x, y, z = position[i, 0] - ax, position[i, 1] - ay, position[i, 2] - az
+                if x * fx + y * fy + z * fz <= 0.0:
+                    continue
+                left = (x * lx + y * ly + z * lz) * per_left
+                up = (x * ux + y * uy + z * uz) * per_up
+                if left * left + up * up > x * x + y * y + z * z:
+                    continue
+                distance = np.sqrt(x * x + y * y + z * z)
+                cos = min(abs(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2]) / distance, 1.0)
+                row[n] = beam
+                hit[0, n], hit[1, n], hit[2, n] = position[i, 0], position[i, 1], position[i, 2]
+                range_m[n] = distance
+                rate[n] = -(x * vx + y * vy + z * vz) / distance
+                cosine[n] = cos
+                solid_angle[n] = area_m2[i] * cos / (distance * distance)
+                surface[n], face[n] = own_surface[i], own_face[i]
+                if wander_hz == 0.0:
+                    factor[n] = reflectivity[i]
+                else:
+                    turn = 2.0 * np.pi * ((wander[i] * wander_hz * time_s[beam]) % 1.0)
+                    factor[n] = reflectivity[i] * complex(np.cos(turn), np.sin(turn))
+                n += 1
+        ends[beam + 1] = n
+    return ends

@@ -15,6 +15,7 @@ from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
+from sionna_radar.tracing.looks import Looks
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0
@@ -81,9 +82,10 @@ def test_incidence_over_a_plane(plane):
     ("table", "kind"),
     [
         (TracingTable(engine="path_solver"), PathSolverEngine),
-        (TracingTable(engine="sionna"), BeamEngine),
+        (TracingTable(engine="sionna", speckle="per_pulse"), BeamEngine),
         (TracingTable(engine="gamma"), GammaEngine),
-        (TracingTable(speckle="persistent", scatterers_per_m2=0.01), PersistentEngine),
+        (TracingTable(), PersistentEngine),
+        (TracingTable(scatterers_per_m2=0.01), PersistentEngine),
     ],
 )
 def test_a_scenario_names_its_engine(plane, pencil, table, kind):
@@ -95,5 +97,11 @@ def test_a_scenario_names_its_engine(plane, pencil, table, kind):
         seed=1,
         caster=RayCaster(plane.surfaces),
         region_m=np.array([[-50.0] * 3, [50.0] * 3]),
+        looks=Looks(
+            position_m=np.array([[0.0, 0.0, 50.0]]),
+            R_world_antenna=world_from_body(np.zeros((1, 3))) @ whisk_broom_from_antenna(0.0, np.zeros(1)),
+            range_m=np.array([50.0]),
+            beam=np.zeros(1, dtype=np.int64),
+        ),
     )
     assert isinstance(build_engine(table, given), kind)

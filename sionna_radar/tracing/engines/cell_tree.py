@@ -1,0 +1,110 @@
+"""A tree of boxes around cells of space, searched for those that reach into a beam."""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
+
+from sionna_radar.tracing.engines.filled_beam import FilledBeam
+
+# Boxes are taken as this much larger, for rounding.
+SLACK_M = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellTree:
+    """A binary tree of spheres over cells in an order in which neighbours are near each other.
+
+    centre_m, radius_m: of each node; the root is node 1, the children of node n are 2 n and 2 n + 1. Nodes without a
+        cell have a negative radius.
+    cells: how many there are.
+    """
+
+    centre_m: Float[np.ndarray, "node 3"]
+    radius_m: Float[np.ndarray, " node"]
+    cells: int
+
+    @staticmethod
+    def over(low_m: Float[np.ndarray, "cell 3"], high_m: Float[np.ndarray, "cell 3"]) -> "CellTree":
+        """Return the tree over cells with given boxes."""
+        leaves = 1 << max(0, int(np.ceil(np.log2(max(len(low_m), 1)))))
+        low, high = np.full((2 * leaves, 3), np.inf), np.full((2 * leaves, 3), -np.inf)
+        low[leaves : leaves + len(low_m)], high[leaves : leaves + len(low_m)] = low_m, high_m
+        level = leaves
+        while level > 1:
+            for box, least in ((low, np.minimum), (high, np.maximum)):
+                pairs = box[level : 2 * level].reshape(-1, 2, 3)
+                box[level // 2 : level] = least(pairs[:, 0], pairs[:, 1])
+            level //= 2
+        held = np.all(high >= low, axis=1)
+        centre, radius = np.zeros((2 * leaves, 3)), np.full(2 * leaves, -1.0)
+        centre[held] = (low[held] + high[held]) / 2
+        radius[held] = np.linalg.norm(high[held] - low[held], axis=1) / 2 + SLACK_M
+        return CellTree(centre_m=centre, radius_m=radius, cells=len(low_m))
+
+    def in_beams(
+        self,
+        apex_m: Float[np.ndarray, "beam 3"],
+        R_world_antenna: Float[np.ndarray, "beam 3 3"],
+        beam: FilledBeam,
+    ) -> tuple[Int[np.ndarray, " beam_edge"], Int[np.ndarray, " pair"]]:
+        """Return the cells that may reach into each beam: where each beam's begin, and the cells.
+
+        Parameters
+        ----------
+        apex_m, R_world_antenna:
+            Where the beams start, and the axes of their antennas.
+        beam:
+            What is searched of them.
+
+        """
+        found: tuple[np.ndarray, np.ndarray] = _search(
+            self.centre_m, self.radius_m, apex_m, np.ascontiguousarray(R_world_antenna), beam.left, beam.up
+        )
+        return found
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def _search(centre, radius, apex, axes, half_left, half_up):
+    leaves = len(radius) // 2
+    edges = np.zeros(len(apex) + 1, dtype=np.int64)
+    out = np.empty(64 * len(apex) + 64, dtype=np.int64)
+    stack = np.empty(128, dtype=np.int64)
+    count = 0
+    for beam in range(len(apex)):
+        ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]
+        fx, fy, fz = axes[beam, 0, 0], axes[beam, 1, 0], axes[beam, 2, 0]
+        lx, ly, lz = axes[beam, 0, 1], axes[beam, 1, 1], axes[beam, 2, 1]
+        ux, uy, uz = axes[beam, 0, 2], axes[beam, 1, 2], axes[beam, 2, 2]
+        depth = 1
+        stack[0] = 1
+        while depth > 0:
+            depth -= 1
+            node = stack[depth]
+            r = radius[node]
+            if r < 0.0:
+                continue
+            x, y, z = centre[node, 0] - ax, centre[node, 1] - ay, centre[node, 2] - az
+            if x * fx + y * fy + z * fz < -r:
+                continue
+            far = np.sqrt(x * x + y * y + z * z) + r
+            left = max(abs(x * lx + y * ly + z * lz) - r, 0.0) / half_left
+            up = max(abs(x * ux + y * uy + z * uz) - r, 0.0) / half_up
+            if left * left + up * up > far * far:
+                continue
+            if node < leaves:
+                # The first child is visited first, so that cells come in their order.
+                stack[depth], stack[depth + 1] = 2 * node + 1, 2 * node
+                depth += 2
+                continue
+            if count == len(out):
+                grown = np.empty(2 * len(out), dtype=np.int64)
+                grown[:count] = out
+                out = grown
+            out[count] = node - leaves
+            count += 1
+        edges[beam + 1] = count
+    return edges, out[:count]

@@ -1,0 +1,127 @@
+"""Places that pulses see, before it is known whether they are hidden and what field returns from them."""
+
+from dataclasses import dataclass, fields
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int, Shaped
+from numba import njit
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.tracing.paths import Paths
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sightings:
+    """Places that the pulses of a block see, one column entry each.
+
+    row: of the pulse in its block.
+    hit_m: east, north and up.
+    solid_angle_sr: that the place represents.
+    surface, face: of the scene, and of the surface.
+    factor: of the field.
+    """
+
+    row: Shaped[np.ndarray, " place"]
+    hit_m: Float[np.ndarray, "3 place"]
+    range_m: Float[np.ndarray, " place"]
+    range_rate_mps: Float[np.ndarray, " place"]
+    cosine: Float[np.ndarray, " place"]
+    solid_angle_sr: Float[np.ndarray, " place"]
+    surface: Int[np.ndarray, " place"]
+    face: Int[np.ndarray, " place"]
+    factor: Complex[np.ndarray, " place"]
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @staticmethod
+    def room_for(count: int) -> "Sightings":
+        """Return a table to be written into."""
+        single = np.float32
+        return Sightings(
+            row=np.empty(count, dtype=np.uint32),
+            hit_m=np.empty((3, count), dtype=single),
+            range_m=np.empty(count),
+            range_rate_mps=np.empty(count, dtype=single),
+            cosine=np.empty(count, dtype=single),
+            solid_angle_sr=np.empty(count, dtype=single),
+            surface=np.empty(count, dtype=np.int32),
+            face=np.empty(count, dtype=np.int32),
+            factor=np.empty(count, dtype=np.complex64),
+        )
+
+    def begun_with(self, other: "Sightings") -> "Sightings":
+        """Write another table over the first entries of this one, and return it."""
+        for name in (f.name for f in fields(self)):
+            getattr(self, name)[..., : len(other)] = getattr(other, name)
+        return self
+
+    def cut(self, count: int) -> "Sightings":
+        """Return the first entries."""
+        return Sightings(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
+
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """All columns, for compiled code."""
+        return tuple(getattr(self, f.name) for f in fields(self))
+
+    def paths(
+        self,
+        pulses: Pulses,
+        field: Complex[np.ndarray, " place"],
+        visible: Bool[np.ndarray, " place"],
+        parts: tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]],
+    ) -> Paths:
+        """Return the paths to the visible places, sorted by pulse.
+
+        Parameters
+        ----------
+        pulses:
+            The block.
+        field:
+            What returns for a factor of one.
+        visible:
+            Which places are not hidden.
+        parts:
+            Two parts of the table, of which a pulse's paths are those of the first and then those of the second: where
+            those of each pulse begin.
+
+        """
+        count = int(np.count_nonzero(visible))
+        single = np.float32
+        out = Paths(
+            pulse=np.empty(count, dtype=np.int64),
+            delay_s=np.empty(count),
+            gain=np.empty(count, dtype=np.complex64),
+            range_rate_mps=np.empty(count, dtype=single),
+            incidence_rad=np.empty(count, dtype=single),
+            hit_m=np.empty((count, 3), dtype=single),
+            surface=np.empty(count, dtype=np.int32),
+        )
+        written = tuple(getattr(out, f.name) for f in fields(out))
+        _join(self.columns, field, visible, *parts, pulses.index, 2 / speed_of_light, written)
+        return out
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def _join(columns, field, visible, one, other, index, delay_per_metre, out):
+    _, hit, range_m, rate, cosine, _, surface, _, factor = columns
+    pulse, delay_s, gain, own_rate, incidence, own_hit, own_surface = out
+    n = 0
+    for beam in range(len(index)):
+        for part in range(2):
+            begin, end = (one[beam], one[beam + 1]) if part == 0 else (other[beam], other[beam + 1])
+            for i in range(begin, end):
+                if not visible[i]:
+                    continue
+                pulse[n] = index[beam]
+                delay_s[n] = delay_per_metre * range_m[i]
+                gain[n] = field[i] * factor[i]
+                own_rate[n] = rate[i]
+                incidence[n] = np.arccos(cosine[i])
+                own_hit[n, 0], own_hit[n, 1], own_hit[n, 2] = hit[0, i], hit[1, i], hit[2, i]
+                own_surface[n] = surface[i]
+                n += 1
