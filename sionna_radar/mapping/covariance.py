@@ -130,11 +130,11 @@ class Measured:
     reach: Float[np.ndarray, " n"]
 
 
-def fit_covariance(measured: Measured) -> FittedCovariance:
-    """Fit a covariance of the terrain, and the factor on the variance of the noise."""
+def fit_covariance(measured: Measured, groups: int = GROUPS) -> FittedCovariance:
+    """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours."""
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
-    groups = [_Group.of(measured, rows) for rows in _groups(measured.place_m)]
+    near = [_Group.of(measured, rows) for rows in _groups(measured.place_m, groups)]
     bounds = [
         (np.log(3e-3 * extent), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
@@ -143,11 +143,11 @@ def fit_covariance(measured: Measured) -> FittedCovariance:
     ]
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
-    rough = minimize(_loss, start, args=(groups,), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    rough = minimize(_loss, start, args=(near,), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     found, smoothness = rough, float(np.exp(rough.x[3]))
     if smoothness > GAUSSIAN_TRIED:
         gaussian = minimize(
-            _loss, rough.x[:3], args=(groups,), jac=True, method="L-BFGS-B", bounds=bounds[:3], options=options
+            _loss, rough.x[:3], args=(near,), jac=True, method="L-BFGS-B", bounds=bounds[:3], options=options
         )
         found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
     length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
@@ -237,13 +237,13 @@ def _correlation(smoothness: float, scaled: Float[np.ndarray, "..."]) -> Float[n
     return np.exp(logarithm - root) * kve(smoothness, root)
 
 
-def _groups(place_m: Float[np.ndarray, "n 2"]) -> list[Int[np.ndarray, " member"]]:
+def _groups(place_m: Float[np.ndarray, "n 2"], count: int) -> list[Int[np.ndarray, " member"]]:
     """Return groups of neighbours around points far from each other."""
     if len(place_m) <= GROUP * 2:
         return [np.arange(len(place_m))]
     centre = int(np.argmin(np.sum((place_m - np.median(place_m, axis=0)) ** 2, axis=1)))
     tree, groups = KDTree(place_m), []
-    for _ in range(GROUPS):
+    for _ in range(count):
         near = tree.query(place_m[centre], k=GROUP)[1]
         groups.append(np.sort(near))
         taken = np.concatenate(groups)

@@ -14,14 +14,17 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.progress import Step
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance import GROUPS
 from sionna_radar.mapping.echo_model import EchoModel, Sightings
 from sionna_radar.mapping.footprint import footprint_axes
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.mean_ranges import MeanRanges
-from sionna_radar.mapping.smoothing import Smoothed, TerrainModel, smooth
+from sionna_radar.mapping.smoothing import TOLERANCE, Smoothed, TerrainModel, smooth
 
 # Surfaces one after the other: over a plane, then over the ground.
 SURFACES = 2
+# Tolerance of a surface that only begins an iteration.
+ROUGH = 1e-4
 # Neighbouring pulses whose echoes are alike in shape.
 SIMILAR_PULSES = 9
 LEAST_SIGMA_M = 0.02
@@ -40,7 +43,9 @@ class EchoSurface:
     fits: Bool[np.ndarray, " pulse"]
 
 
-def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> EchoSurface:
+def echo_surface(
+    sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step, tolerance: float = TOLERANCE
+) -> EchoSurface:
     """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
 
     Parameters
@@ -51,14 +56,19 @@ def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Ste
         Cells of the DEM.
     step:
         Called after each of `SURFACES`.
+    tolerance:
+        Of the last of them; see `smooth`.
 
     """
     grid = _reaching(grid, sightings, echoes)
     reach = sightings.repeated(echoes.range_m)
     surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach).trend())
-    for _ in range(SURFACES):
+    for number in range(SURFACES):
         heights, fits = _over(surface, sightings, echoes, reach)
-        smoothed = smooth(heights.rows(fits), grid)
+        last = number == SURFACES - 1
+        smoothed = smooth(
+            heights.rows(fits), grid, tolerance=tolerance if last else ROUGH, groups=GROUPS if last else 1
+        )
         surface = smoothed.surface
         step()
     return EchoSurface(smoothed, heights, fits)

@@ -21,7 +21,8 @@ from jaxtyping import Bool, Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_heights import SURFACES, EchoSurface, echo_surface, on_axis
+from sionna_radar.mapping.curvature import curvature_on_cells
+from sionna_radar.mapping.echo_heights import ROUGH, SURFACES, EchoSurface, echo_surface, on_axis
 from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
@@ -36,7 +37,7 @@ FEWEST_PULSES = 20
 # A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
 SCORING_STEPS = 4
 # Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
-STEP_TOLERANCE = 1e-2
+STEP_TOLERANCE = 2e-2
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
     """
 
     def tile(sightings: Sightings, echoes: MeanRanges, part: Grid) -> _Tile:
-        return _refined(sightings, echo_surface(sightings, echoes, part, step), step)
+        return _refined(sightings, echo_surface(sightings, echoes, part, step, ROUGH), step)
 
     return _in_tiles(sightings, grid, tile, step, SURFACES + SCORING_STEPS)
 
@@ -144,14 +145,8 @@ def _moved(fitted: Smoothed, linear: Linearised) -> Smoothed:
     """Return the surface after one step of Fisher scoring."""
     model, white = fitted.model, fitted.white
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
-    transposed = weights.T.tocsr()
-
-    def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        under = (weights @ height_m).reshape(linear.score.shape)
-        return np.asarray(transposed @ linear.curvature(under).ravel())
-
-    right = model.coloured(transposed @ linear.score.ravel()) - white
-    step = model.solve(information, right, MOST_ITERATIONS, STEP_TOLERANCE)
+    right = model.coloured(weights.T @ linear.score.ravel()) - white
+    step = model.solve(curvature_on_cells(linear, fitted.surface), right, MOST_ITERATIONS, STEP_TOLERANCE)
     return Smoothed(model, white + step, fitted.noise_factor)
 
 

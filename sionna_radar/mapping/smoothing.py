@@ -20,7 +20,7 @@ from jaxtyping import Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
+from sionna_radar.mapping.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.heights import Heights
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
@@ -118,7 +118,9 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(heights: Heights, grid: Grid, step: Step = no_step) -> Smoothed:
+def smooth(
+    heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE, groups: int = GROUPS
+) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -129,14 +131,23 @@ def smooth(heights: Heights, grid: Grid, step: Step = no_step) -> Smoothed:
         Cells that the surface must cover; it extends beyond them.
     step:
         Called after each iteration of the solution.
+    tolerance:
+        Of the solution: its residual relative to that of the trend.
+    groups:
+        Of neighbouring heights that the covariance is learned from.
 
     """
     trend = heights.trend()
-    return smooth_with(heights, grid, trend, fit_covariance(heights.above(trend)), step)
+    return smooth_with(heights, grid, trend, fit_covariance(heights.above(trend), groups), step, tolerance)
 
 
 def smooth_with(
-    heights: Heights, grid: Grid, trend: Float[np.ndarray, "3"], fitted: FittedCovariance, step: Step = no_step
+    heights: Heights,
+    grid: Grid,
+    trend: Float[np.ndarray, "3"],
+    fitted: FittedCovariance,
+    step: Step = no_step,
+    tolerance: float = TOLERANCE,
 ) -> Smoothed:
     """Return the most probable surface under a known trend and covariance.
 
@@ -154,7 +165,7 @@ def smooth_with(
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.coloured(transposed @ (precision * excess))
-    white = model.solve(information, right, MOST_ITERATIONS, TOLERANCE)
+    white = model.solve(information, right, MOST_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
 
 
