@@ -130,8 +130,21 @@ class Measured:
     reach: Float[np.ndarray, " n"]
 
 
-def fit_covariance(measured: Measured, groups: int = GROUPS) -> FittedCovariance:
-    """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours."""
+def fit_covariance(
+    measured: Measured, groups: int = GROUPS, noise_factor_spread: float = NOISE_FACTOR_SPREAD
+) -> FittedCovariance:
+    """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours.
+
+    Parameters
+    ----------
+    measured:
+        Scattered heights.
+    groups:
+        How many groups of them.
+    noise_factor_spread:
+        Standard deviation of the logarithm of the noise factor, beforehand.
+
+    """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
     near = [_Group.of(measured, rows) for rows in _groups(measured.place_m, groups)]
@@ -143,11 +156,19 @@ def fit_covariance(measured: Measured, groups: int = GROUPS) -> FittedCovariance
     ]
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
-    rough = minimize(_loss, start, args=(near,), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    rough = minimize(
+        _loss, start, args=(near, noise_factor_spread), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
     found, smoothness = rough, float(np.exp(rough.x[3]))
     if smoothness > GAUSSIAN_TRIED:
         gaussian = minimize(
-            _loss, rough.x[:3], args=(near,), jac=True, method="L-BFGS-B", bounds=bounds[:3], options=options
+            _loss,
+            rough.x[:3],
+            args=(near, noise_factor_spread),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds[:3],
+            options=options,
         )
         found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
     length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
@@ -193,7 +214,7 @@ def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> 
 
 
 def _loss(
-    parameters: Float[np.ndarray, " parameter"], groups: Sequence[_Group]
+    parameters: Float[np.ndarray, " parameter"], groups: Sequence[_Group], noise_factor_spread: float
 ) -> tuple[float, Float[np.ndarray, " parameter"]]:
     """Return the negative logarithm of the posterior, and its gradient.
 
@@ -203,9 +224,9 @@ def _loss(
     length, variance, factor = (float(value) for value in np.exp(parameters[:3]))
     longer = Covariance(smoothness, length * np.exp(STEP), variance)
     smoother = Covariance(smoothness * np.exp(STEP), length, variance)
-    loss = float(parameters[2] ** 2) / (2 * NOISE_FACTOR_SPREAD**2) + ROUGHER * np.log1p(min(smoothness, OF_GAUSSIAN))
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + ROUGHER * np.log1p(min(smoothness, OF_GAUSSIAN))
     gradient = np.zeros(len(parameters))
-    gradient[2] = parameters[2] / NOISE_FACTOR_SPREAD**2
+    gradient[2] = parameters[2] / noise_factor_spread**2
     if len(parameters) > 3:
         gradient[3] = ROUGHER * smoothness / (1 + smoothness)
     for group in groups:

@@ -42,9 +42,9 @@ class TileUncertainty:
         inside: Bool[np.ndarray, ...] = (x >= west) & (x < east) & (y >= south) & (y < north)
         return inside
 
-    def gain(self, window_m: float = 0.0) -> float:
-        """Return the factor between the standard deviations by whole echoes and by their means."""
-        return 1.0 if self.information is None else self.information.gain(window_m)
+    def after(self, sigma_m: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
+        return sigma_m if self.information is None else np.sqrt(self.information.after(sigma_m**2, window_m))
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class TiledUncertainty:
         for tile in self.tiles:
             here = wanted & tile.contains(x, y)
             if here.any():
-                sigma[here] = tile.gain() * tile.kriging.sigma_m(grid, here)[here]
+                sigma[here] = tile.after(tile.kriging.sigma_m(grid, here)[here])
         return sigma
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
@@ -68,5 +68,5 @@ class TiledUncertainty:
         x, y = np.median(place_m, axis=0)
         for tile in self.tiles:
             if bool(tile.contains(x, y)):
-                return tile.gain(window_m) * tile.kriging.mean_sigma_m(place_m)
+                return float(tile.after(np.asarray(tile.kriging.mean_sigma_m(place_m)), window_m))
         return float("nan")

@@ -6,8 +6,7 @@ its footprint does; the whole echo sees how the wave moves power between range c
 model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
 really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f e)), e being the wave.
 
-The square root of the ratio of what remains, over all waves or over those that a window averages, is the factor between
-the standard deviations of both maps.
+What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
 """
 
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ SAMPLED_PULSES = 40
 class Information:
     """What remains unknown of each wave of the terrain, by mean ranges and by whole echoes.
 
-    wavenumber: of the waves, rad/m; weight: of each in an integral over all.
+    wavenumber: of the waves, rad/m; weight: of each in the variance of a height.
     """
 
     wavenumber: Float[np.ndarray, " wave"]
@@ -35,14 +34,19 @@ class Information:
     by_means: Float[np.ndarray, " wave"]
     by_echoes: Float[np.ndarray, " wave"]
 
-    def gain(self, window_m: float = 0.0) -> float:
-        """Return the standard deviation after whole echoes over that after mean ranges.
+    def after(self, variance_m2: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the variance that whole echoes leave of that which their mean ranges leave.
 
-        window_m: side of a square over which heights are averaged; 0 for single heights.
+        What the whole echoes explain, they explain where echoes lie as close as on the average: beyond the last of
+        them nothing more is known by them.
+
+        variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
         """
         # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
-        return float(np.sqrt((passed @ self.by_echoes) / (passed @ self.by_means)))
+        means, echoes = float(passed @ self.by_means), float(passed @ self.by_echoes)
+        left: Float[np.ndarray, ...] = variance_m2 - (1 - echoes / means) * np.minimum(variance_m2, means)
+        return left
 
 
 def information_of(
@@ -83,7 +87,8 @@ def information_of(
     prior = np.maximum(covariance.power(wavenumber), np.finfo(float).tiny)
     return Information(
         wavenumber=wavenumber,
-        weight=wavenumber * np.repeat(np.gradient(radial), DIRECTIONS),
+        # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
+        weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
         by_means=1 / (1 / prior + density * means),
         by_echoes=1 / (1 / prior + density * np.maximum(echoes, means)),
     )

@@ -8,6 +8,7 @@ from jaxtyping import Bool
 
 from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.georeference import Georeference
@@ -105,6 +106,13 @@ class Survey(Brief):
             walls=self.prepared.truth().walls,
             seed=self.scenario.seed,
         )
+
+    @cached_property
+    def dem_uncertainty(self) -> UncertaintyCheck | None:
+        """Whether the DEM errs as it says; computed when first asked for; None where it says nothing."""
+        if self.dem_sigma is None:
+            return None
+        return check_uncertainty(self.error, self.dem_sigma, self.truth, self.lit, self.points, self.uncertainty)
 
     def __repr__(self) -> str:
         lit, description = self.lit_error, self.scenario.description
