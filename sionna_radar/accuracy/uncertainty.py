@@ -74,8 +74,8 @@ class WindowMeans:
 class UncertaintyCheck:
     """How the stated uncertainty of a DEM compares with its errors over lit cells.
 
-    cells: over all of them; by_slope: classes of the true slope, degrees; by_echo_distance: classes of the distance from
-    the nearest echo on the ground, m; means: of windows, where the method knows the covariance between cells.
+    cells: over all of them; by_slope: classes of the true slope, degrees; by_echo_distance: classes of the distance
+    from the nearest echo on the ground, m; means: of windows, where the method knows the covariance between cells.
     """
 
     cells: Calibration

@@ -30,8 +30,8 @@ MEANING = {
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
     "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
     "dem_uncertainty": "lit cells' errors over their stated standard deviations (dem_sigma.tif): the share of cells in "
-    "the intervals of 50, 68, 90 and 95 %, NMAD, RMS and mean of z = error / sigma, by classes of the true slope and of "
-    "the distance from the nearest echo; means: mean errors over windows against the standard deviations stated for "
+    "the intervals of 50, 68, 90 and 95 %, NMAD, RMS and mean of z = error / sigma, by classes of the true slope and "
+    "of the distance from the nearest echo; means: mean errors over windows against the standard deviations stated for "
     "them; null for a method that states none",
 }
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
