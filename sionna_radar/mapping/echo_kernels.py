@@ -28,16 +28,26 @@ FEWEST_CELLS = 2
 @compiled
 @no_type_check
 def meet(
-    height, west, south, spacing, steepest, highest, position, direction, wanted, reach, range_m, place, per_height
-):
-    """Cast the nodes of every pulse on a surface; write range, place, and change of range with the height there.
+    height, west, south, spacing, steepest, highest, position, velocity, R_world_antenna, beam, wanted, doppler, reach,
+    range_m, place, per_height, shift, low, high,
+):  # fmt: skip
+    """Cast the nodes of the pulses from `low` to `high` on a surface.
 
     wanted: whether a node is; the others count as meeting nothing.
+    doppler: by how much a range rate of 1 m/s lengthens a range.
+    Writes range, place, change of range with the height there, and by how much motion lengthens the range.
     """
-    for pulse in range(len(position)):
+    ray = np.empty(3)
+    for pulse in range(low, high):
         origin = position[pulse]
-        for node in range(direction.shape[1]):
-            ray = direction[pulse, node]
+        for node in range(len(beam)):
+            closing_in = 0.0
+            for k in range(3):
+                ray[k] = 0.0
+                for c in range(3):
+                    ray[k] += R_world_antenna[pulse, k, c] * beam[node, c]
+                closing_in += velocity[pulse, k] * ray[k]
+            shift[pulse, node] = -doppler * closing_in
             hit = np.nan
             if wanted[node]:
                 hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
@@ -254,7 +264,8 @@ def _doubled(values, begin, end):
 @compiled
 @no_type_check
 def linearise(
-    pulses,
+    low,
+    high,
     first,
     start,
     profile_power,
@@ -282,8 +293,8 @@ def linearise(
     cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     power_of, scale = np.empty(samples), np.empty(nodes)
     used = 0
-    for number in range(len(pulses)):
-        pulse = pulses[number]
+    for pulse in range(low, high):
+        number = pulse - low
         for node in range(nodes):
             score[number, node] = 0.0
         count[number] = 0
@@ -298,7 +309,7 @@ def linearise(
         for k in range(samples):
             power_of[k] = share[k] * (middle / sample_range[k]) ** 2
         hit, onto = np.empty(size), np.empty((size, nodes))
-        low, high = _spread(
+        nearest, farthest = _spread(
             power_of, cell, sample_range, corner, corner_weight, begin, cells, half, cell_m, hit, onto, True
         )
         shape, strongest = np.zeros(cells), 0.0
@@ -343,7 +354,7 @@ def linearise(
         for c in range(cells):
             if weight[c] <= LEAST_WEIGHT:
                 continue
-            _jacobian(onto, low, high, response, scale, c, jacobian[row])
+            _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
             by_level = weight[c] * level * shape[c] / mean[c]
             for node in range(nodes):
                 if len(volume_power):
@@ -368,16 +379,3 @@ def linearise(
             used += 1
         count[number] = row
     return used
-
-
-@compiled
-@no_type_check
-def curve(factor, first, heights, result):
-    """Write F^T F applied to the heights under the nodes of each pulse."""
-    for pulse in range(len(heights)):
-        if first[pulse] == first[pulse + 1]:
-            for node in range(heights.shape[1]):
-                result[pulse, node] = 0.0
-        else:
-            own = factor[first[pulse] : first[pulse + 1]]
-            np.dot(np.dot(own, heights[pulse]), own, result[pulse])

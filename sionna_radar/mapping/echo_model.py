@@ -14,7 +14,7 @@ Behind a volume such as rain, mu includes the volume's power, as far as the beam
 own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,10 +23,12 @@ from jaxtyping import Bool, Float, Float32, Int
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.threads import equal_parts, in_threads, parts
 from sionna_radar.mapping.beam import BeamNodes
+from sionna_radar.mapping.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
-# Room for the rows of this many pulses is made at once, before it is known how many there are.
+# Handled by one core at a time; room is made for all of their rows before it is known how many there are.
 PULSES_AT_ONCE = 64
 
 
@@ -39,6 +41,7 @@ class Sightings:
     looks_per_cell: independent looks per range cell.
     doppler: whether ranges shift with the range rate, 1, or not, 0.
     reach_m: unambiguous range of the sampling.
+    memory: how long the ground keeps its speckle.
     """
 
     profiles: Profiles
@@ -49,6 +52,7 @@ class Sightings:
     looks_per_cell: float
     doppler: float
     reach_m: float
+    memory: SpeckleMemory = STILL
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -56,6 +60,10 @@ class Sightings:
     def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
         """Return the sightings of some pulses."""
         return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
+
+    def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
+        return speckle_reach(self.profiles.pulse, self.pose, range_m, self.beam, self.chirp, self.memory)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""
@@ -72,11 +80,13 @@ class Footprints:
     """Where the beam's nodes meet a surface.
 
     range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height there.
+    shift_m: by how much motion lengthens the range.
     """
 
     range_m: Float[np.ndarray, "pulse node"]
     place_m: Float[np.ndarray, "pulse node 2"]
     range_per_height: Float[np.ndarray, "pulse node"]
+    shift_m: Float[np.ndarray, "pulse node"]
 
 
 @dataclass(frozen=True)
@@ -97,10 +107,11 @@ class Linearised:
 
     def curvature(self, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
         """Return F^T F of each pulse applied to heights under its nodes."""
-        from sionna_radar.mapping.echo_kernels import curve
+        from sionna_radar.mapping.curvature_kernels import curve
 
         result = np.empty(heights.shape, dtype=np.float32)
-        curve(self.factor, self.first, heights.astype(np.float32), result)
+        single = heights.astype(np.float32)
+        list(in_threads(lambda *some: curve(self.factor, self.first, single, result, *some), equal_parts(len(heights))))
         return result.astype(np.float64)
 
 
@@ -110,14 +121,22 @@ def footprints(
     """Cast the beam's nodes of every pulse, or some of the nodes, on a surface."""
     from sionna_radar.mapping.echo_kernels import meet
 
-    direction = sightings.direction()
-    shape = direction.shape[:2]
-    feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape))
+    pose, beam = sightings.pose, sightings.beam.direction
+    shape = len(pose), len(beam)
+    feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape), np.empty(shape))
     height, grid = np.ascontiguousarray(surface.height_m), surface.grid
     on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
-    position = np.ascontiguousarray(sightings.pose.position_m)
-    wanted = np.ones(shape[1], dtype=bool) if wanted is None else wanted
-    meet(*on, position, direction, wanted, float(sightings.reach_m), feet.range_m, feet.place_m, feet.range_per_height)
+    doppler = sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
+    of = (
+        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna, beam)),
+        np.ones(shape[1], dtype=bool) if wanted is None else wanted,
+    )
+
+    def some(low: int, high: int) -> None:
+        to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
+        meet(*on, *of, doppler, float(sightings.reach_m), *to, low, high)
+
+    list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
     return feet
 
 
@@ -127,7 +146,6 @@ class EchoModel:
     def __init__(self, sightings: Sightings, surface: Heightfield) -> None:
         self._sightings = sightings
         self._feet = footprints(sightings, surface)
-        self._shift = sightings.shift_m(sightings.direction())
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
@@ -135,7 +153,7 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        centroids(self._feet.range_m, self._shift, beam.share, beam.corner, beam.weight, cell_m, mean)
+        centroids(self._feet.range_m, self._feet.shift_m, beam.share, beam.corner, beam.weight, cell_m, mean)
         return mean
 
     def linearise(self, looks: Float[np.ndarray, " pulse"]) -> Linearised:
@@ -143,30 +161,31 @@ class EchoModel:
 
         looks: independent looks in each range cell of each pulse.
         """
-        parts = list(self._parts(looks))
-        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[3] for part in parts)])
-        score, factor, residual = (np.concatenate([part[k] for part in parts]) for k in range(3))
+        some = list(in_threads(self._linearised(looks), parts(len(self._sightings), PULSES_AT_ONCE)))
+        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[3] for part in some)])
+        score, factor, residual = (np.concatenate([part[k] for part in some]) for k in range(3))
         return Linearised(self._feet.place_m, score, factor, np.cumsum(count), residual)
 
-    def _parts(self, looks: Float[np.ndarray, " pulse"]) -> Iterator[tuple[np.ndarray, ...]]:
-        """Yield score, rows of factors, residuals and numbers of rows of some pulses after others."""
+    def _linearised(self, looks: Float[np.ndarray, " pulse"]) -> Callable[[int, int], tuple[np.ndarray, ...]]:
+        """Return a function for score, rows of factors, residuals and numbers of rows of some pulses."""
         from sionna_radar.mapping.echo_kernels import linearise
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
-        nothing = np.zeros(0)
         data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
         in_front = (
-            (np.zeros(0, dtype=np.float32), nothing, 0.0)
+            (np.zeros(0, dtype=np.float32), np.zeros(0), 0.0)
             if volume is None
             else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
         )
-        geometry = self._feet.range_m, self._shift, self._feet.range_per_height
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
         antenna = beam.share, beam.corner, beam.weight, self._sightings.response
         nodes = beam.direction.shape[0]
-        for begin in range(0, max(len(profiles), 1), PULSES_AT_ONCE):
-            pulses = np.arange(begin, min(begin + PULSES_AT_ONCE, len(profiles)))
-            most = int(np.diff(profiles.start)[pulses].sum())
-            score, count = np.empty((len(pulses), nodes)), np.empty(len(pulses), dtype=np.int64)
+
+        def some(low: int, high: int) -> tuple[np.ndarray, ...]:
+            most = int(profiles.start[high] - profiles.start[low])
+            score, count = np.empty((high - low, nodes)), np.empty(high - low, dtype=np.int64)
             factor, residual = np.empty((most, nodes), dtype=np.float32), np.empty(most)
-            used = linearise(pulses, *data, *in_front, *geometry, *antenna, score, factor, residual, count)
-            yield score, factor[:used].copy(), residual[:used].copy(), count
+            used = linearise(low, high, *data, *in_front, *geometry, *antenna, score, factor, residual, count)
+            return score, factor[:used].copy(), residual[:used].copy(), count
+
+        return some

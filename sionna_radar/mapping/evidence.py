@@ -18,10 +18,12 @@ bright roof at the edge of the beam is not taken for ground on its axis: their p
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Float32, Int
 
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.mapping.echo_model import Sightings
 
 # A step of reflectivity: 6 dB, in nepers of power.
@@ -34,6 +36,8 @@ WIDEST_FOR = 0.02
 SPREAD_CELLS = 4
 # A cell with less than this share of the power leaked from its neighbours holds no echo.
 SPILT = 0.25
+# Rows of the map handled by one core at a time.
+ROWS_AT_ONCE = 24
 
 
 def evidence_against(
@@ -64,24 +68,38 @@ def evidence_against(
     Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
 
     """
+    from sionna_radar.mapping.evidence_kernels import add_evidence
+
     bright = _reflectivities(sightings)
     if len(bright.step) == 0:
         return np.zeros((*grid.shape, len(level_m)), dtype=np.float32)
-    against = np.zeros((len(bright.step), *grid.shape, len(level_m)), dtype=np.float32)
-    span_m = float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])
-    for pulse in range(len(sightings)):
+    against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
+    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
+    spill = SPILT * sightings.response / sightings.response.max()
+    spill[len(spill) // 2] = 0.0
+    gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+    given = (
+        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
+        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
+        *(gain, _axes(beam)),
+        *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
+        np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
+        *(bright.step, bright.typical, bright.alternatives, WIDEST_FOR, SPREAD_CELLS),
+    )
+    for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
+        pass
+    for _ in range(len(sightings)):
         step()
-        rows, columns = _window(sightings, pulse, grid, span_m)
-        height_m = base_m[rows, columns, None] + level_m
-        patch = np.broadcast_arrays(grid.x_m[None, columns, None], grid.y_m[rows, None, None], height_m)
-        if height_m.size:
-            in_view = height_m > (np.inf if in_view_m is None else in_view_m[rows, columns, None])
-            seen = _seen(sightings, pulse, np.stack(patch, axis=-1), in_view, bright)
-            part = against[:, rows, columns]
-            for number, reflectivity in enumerate(bright.step):
-                part[number][seen.where] -= seen.support(reflectivity)
-    lowest: Float32[np.ndarray, "row column level"] = against.min(axis=0)
+    lowest: Float32[np.ndarray, "row column level"] = against.min(axis=-1)
     return lowest
+
+
+def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
+    """Return start and step of the samples in azimuth and in elevation, and the ends of both."""
+    u, v = beam.azimuth, beam.elevation
+    return np.array([u[0], u[1] - u[0], v[0], v[1] - v[0], u[-1], v[-1]])
 
 
 @dataclass(frozen=True)
@@ -110,79 +128,14 @@ def _reflectivities(sightings: Sightings) -> _Reflectivities:
     return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), LEAST_SHARE * float(typical), span)
 
 
-def _window(sightings: Sightings, pulse: int, grid: Grid, span_m: tuple[float, float]) -> tuple[slice, slice]:
-    """Return the rows and columns that the main lobe of a pulse crosses between two heights."""
-    position = sightings.pose.position_m[pulse]
-    corner = sightings.beam.direction[sightings.beam.corners] @ sightings.pose.R_world_antenna[pulse].T
-    drop = np.array(span_m)[:, None] - position[2]
-    reach = np.clip(drop / np.minimum(corner[:, 2], -0.05), 0.0, sightings.reach_m)
-    place = (position[:2] + reach[..., None] * corner[:, :2]).reshape(-1, 2)
-    (west, south), (east, north) = place.min(axis=0), place.max(axis=0)
-    rows = np.searchsorted(grid.y_m, [south, north])
-    columns = np.searchsorted(grid.x_m, [west, east])
-    return slice(int(rows[0]), int(rows[1])), slice(int(columns[0]), int(columns[1]))
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """The patches that one pulse sees.
-
-    where: their indices; gain: two-way, relative to the axis; noise: receiver noise power.
-    power: in the patch's range cell; most: largest in it and its two neighbours; at least the noise.
-    own: whether the power comes from the cell itself; open: whether nothing occludes the patch.
-    """
-
-    where: Bool[np.ndarray, "row column level"]
-    gain: Float[np.ndarray, " patch"]
-    noise: float
-    alternatives: float
-    power: Float[np.ndarray, " patch"]
-    most: Float[np.ndarray, " patch"]
-    own: Bool[np.ndarray, " patch"]
-    open: Bool[np.ndarray, " patch"]
-
-    def support(self, reflectivity: float) -> Float[np.ndarray, " patch"]:
-        """Return the log-likelihood ratio of patches of a reflectivity, in nepers."""
-        mean = self.noise + reflectivity * self.gain
-        short = np.minimum(self.most / mean, 1.0)
-        ratio = self.power / mean
-        fits = np.maximum(np.log(ratio) - ratio + np.log(self.alternatives), 0.0)
-        return (np.log(short) - short + 1) * self.open + fits * (self.own & (self.gain > WIDEST_FOR))
-
-
-def _seen(
-    sightings: Sightings,
-    pulse: int,
-    patch_m: Float[np.ndarray, "row column level 3"],
-    in_view: Bool[np.ndarray, "row column level"],
-    bright: _Reflectivities,
-) -> _Seen:
-    profiles, pose = sightings.profiles, sightings.pose
-    power, noise = profiles.values(pulse), float(profiles.noise[pulse])
-    away = patch_m - pose.position_m[pulse]
-    range_m = np.linalg.norm(away, axis=-1)
-    direction = away / range_m[..., None]
-    gain = sightings.beam.two_way(direction @ pose.R_world_antenna[pulse])
-    where = gain > 0
-    rate = -direction[where] @ pose.velocity_mps[pulse]
-    apparent = range_m[where] + sightings.doppler * sightings.chirp.doppler_range_m(rate)
-    cell = np.round(apparent / profiles.cell_m).astype(np.int64) - int(profiles.first[pulse])
-    spill = SPILT * sightings.response / sightings.response.max()
-    spill[len(spill) // 2] = 0.0
-    # Outside the profile, which extends past all echoes, there is noise.
-    edged = np.concatenate([[noise, noise], np.maximum(power, noise), [noise, noise]])
-    place = np.clip(cell, -1, len(power)) + 2
-    nearer = np.concatenate([np.full(SPREAD_CELLS + 1, noise), np.maximum.accumulate(edged[2:-2])])
-    before = nearer[np.clip(cell + 1, 0, len(power) + SPREAD_CELLS)]
-    own = np.pad(power > np.convolve(power, spill, "same"), 2)
-    cleared = np.where(own, edged, noise)
-    return _Seen(
-        where=where,
-        gain=gain[where],
-        noise=noise,
-        alternatives=bright.alternatives,
-        power=edged[place],
-        most=np.maximum(np.maximum(cleared[place - 1], cleared[place]), cleared[place + 1]),
-        own=own[place],
-        open=in_view[where] | (before < noise + bright.typical * gain[where]),
-    )
+def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
+    """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
+    position = sightings.pose.position_m[:, None, None]
+    corner = sightings.direction()[:, None, sightings.beam.corners]
+    drop = np.array(span_m)[:, None] - position[..., 2]
+    reach = np.clip(drop / np.minimum(corner[..., 2], -0.05), 0.0, sightings.reach_m)
+    place = (position[..., :2] + reach[..., None] * corner[..., :2]).reshape(len(sightings), -1, 2)
+    low, high = place.min(axis=1), place.max(axis=1)
+    rows = (np.searchsorted(grid.y_m, bound[:, 1]) for bound in (low, high))
+    columns = (np.searchsorted(grid.x_m, bound[:, 0]) for bound in (low, high))
+    return np.column_stack([*rows, *columns])

@@ -24,46 +24,11 @@ def choose_levels(cost: Float32[np.ndarray, "row column level"]) -> Int[np.ndarr
         Evidence against each level of each cell, in nepers.
 
     """
-    total = np.zeros_like(cost)
+    from sionna_radar.mapping.level_kernels import add_paths
+
+    total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
     for down, right in DIRECTIONS:
-        total += _along(cost, down, right)
+        add_paths(cost, down, right, CHANGE, JUMP, total)
     good = total <= total.min(axis=-1, keepdims=True) + AS_GOOD * len(DIRECTIONS)
     highest: Int[np.ndarray, "row column"] = cost.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
     return highest
-
-
-def _along(
-    cost: Float32[np.ndarray, "row column level"], down: int, right: int
-) -> Float32[np.ndarray, "row column level"]:
-    """Return the cost of the best paths of heights from one direction."""
-    if down == 0:
-        return _along(cost.transpose(1, 0, 2), right, 0).transpose(1, 0, 2)
-    result = np.empty_like(cost)
-    order = range(len(cost)) if down > 0 else range(len(cost) - 1, -1, -1)
-    before: Float32[np.ndarray, "column level"] | None = None
-    for row in order:
-        if before is None:
-            result[row] = cost[row]
-        else:
-            # A diagonal path starts at the border.
-            shifted = np.zeros_like(before)
-            to, source = _shifted(right)
-            shifted[to] = before[source]
-            result[row] = cost[row] + _cheapest(shifted)
-        before = result[row]
-    return result
-
-
-def _shifted(right: int) -> tuple[slice, slice]:
-    if right == 0:
-        return slice(None), slice(None)
-    return (slice(1, None), slice(None, -1)) if right > 0 else (slice(None, -1), slice(1, None))
-
-
-def _cheapest(before: Float32[np.ndarray, "column level"]) -> Float32[np.ndarray, "column level"]:
-    """Return the least cost of reaching each level from the previous cell, relative to that cell's minimum."""
-    least = before.min(axis=-1, keepdims=True)
-    best = np.minimum(before, least + JUMP)
-    best[:, 1:] = np.minimum(best[:, 1:], before[:, :-1] + CHANGE)
-    best[:, :-1] = np.minimum(best[:, :-1], before[:, 1:] + CHANGE)
-    return best - least

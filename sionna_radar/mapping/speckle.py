@@ -21,10 +21,11 @@ from scipy.spatial import KDTree
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.tracing import TracingTable
 
 # Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
 # The directions are random, but always the same.
-DIRECTIONS, SAMPLED_PULSES, SEED = 1500, 384, 2007
+DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
 # The lag is doubled while the speckle of so many pulses is still correlated by more than this.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
 LEAST_CORRELATION = 1e-3
@@ -46,6 +47,16 @@ class SpeckleMemory:
         if self.decorrelation_s == 0:
             return np.where(lag_s == 0, 1.0, 0.0)
         return (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2) ** -2.0
+
+
+STILL = SpeckleMemory()
+
+
+def speckle_memory(table: TracingTable) -> SpeckleMemory:
+    """Return how long the ground of a scenario keeps its speckle."""
+    if table.speckle == "per_pulse":
+        return SpeckleMemory(decorrelation_s=0.0)
+    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf)
 
 
 def speckle_reach(
@@ -150,15 +161,24 @@ def _overlap(
     later: Float[np.ndarray, " n"],
     chirp: Chirp,
 ) -> float:
-    """Return |rho|^2 of the fields of two pulses over common directions, averaged over range cells by their power."""
+    """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
+
+    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
+    what pulls one echo farther pulls the next one nearer.
+    """
     field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
     cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
     cell -= cell.min()
     # Random directions: the sum over pairs of different ones is free of the bias of few.
     both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
     one, two = np.bincount(cell, power), np.bincount(cell, later)
-    alone = one * two - np.bincount(cell, power * later)
-    usable = alone > 1e-9 * alone.max(initial=0.0)
-    if not usable.any():
-        return 0.0
-    return float(np.clip(np.sum(one[usable] * both[usable] / alone[usable]) / one[usable].sum(), 0.0, 1.0))
+    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
+    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
+
+
+def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+    """Return how far each cell is from their mean, weighted with their power."""
+    cell = np.arange(len(power))
+    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
+    return distance

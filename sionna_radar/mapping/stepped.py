@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -21,9 +21,10 @@ from scipy.spatial import KDTree
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Progress, Step, Steps, silent
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.evidence import evidence_against
+from sionna_radar.mapping.evidence import ROWS_AT_ONCE, evidence_against
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.points import Points
@@ -72,7 +73,7 @@ def step_surface(
         inside = part == number
         filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
         if number in alone:
-            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).height_m
+            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).surface.height_m
             height[window] = np.where(inside[window], mapped, height[window])
             refined |= inside
         step()
@@ -156,18 +157,17 @@ def lowest_in_view_m(
     height_m: Float[np.ndarray, "row column"], grid: Grid, origin_m: Float[np.ndarray, "row column 3"]
 ) -> Float[np.ndarray, "row column"]:
     """Return the height over each cell above which a point is visible from its origin, over a map."""
+    from sionna_radar.mapping.evidence_kernels import lowest_in_view
+
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     east, north, up = np.moveaxis(origin_m, -1, 0)
     distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
-    result = np.full(grid.shape, -np.inf)
     drop = float(np.max(up - height_m.min()))
     steepest = float(np.max(distance)) * float(np.ptp(height_m)) / max(drop, 1e-6)
-    for away in np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m):
-        row = (y + (north - y) / distance * away - grid.south_m) / grid.spacing_m
-        column = (x + (east - x) / distance * away - grid.west_m) / grid.spacing_m
-        between = map_coordinates(height_m, [row, column], order=0, mode="nearest")
-        behind = between + (between - up) * away / np.maximum(distance - away, 1e-6)
-        result = np.where(away < distance, np.maximum(result, behind), result)
+    farthest = len(np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m))
+    on = grid.x_m, grid.y_m, grid.west_m, grid.south_m, grid.spacing_m, np.ascontiguousarray(origin_m), farthest
+    result = np.empty(grid.shape)
+    list(in_threads(lambda *some: lowest_in_view(height_m, *on, result, *some), parts(grid.rows, ROWS_AT_ONCE)))
     return result
 
 

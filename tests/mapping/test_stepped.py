@@ -1,14 +1,16 @@
 """Maps with steps: evidence against closed forms, levels against a plain search, and a box seen by brute force."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
+from plain_evidence import evidence
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.evidence import LEAST_SHARE, evidence_against
+from sionna_radar.mapping.evidence import LEAST_SHARE, _reflectivities, evidence_against
 from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
 from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.points import Points
@@ -124,6 +126,27 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
         expected -= np.log(ratio) - ratio + 1
     assert expected > 5
     assert against == pytest.approx(expected, rel=0.02)
+
+
+def test_evidence_is_that_of_the_plain_formulas(level):
+    some = level.rows(np.arange(len(level)) % 5 == 0)
+    moving = replace(some.pose, velocity_mps=some.pose.boresight * 9.0)
+    window = np.array([0.02, 0.3, 1.0, 0.3, 0.02])
+    some = replace(some, pose=moving, response=window, doppler=1.0)
+    grid = Grid(west_m=55.0, south_m=-6.0, spacing_m=2.0, columns=12, rows=7)
+    base, levels, in_view = np.full(grid.shape, -0.3), np.arange(-2.0, 9.0, 0.7), np.full(grid.shape, 3.0)
+    found = evidence_against(some, grid, base, levels, in_view)
+    expected = evidence(some, grid, base, levels, in_view, _reflectivities(some))
+    assert (expected < -1).any()
+    assert (expected > 1).any()
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_levels_do_not_depend_on_which_way_is_north():
+    cost = np.random.default_rng(4).uniform(0, 12, (9, 7, 6)).astype(np.float32)
+    chosen = choose_levels(cost)
+    np.testing.assert_array_equal(choose_levels(cost.transpose(1, 0, 2)), chosen.T)
+    np.testing.assert_array_equal(choose_levels(cost[::-1]), chosen[::-1])
 
 
 def test_what_is_in_view_behind_a_wall_is_a_triangle():

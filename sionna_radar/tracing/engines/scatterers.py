@@ -36,8 +36,9 @@ class Points(Columns):
 
     normal: unit normal of its triangle.
     area_m2: area that each represents.
-    reflectivity: complex normal numbers of mean power one; the sum of any of them is exactly Gaussian, so that
-        speckle is fully developed however few share a range cell.
+    reflectivity: unit numbers of random phase. All scatterers are equally strong: the sum of the ten or more in a range
+        cell is Gaussian enough (its mean square intensity is 2 - 1/n instead of 2), and ground of one reflectivity has
+        no bright and dark places that all pulses see alike, which random strengths would give it.
     wander: numbers of the two-sided exponential distribution of mean size one, for surfaces that move.
     surface, face: where each lies: the surface in the scene, and the triangle in the surface.
     """
@@ -249,10 +250,8 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
                 position[row, axis] = a * piece[0, axis] + b * piece[1, axis] + c * piece[2, axis]
             normal[row, 0], normal[row, 1], normal[row, 2] = normal_x / size, normal_y / size, normal_z / size
             area_m2[row] = 1.0 / n
-            # Box and Muller: both parts of a complex normal number of mean power one.
-            radius = np.sqrt(-np.log(_unit(state, stream + 1)))
             turn = 2.0 * np.pi * _unit(state, stream + 2)
-            reflectivity[row] = complex(radius * np.cos(turn), radius * np.sin(turn))
+            reflectivity[row] = complex(np.cos(turn), np.sin(turn))
             sign = 1.0 if _unit(state, stream + 3) < 0.5 else -1.0
             wander[row] = -sign * np.log(_unit(state, stream + 4))
             own_face[row] = face[p] - first_face[surface[cell]]

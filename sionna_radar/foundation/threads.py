@@ -1,0 +1,41 @@
+"""Machine code on all cores: parts of a loop, divided in the same way whatever the number of cores."""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import TypeVar
+
+Result = TypeVar("Result")
+
+
+def parts(count: int, at_once: int) -> list[tuple[int, int]]:
+    """Return the bounds of the parts of a loop, each of at most so many steps."""
+    return [(low, min(low + at_once, count)) for low in range(0, count, at_once)]
+
+
+def equal_parts(count: int, number: int = 4) -> list[tuple[int, int]]:
+    """Return the bounds of a number of nearly equal parts of a loop."""
+    return [(count * k // number, count * (k + 1) // number) for k in range(number)]
+
+
+def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, int]]) -> Iterator[Result]:
+    """Yield what a function, which must release Python's lock, returns for each part of a loop, in their order."""
+    if cores() == 1 or len(bounds) == 1:
+        return iter([function(low, high) for low, high in bounds])
+    return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _pool_of(process: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(cores(), thread_name_prefix=f"sionna-radar-{process}")
+
+
+def _pool() -> ThreadPoolExecutor:
+    # A forked process inherits the pool without its threads.
+    return _pool_of(os.getpid())

@@ -1,0 +1,55 @@
+"""The information of all echoes about the heights of a grid's cells: A in the normal equations of a surface."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.threads import equal_parts, in_threads
+from sionna_radar.mapping.echo_model import Linearised
+
+Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
+
+
+def curvature_on_cells(linear: Linearised, surface: Heightfield) -> Information:
+    """Return the operator W^T F^T F W on the heights of the cells, W taking them to the nodes of the beams."""
+    from sionna_radar.mapping.curvature_kernels import curve_cells, onto_cells, touch
+
+    grid, place = surface.grid, linear.place_m
+    on = grid.west_m, grid.south_m, grid.spacing_m, grid.rows, grid.columns
+    cell, local = np.empty(place.size * 2, dtype=np.int32), np.empty((*place.shape[:2], 4), dtype=np.int32)
+    count = touch(place, *on, np.full((grid.rows * grid.columns, 2), -1), cell, local)
+    start = np.concatenate([[0], np.cumsum(np.diff(linear.first) * count[1:])])
+    if start[-1] > linear.factor.size:
+        return _by_nodes(linear, surface)
+    on_cells, begin = np.empty(start[-1], dtype=np.float32), np.cumsum(count)
+    onto = linear.factor, linear.first, place, *on, local, count[1:], start, on_cells
+    list(in_threads(lambda low, high: onto_cells(*onto, low, high), equal_parts(len(place))))
+    cell = cell[: begin[-1]].copy()
+
+    def informed(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        single = height_m.astype(np.float32)
+
+        def some(low: int, high: int) -> Float[np.ndarray, " cell"]:
+            result = np.zeros(height_m.size)
+            curve_cells(on_cells, start, cell, begin, single, result, low, high)
+            return result
+
+        first, *others = in_threads(some, equal_parts(len(place)))
+        for other in others:
+            first += other
+        return first
+
+    return informed
+
+
+def _by_nodes(linear: Linearised, surface: Heightfield) -> Information:
+    weights = surface.weights(*linear.place_m.reshape(-1, 2).T)
+    transposed = weights.T.tocsr()
+
+    def informed(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        under = (weights @ height_m).reshape(linear.score.shape)
+        return np.asarray(transposed @ linear.curvature(under).ravel())
+
+    return informed

@@ -1,0 +1,96 @@
+"""The expected curvature of the likelihood applied to heights, as machine code.
+
+The factor F of a pulse acts on the heights under its nodes, and those are bilinear in the cells around. Where a
+footprint covers fewer cells than there are nodes, F is brought onto the cells once, which is then less work each time
+that the curvature is applied.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from sionna_radar.elevation.ray_march import corner_of
+from sionna_radar.foundation.compiled import compiled
+
+
+@compiled
+@no_type_check
+def curve(factor, first, heights, result, low, high):
+    """Write F^T F applied to the heights under the nodes of the pulses from `low` to `high`."""
+    for pulse in range(low, high):
+        if first[pulse] == first[pulse + 1]:
+            for node in range(heights.shape[1]):
+                result[pulse, node] = 0.0
+        else:
+            own = factor[first[pulse] : first[pulse + 1]]
+            np.dot(np.dot(own, heights[pulse]), own, result[pulse])
+
+
+@compiled
+@no_type_check
+def touch(place, west, south, spacing, rows, columns, seen_by, cell, local):
+    """Write the cells under the nodes of each pulse, numbered along the rows of the grid, without repeating any.
+
+    seen_by: two values for each cell of the grid, the first of them -1 at the beginning.
+    cell: room for four cells a node; local: for each node, which of the pulse's cells are the four around it.
+    Returns the number of cells of each pulse, behind a zero.
+    """
+    count = np.zeros(len(place) + 1, dtype=np.int64)
+    used = 0
+    for pulse in range(len(place)):
+        begin = used
+        for node in range(place.shape[1]):
+            i, j, _, _ = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
+            for k in range(4):
+                at = (i + k // 2) * columns + j + k % 2
+                if seen_by[at, 0] != pulse:
+                    seen_by[at, 0], seen_by[at, 1] = pulse, used - begin
+                    cell[used] = at
+                    used += 1
+                local[pulse, node, k] = seen_by[at, 1]
+        count[pulse + 1] = used - begin
+    return count
+
+
+@compiled
+@no_type_check
+def onto_cells(factor, first, place, west, south, spacing, rows, columns, local, count, start, on_cells, low, high):
+    """Write F of the pulses from `low` to `high` as it acts on their cells, row by row, from `start` on."""
+    share = np.empty((place.shape[1], 4))
+    for pulse in range(low, high):
+        cells = count[pulse]
+        for node in range(place.shape[1]):
+            _, _, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
+            share[node, 0], share[node, 1] = (1 - a) * (1 - b), a * (1 - b)
+            share[node, 2], share[node, 3] = (1 - a) * b, a * b
+        for row in range(first[pulse + 1] - first[pulse]):
+            at = start[pulse] + row * cells
+            for k in range(at, at + cells):
+                on_cells[k] = 0.0
+            for node in range(place.shape[1]):
+                value = factor[first[pulse] + row, node]
+                for c in range(4):
+                    on_cells[at + local[pulse, node, c]] += value * share[node, c]
+
+
+@compiled
+@no_type_check
+def curve_cells(on_cells, start, cell, begin, height, result, low, high):
+    """Add the curvature of the pulses from `low` to `high`, applied to the heights of all cells, to `result`."""
+    most = 1
+    for pulse in range(low, high):
+        cells = begin[pulse + 1] - begin[pulse]
+        most = max(most, cells, (start[pulse + 1] - start[pulse]) // max(cells, 1))
+    memory = np.empty(3 * most, dtype=np.float32)
+    for pulse in range(low, high):
+        cells, size = begin[pulse + 1] - begin[pulse], start[pulse + 1] - start[pulse]
+        if size == 0:
+            continue
+        own = on_cells[start[pulse] : start[pulse + 1]].reshape((size // cells, cells))
+        under, back, along = memory[:cells], memory[most : most + cells], memory[2 * most : 2 * most + size // cells]
+        for k in range(cells):
+            under[k] = height[cell[begin[pulse] + k]]
+        np.dot(own, under, along)
+        np.dot(along, own, back)
+        for k in range(cells):
+            result[cell[begin[pulse] + k]] += back[k]

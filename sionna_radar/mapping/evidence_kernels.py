@@ -1,0 +1,149 @@
+"""The evidence of echoes for and against heights as machine code; `evidence` says what it computes.
+
+Every function works on some rows of the map alone, pulse after pulse, so that rows may be divided among cores.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from sionna_radar.foundation.compiled import compiled
+
+
+@compiled
+@no_type_check
+def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
+    """Write what the range cells of one profile say, each with two cells more at both ends, where there is noise.
+
+    edged: the power, at least the noise; own: whether it comes from the cell itself, and not from its neighbours.
+    most: largest own power of the cell and its two neighbours.
+    before: strongest power of the cells nearer than `spread_cells`, of which it has as many more at its far end.
+    """
+    cells, half = len(power), len(spill) // 2
+    for k in range(cells + 4):
+        edged[k], own[k] = noise, False
+    for c in range(cells):
+        edged[c + 2] = max(power[c], noise)
+        leaked = 0.0
+        for tap in range(len(spill)):
+            if 0 <= c + half - tap < cells:
+                leaked += spill[tap] * power[c + half - tap]
+        own[c + 2] = power[c] > leaked
+    for k in range(cells + 4):
+        most[k] = noise
+        for neighbour in range(max(k - 1, 0), min(k + 2, cells + 4)):
+            if own[neighbour]:
+                most[k] = max(most[k], edged[neighbour])
+    strongest = noise
+    for k in range(cells + 4 + spread_cells):
+        if 0 <= k - 2 - spread_cells < cells:
+            strongest = max(strongest, edged[k - spread_cells])
+        before[k] = strongest
+
+
+@compiled
+@no_type_check
+def two_way(gain, first_u, step_u, first_v, step_v, u, v):
+    """Return the bilinear two-way gain at direction cosines within the table."""
+    i, j = (u - first_u) / step_u, (v - first_v) / step_v
+    low_i, low_j = min(max(int(i), 0), gain.shape[0] - 2), min(max(int(j), 0), gain.shape[1] - 2)
+    a, b = i - low_i, j - low_j
+    below = gain[low_i, low_j] * (1 - b) + gain[low_i, low_j + 1] * b
+    above = gain[low_i + 1, low_j] * (1 - b) + gain[low_i + 1, low_j + 1] * b
+    return below * (1 - a) + above * a
+
+
+@compiled
+@no_type_check
+def add_evidence(
+    windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
+    base, level, in_view, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
+):  # fmt: skip
+    """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
+
+    windows: first and last row and column of the map that each pulse sees, the last excluded.
+    gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
+    in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
+    """
+    log_alternatives, spacing = np.log(alternatives), level[1] - level[0]
+    longest = 0
+    for pulse in range(len(windows)):
+        longest = max(longest, start[pulse + 1] - start[pulse])
+    edged, most, before = np.empty(longest + 4), np.empty(longest + 4), np.empty(longest + 4 + spread_cells)
+    log_edged, log_most = np.empty(longest + 4), np.empty(longest + 4)
+    own = np.empty(longest + 4, dtype=np.bool_)
+    for pulse in range(len(windows)):
+        top, bottom = max(windows[pulse, 0], low), min(windows[pulse, 1], high)
+        if top >= bottom or windows[pulse, 2] >= windows[pulse, 3]:
+            continue
+        cells = start[pulse + 1] - start[pulse]
+        own_noise = noise[pulse]
+        prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
+        for k in range(cells + 4):
+            log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
+        R = R_world_antenna[pulse]
+        for row in range(top, bottom):
+            north = y[row] - position[pulse, 1]
+            for column in range(windows[pulse, 2], windows[pulse, 3]):
+                east = x[column] - position[pulse, 0]
+                flat, view = east * east + north * north, in_view[row, column]
+                number, upcoming = 0, 0
+                while upcoming < len(level):
+                    number = upcoming
+                    height = base[row, column] + level[number]
+                    up = height - position[pulse, 2]
+                    range_m = np.sqrt(flat + up * up)
+                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
+                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
+                    beyond = max(max(axes[0] - u, u - axes[4]), max(axes[2] - v, v - axes[5]))
+                    if beyond > 0.0:
+                        # To come as far in direction, a point must move by at least this share of its range.
+                        upcoming += max(int(beyond / (1 + beyond) * range_m / spacing), 1)
+                        continue
+                    upcoming += 1
+                    if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
+                        continue
+                    w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)
+                    if w <= 0.0:
+                        continue
+                    rate = velocity[pulse, 0] * east + velocity[pulse, 1] * north + velocity[pulse, 2] * up
+                    apparent = range_m - doppler * rate / range_m
+                    cell = max(int(np.rint(apparent / cell_m)) - first[pulse], -1)
+                    place = min(cell, cells) + 2
+                    nearer = before[min(cell, cells + spread_cells) + 2]
+                    seen = height > view or nearer < own_noise + typical * w
+                    fits = own[place] and w > widest_for
+                    if not seen and not fits:
+                        continue
+                    there, strong = edged[place], most[place]
+                    for step in range(len(steps)):
+                        mean = own_noise + steps[step] * w
+                        if not fits and strong >= mean:
+                            continue
+                        log_mean, support = np.log(mean), 0.0
+                        if seen and strong < mean:
+                            support = log_most[place] - log_mean - strong / mean + 1
+                        if fits:
+                            support += max(log_edged[place] - log_mean - there / mean + log_alternatives, 0.0)
+                        against[row, column, number, step] -= support
+
+
+@compiled
+@no_type_check
+def lowest_in_view(height, x, y, west, south, spacing, origin, farthest, result, low, high):
+    """Write the height over the cells of some rows above which a point is visible from its origin."""
+    rows, columns = height.shape
+    for i in range(low, high):
+        for j in range(columns):
+            east, north, up = origin[i, j, 0] - x[j], origin[i, j, 1] - y[i], origin[i, j, 2]
+            distance = max(np.hypot(east, north), 1e-6)
+            highest = -np.inf
+            for k in range(1, farthest + 1):
+                away = k * spacing
+                if away >= distance:
+                    break
+                row = int(np.floor((y[i] + north / distance * away - south) / spacing + 0.5))
+                column = int(np.floor((x[j] + east / distance * away - west) / spacing + 0.5))
+                between = height[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
+                highest = max(highest, between + (between - up) * away / max(distance - away, 1e-6))
+            result[i, j] = highest
