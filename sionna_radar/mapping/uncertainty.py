@@ -1,7 +1,7 @@
 """The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,6 +11,7 @@ from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.whole_echo import Information
 
 
+@runtime_checkable
 class Uncertainty(Protocol):
     """What a DEM method knows about the error of its heights."""
 

@@ -39,7 +39,7 @@ def field():
         georeference=None,
     )
     pulses = flight.pulses(4.0, every=2)
-    engine = PersistentEngine(scene, flight.antenna, flight.chirp, seed=3, per_m2=400.0)
+    engine = PersistentEngine(scene, flight.antenna, flight.chirp, seed=3, density=400.0)
     beats = synthesise(engine.trace(pulses), pulses, flight.chirp)
     aperture = Aperture(width_rad=np.deg2rad(4.0), azimuth=flight.antenna.azimuth)
     # A spacing of 1.3 widths leaves neighbours nearly independent.

@@ -177,5 +177,5 @@ def test_a_wrong_part_is_refused_by_its_name():
 def test_an_engine_gets_what_it_needs_and_not_the_survey():
     prepared = prepare(load_scenario("hills", SHORT))
     names = {field.name for field in dataclasses.fields(prepared.engine_inputs())}
-    assert names == {"tracing", "scene", "antenna", "chirp", "seed", "caster", "region_m", "beams"}
+    assert names == {"tracing", "scene", "antenna", "chirp", "seed", "caster", "region_m", "looks", "beams"}
     assert "prepared" not in {field.name for field in dataclasses.fields(prepared.sensor_inputs())}

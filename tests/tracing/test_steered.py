@@ -18,6 +18,8 @@ OVERRIDES = {
     "radar.scan": SCAN,
     "platform.length_m": 2.0,
     "tracing.paths_per_pulse": 128,
+    # The same for the whole scan and for one beam of it, which footprints ask for less.
+    "tracing.scatterers_per_m2": 0.5,
 }
 
 

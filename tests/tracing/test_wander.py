@@ -29,13 +29,18 @@ def engine(request):
 
 
 def correlation(engine, lags: np.ndarray) -> np.ndarray:
-    """Correlation of one pose's paths, place by place, with those some decorrelation times later."""
-    pulses = make_pulses(len(lags), incidence_deg=30.0)
-    paths = engine.trace(replace(pulses, time_s=100.0 + lags * TIME_S))
-    parts = [paths.rows(paths.pulse == index) for index in pulses.index]
-    same = set.intersection(*({tuple(p) for p in part.hit_m} for part in parts))
-    fields = np.array([[g for g, p in zip(part.gain, part.hit_m, strict=True) if tuple(p) in same] for part in parts])
-    return (fields @ np.conj(fields[0])).real / np.sum(np.abs(fields[0]) ** 2)
+    """Correlation of the paths of some poses, place by place, with those some decorrelation times later."""
+    power, products = 0.0, np.zeros(len(lags))
+    for east in np.arange(-60.0, 61.0, 10.0):
+        pulses = make_pulses(len(lags), incidence_deg=30.0, position_m=(east, -30.0, 50.0))
+        paths = engine.trace(replace(pulses, time_s=100.0 + lags * TIME_S))
+        parts = [paths.rows(paths.pulse == index) for index in pulses.index]
+        # The rays beside the beam meet other places each time.
+        same = set.intersection(*({tuple(p) for p in part.hit_m} for part in parts))
+        fields = [[g for g, p in zip(part.gain, part.hit_m, strict=True) if tuple(p) in same] for part in parts]
+        products += (np.array(fields) @ np.conj(fields[0])).real
+        power += np.sum(np.abs(fields[0]) ** 2)
+    return products / power
 
 
 def test_the_field_loses_its_correlation_as_a_two_sided_exponential_spectrum_does(engine):

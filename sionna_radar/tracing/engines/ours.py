@@ -1,5 +1,9 @@
 """The engines by name; each is loaded when it is built, so that none needs the libraries of another."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
 from sionna_radar.tracing.engines.density import DensityMap, footprint_density
 from sionna_radar.tracing.engines.filled_beam import filled_beam
@@ -39,7 +43,8 @@ def sionna_engine(given: EngineInputs) -> Engine:
 
 def _density(given: EngineInputs, scatterers: int) -> DensityMap:
     beams = [filled_beam(antenna) for antenna in given.beams or (given.antenna,)]
-    return footprint_density(given.looks, beams, given.chirp.range_resolution_m, scatterers)
+    looks = given.looks if given.beams else replace(given.looks, beam=np.zeros(len(given.looks), dtype=np.int64))
+    return footprint_density(looks, beams, given.chirp.range_resolution_m, scatterers)
 
 
 @register_engine("gamma")
