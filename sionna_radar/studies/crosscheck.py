@@ -99,7 +99,8 @@ def _report(progress: Progress, offset: int, total: int, done: int) -> None:
 
 def _fly(prepared: Prepared, engine: str, seed: int, block_size: int, progress: Callable[[int], None]) -> EngineResult:
     """Fly all pulses with an engine; noise, weather and targets are those of the scenario's seed."""
-    table = prepared.local.tracing.model_copy(update={"engine": engine, "speckle": "per_pulse"})
+    drawn_anew = {"engine": engine, "speckle": "per_pulse", "decorrelation_time_s": None}
+    table = prepared.local.tracing.model_copy(update=drawn_anew)
 
     def build(given: EngineInputs) -> Engine:
         return build_engine(table, replace(given, tracing=table, seed=seed))

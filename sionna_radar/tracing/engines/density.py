@@ -100,11 +100,12 @@ def footprint_density(
     needed = np.where(near_enough, density[near], 0.0).max(axis=1)
     needed[away[:, 0] > margin[near[:, 0]] + step] = 0.0
     needed[needed > 0] = 2.0 ** np.round(np.log2(needed[needed > 0]))
+    # Nothing beyond the map either, whose outermost cells go on.
     return DensityMap(
-        west_m=float(first[0] * step),
-        south_m=float(first[1] * step),
+        west_m=float((first[0] - 1) * step),
+        south_m=float((first[1] - 1) * step),
         step_m=step,
-        per_m2=needed.reshape(x.shape),
+        per_m2=np.pad(needed.reshape(x.shape), 1),
     )
 
 

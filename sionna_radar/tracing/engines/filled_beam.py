@@ -65,8 +65,10 @@ def power_grid(antenna: Antenna) -> TwoWayGrid:
 
 
 def _cells(cut: Cut) -> tuple[Float[np.ndarray, " edge"], Float[np.ndarray, " cell"]]:
-    below, cosine = cut.two_way_distribution, cut.cosine
+    """Return edges, half of them by equal shares of the one-way power, and the two-way power between them."""
+    cosine = cut.cosine
+    below = np.concatenate([[0.0], np.cumsum((cut.voltage[1:] ** 2 + cut.voltage[:-1] ** 2) / 2)])
     rising = np.concatenate([[True], np.diff(below) > 0])
-    shares = np.interp(np.linspace(0, 1, EDGES + 1)[1:-1], below[rising], cosine[rising])
+    shares = np.interp(np.linspace(0, below[-1], EDGES + 1)[1:-1], below[rising], cosine[rising])
     edges = np.unique(np.concatenate([shares, np.linspace(-1.0, 1.0, EDGES + 1)]))
-    return edges, np.diff(np.interp(edges, cosine, below))
+    return edges, np.diff(np.interp(edges, cosine, cut.two_way_distribution))
