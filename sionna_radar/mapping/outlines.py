@@ -262,7 +262,8 @@ def _raised(
     height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
 ) -> tuple[list[int], list[int]]:
     """Return the parts that stand higher than most of what is around them, and those of them too small to outline."""
-    raised, crumbs = [], []
+    raised: list[int] = []
+    crumbs: list[int] = []
     for number, count in zip(*np.unique(part, return_counts=True), strict=True):
         cells = part == number
         ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
