@@ -47,6 +47,8 @@ MOST_CORNERS = 16
 # A raised part is a step above this share of the cells beside it.
 BESIDE_CELLS, MOST_OF_RING = 2, 0.6
 MARGIN_M = 5.0
+# An edge is known to within so many standard deviations, with 95 % confidence.
+EDGE_SIGMAS = 2.0
 Outline = Callable[[Float[np.ndarray, " parameter"]], Float[np.ndarray, "corner 2"]]
 
 
@@ -296,8 +298,8 @@ def _inside_outline(
 ) -> Bool[np.ndarray, "row column"] | None:
     """Return the cells within the likeliest outline of a part; None if the part's cells are likelier themselves.
 
-    An edge is known to about its standard deviation: a cell whose centre is as near to it counts as within, as of
-    heights that are as good the highest counts in `levels`.
+    A cell whose centre may as well be within the outline as not, from how well the edges are known, counts as within:
+    of heights that are as good the highest counts, as in `levels`.
     """
     contour = _contour(cells, grid)
     if contour is None:
@@ -319,7 +321,7 @@ def _inside_outline(
     if found.loss > at_cells:
         return None
     x, y = np.meshgrid(grid.x_m, grid.y_m)
-    shape = shapely.Polygon(corner).buffer(0).buffer(found.sigma_m, join_style="mitre")
+    shape = shapely.Polygon(corner).buffer(0).buffer(EDGE_SIGMAS * found.sigma_m, join_style="mitre")
     inside: Bool[np.ndarray, "row column"] = shapely.contains_xy(shape, x, y)
     return inside
 
