@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_dilation, distance_transform_edt
+from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 from shapely import affinity
 
 from sionna_radar.elevation.heightfield import Heightfield
@@ -33,19 +33,21 @@ UNIT_M = 50.0
 PEDESTAL = 2e-2
 HIGHEST_RATIO = 8.0
 # Distance by which edges are moved to differentiate, and the most that they move in one step.
-PROBE_M, STRIDE_M = 0.15, 0.5
-ITERATIONS, HALVINGS = 8, 3
+PROBE_M, STRIDE_M = 0.1, 1.0
+ITERATIONS, HALVINGS = 14, 3
 # Edges stay within about this distance of where they begin.
-PRIOR_M = 1.0
+PRIOR_M = 3.0
 SIMPLE_M = 1.5
+# An outline with less or more of the area of the part than this has found something else.
+MOST_CHANGE = 1.5
 # A step that gains less, in nepers, is the last.
 ENOUGH = 1e-2
 FEWEST_PULSES, FEWEST_CELLS = 4, 12
 # Share of a contour and its rectangle that both cover, above which the rectangle needs no rival.
 LIKE_A_BOX = 0.75
-MOST_CORNERS = 16
+MOST_CORNERS = 8
 # A raised part is a step above this share of the cells beside it.
-BESIDE_CELLS, MOST_OF_RING = 2, 0.6
+BESIDE_CELLS, MOST_OF_RING, WINDOW_CELLS = 2, 0.75, 6
 MARGIN_M = 5.0
 # An edge is known to within so many standard deviations, with 95 % confidence.
 EDGE_SIGMAS = 2.0
@@ -222,6 +224,7 @@ def with_outlines(
     supported: Bool[np.ndarray, "row column"],
     grid: Grid,
     step_m: float,
+    flat_m: float,
 ) -> Float[np.ndarray, "row column"]:
     """Return a map whose raised parts end at their likeliest outlines: each cell has the height at its centre.
 
@@ -233,6 +236,8 @@ def with_outlines(
         The map, the part that each cell belongs to, and whether echoes support it.
     grid, step_m:
         Cells of the map, and the least difference between parts.
+    flat_m:
+        Median distance of its heights from a plane above which a part has no plane top, and keeps its cells.
 
     """
     result = height_m.copy()
@@ -242,53 +247,71 @@ def with_outlines(
         return result
     row, column = distance_transform_edt(~low, return_distances=False, return_indices=True)
     ground_m = height_m[row, column]
-    for number in raised:
-        cells = part == number
-        beside = binary_dilation(cells, iterations=BESIDE_CELLS)
-        around = cells | (np.isin(part, crumbs) & np.isin(part, part[beside]))
-        pulses = _near(axis_m, cells, grid)
-        if len(pulses) < FEWEST_PULSES or (cells & supported).sum() < FEWEST_CELLS:
+    of_crumb = np.isin(part, crumbs)
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    for number, window in raised.items():
+        cells = part[window] == number
+        pulses = _near(axis_m, x[window][cells], y[window][cells])
+        if len(pulses) < FEWEST_PULSES or (cells & supported[window]).sum() < FEWEST_CELLS:
             continue
-        top = _plane_through(height_m, cells, grid)
-        behind = Heightfield(grid=grid, height_m=np.where(around, ground_m, height_m))
-        inside = _inside_outline(EdgeLikelihood(sightings, behind, top, pulses), cells & supported, grid)
+        top = _plane_through(height_m[window], cells, x[window], y[window])
+        plane = top[0] + top[1] * x[window] + top[2] * y[window]
+        if np.median(np.abs(height_m[window] - plane)[cells]) > flat_m:
+            continue
+        beside = binary_dilation(cells, iterations=BESIDE_CELLS)
+        around = cells | (of_crumb[window] & np.isin(part[window], part[window][beside]))
+        behind = height_m.copy()
+        behind[window][around] = ground_m[window][around]
+        likelihood = EdgeLikelihood(sightings, Heightfield(grid=grid, height_m=behind), top, pulses)
+        inside = _inside_outline(likelihood, cells & supported[window], grid.cut(*window))
         if inside is not None:
-            result[around & ~inside] = ground_m[around & ~inside]
-            x, y = np.meshgrid(grid.x_m, grid.y_m)
-            result[inside] = (top[0] + top[1] * x + top[2] * y)[inside]
-            result[cells & inside] = height_m[cells & inside]
+            kept = np.where(cells, height_m[window], plane)
+            result[window] = np.where(inside, kept, np.where(around, ground_m[window], result[window]))
     return result
 
 
 def _raised(
     height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
-) -> tuple[list[int], list[int]]:
-    """Return the parts that stand higher than most of what is around them, and those of them too small to outline."""
-    raised: list[int] = []
+) -> tuple[dict[int, tuple[slice, slice]], list[int]]:
+    """Return the parts that stand higher than most of what is around them, and those of them too small to outline.
+
+    Of each of the former, the window of the map with its cells and some more around them.
+    """
+    raised: dict[int, tuple[slice, slice]] = {}
     crumbs: list[int] = []
-    for number, count in zip(*np.unique(part, return_counts=True), strict=True):
-        cells = part == number
+    for number, found in enumerate(find_objects(part + 1)):
+        if found is None:  # a number that is no part's
+            continue
+        rows, columns = found
+        window = (
+            slice(max(rows.start - WINDOW_CELLS, 0), min(rows.stop + WINDOW_CELLS, part.shape[0])),
+            slice(max(columns.start - WINDOW_CELLS, 0), min(columns.stop + WINDOW_CELLS, part.shape[1])),
+        )
+        cells, height = part[window] == number, height_m[window]
         ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
-        if ring.any() and np.mean(np.median(height_m[cells]) - height_m[ring] > step_m) > MOST_OF_RING:
-            (raised if count >= FEWEST_CELLS else crumbs).append(int(number))
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MOST_OF_RING:
+            if cells.sum() >= FEWEST_CELLS:
+                raised[number] = window
+            else:
+                crumbs.append(number)
     return raised, crumbs
 
 
 def _near(
-    axis_m: Float[np.ndarray, "pulse 3"], cells: Bool[np.ndarray, "row column"], grid: Grid
+    axis_m: Float[np.ndarray, "pulse 3"], x_m: Float[np.ndarray, " cell"], y_m: Float[np.ndarray, " cell"]
 ) -> Int[np.ndarray, " near"]:
     """Return the pulses whose axes come near some cells."""
-    rows, columns = np.nonzero(cells)
-    x, y = grid.x_m[columns], grid.y_m[rows]
-    east = (axis_m[:, 0] > x.min() - MARGIN_M) & (axis_m[:, 0] < x.max() + MARGIN_M)
-    return np.flatnonzero(east & (axis_m[:, 1] > y.min() - MARGIN_M) & (axis_m[:, 1] < y.max() + MARGIN_M))
+    east = (axis_m[:, 0] > x_m.min() - MARGIN_M) & (axis_m[:, 0] < x_m.max() + MARGIN_M)
+    return np.flatnonzero(east & (axis_m[:, 1] > y_m.min() - MARGIN_M) & (axis_m[:, 1] < y_m.max() + MARGIN_M))
 
 
 def _plane_through(
-    height_m: Float[np.ndarray, "row column"], cells: Bool[np.ndarray, "row column"], grid: Grid
+    height_m: Float[np.ndarray, "row column"],
+    cells: Bool[np.ndarray, "row column"],
+    x_m: Float[np.ndarray, "row column"],
+    y_m: Float[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "3"]:
-    x, y = np.meshgrid(grid.x_m, grid.y_m)
-    design = np.column_stack([np.ones(int(cells.sum())), x[cells], y[cells]])
+    design = np.column_stack([np.ones(int(cells.sum())), x_m[cells], y_m[cells]])
     plane: Float[np.ndarray, 3] = np.linalg.lstsq(design, height_m[cells], rcond=None)[0]
     return plane
 
@@ -318,7 +341,8 @@ def _inside_outline(
         further = (len(other.parameters) - len(found.parameters)) / 2 * np.log(likelihood.looks)
         if other.loss + further < found.loss:
             found, corner = other, outline(other.parameters)
-    if found.loss > at_cells:
+    area = shapely.Polygon(corner).area
+    if found.loss > at_cells or not contour.area / MOST_CHANGE < area < MOST_CHANGE * contour.area:
         return None
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     shape = shapely.Polygon(corner).buffer(0).buffer(EDGE_SIGMAS * found.sigma_m, join_style="mitre")

@@ -84,7 +84,7 @@ def step_surface(
         height[inside] = _plane(coarse, inside, spread_m, points, grid)
     axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
     step_m = max(STEP_LEVELS * level_m, grid.spacing_m)
-    height = with_outlines(sightings, axis_m, height, part, filled, grid, step_m)
+    height = with_outlines(sightings, axis_m, height, part, filled, grid, step_m, spread_m)
     return Heightfield(grid=grid, height_m=height), filled
 
 
