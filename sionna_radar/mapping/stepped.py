@@ -27,6 +27,7 @@ from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import ROWS_AT_ONCE, evidence_against
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.mean_ranges import mean_ranges
+from sionna_radar.mapping.outlines import with_outlines
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
 
@@ -81,6 +82,9 @@ def step_surface(
     for number in np.unique(part[~refined]):
         inside = part == number
         height[inside] = _plane(coarse, inside, spread_m, points, grid)
+    axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
+    step_m = max(STEP_LEVELS * level_m, grid.spacing_m)
+    height = with_outlines(sightings, axis_m, height, part, filled, grid, step_m, spread_m)
     return Heightfield(grid=grid, height_m=height), filled
 
 
