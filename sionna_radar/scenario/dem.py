@@ -13,7 +13,8 @@ class DemTable(Table):
     """The elevation model: its grid, and how the echoes become heights.
 
     method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through
-    them, each weighted by its uncertainty, under a covariance that is learned from them. "refined" goes on from
+    the mean ranges of the whole echoes (or the points, without range profiles), each weighted by its uncertainty, under a
+    covariance that is learned from them. "refined" goes on from
     there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
     echoes are most likely. "stepped" is for built-up ground: it first finds where the surface breaks, from what all
     echoes say for and against every height, and maps each level by itself; set processing.echoes = "all" with it.
