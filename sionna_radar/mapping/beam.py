@@ -43,6 +43,12 @@ class BeamNodes:
         """Weights of the four nodes around each fine sample, of `between`."""
         return self.between.data.reshape(-1, 4)
 
+    @cached_property
+    def spread(self) -> tuple[float, float]:
+        """Standard deviations of the two-way power over the direction cosines in azimuth and in elevation."""
+        power = self.share.reshape(len(self.azimuth), len(self.elevation))
+        return _spread(self.azimuth, power.sum(axis=1)), _spread(self.elevation, power.sum(axis=0))
+
     @property
     def corners(self) -> Int[np.ndarray, "4"]:
         """Nodes at the corners of the main lobe."""
@@ -75,6 +81,11 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
         elevation=fine_v,
         between=csr_matrix(np.kron(between_u, between_v)),
     )
+
+
+def _spread(cosine: Float[np.ndarray, " n"], power: Float[np.ndarray, " n"]) -> float:
+    mean = power @ cosine / power.sum()
+    return float(np.sqrt(power @ (cosine - mean) ** 2 / power.sum()))
 
 
 def _power_on(antenna: Antenna, u: Float[np.ndarray, " u"], v: Float[np.ndarray, " v"]) -> Float[np.ndarray, "u v"]:

@@ -1,25 +1,47 @@
-"""Covariance of terrain heights, estimated from scattered heights by maximum likelihood.
+"""Covariance of terrain heights, estimated from scattered measurements of them by maximum likelihood.
 
-The Matern family spans rough to infinitely smooth terrain: exponential (smoothness 1/2), 3/2, 5/2 and Gaussian
-(infinite), each with a length and a variance (Stein 1999, "Interpolation of Spatial Data"). The noise of the heights
-is known from speckle up to a factor, which is fitted too and absorbs errors of the noise model.
+The Matern family spans rough to infinitely smooth terrain by its smoothness, from fractal (0.3 to 1, the Hurst
+exponent) to Gaussian (infinite), with a length and a variance (Stein 1999, "Interpolation of Spatial Data").
+
+A measured height is the mean of the terrain over a beam's footprint plus noise. Two such means have the terrain's
+covariance smoothed with both footprints: a Matern covariance is a mixture of Gaussian ones with gamma-distributed
+squares of their lengths, and a Gaussian smoothed with Gaussian footprints is again Gaussian. So a wide beam does not
+pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
+fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from scipy.linalg import LinAlgError, cholesky, solve_triangular
+from jaxtyping import Float, Int
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
+from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.raster import Grid
 
-SMOOTHNESSES = (0.5, 1.5, 2.5, np.inf)
+# Bounds of the smoothness; beyond them terrain is Gaussian.
+ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
-GROUP, GROUPS = 350, 2
+GROUP, GROUPS = 260, 3
 LEAST_NOISE_M = 1e-3
+# Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
+NEW_NOISE = 0.03
+# Standard deviation of the logarithm of the noise factor, beforehand.
+NOISE_FACTOR_SPREAD = 0.2
+# Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
+# Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
+# beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
+ROUGHER, OF_GAUSSIAN = 6.0, 12.0
+# The mixture of Gaussian covariances: how many, and the span of their squared lengths around the mean, in nepers.
+MIXTURE, SPAN = 48, (-14.0, 4.0)
+TABLE = 400
+ITERATIONS, STEP = 30, 1e-3
+# Where the search for the smoothness begins, and above which Gaussian terrain is tried too.
+FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -30,9 +52,27 @@ class Covariance:
     length_m: float
     variance_m2: float
 
-    def at(self, distance_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the covariance of heights at a distance."""
-        return self.variance_m2 * _correlation(self.smoothness, distance_m / self.length_m)
+    def at(self, distance_m: Float[np.ndarray, "..."], spread_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the covariance of heights at a distance.
+
+        spread_m: standard deviation, along each axis, of Gaussian footprints over which both are averaged.
+        """
+        if spread_m == 0.0:
+            return self.variance_m2 * _correlation(self.smoothness, distance_m / self.length_m)
+        square, share = self._mixture()
+        widened = square + 2 * spread_m**2
+        weight = share * square / widened
+        result: Float[np.ndarray, ...] = np.exp(-np.multiply.outer(distance_m**2, 0.5 / widened)) @ weight
+        return self.variance_m2 * result
+
+    def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""
+        if np.isinf(self.smoothness):
+            scale = 2 * np.pi * self.length_m**2
+        else:
+            nu = self.smoothness
+            scale = 4 * np.pi * nu * (2 * nu / self.length_m**2) ** nu
+        return self.variance_m2 * scale * self._density(wavenumber)
 
     def spectrum_root(self, grid: Grid) -> Float[np.ndarray, "row frequency"]:
         """Return the square root of the power spectrum on the grid's real Fourier frequencies.
@@ -50,6 +90,18 @@ class Covariance:
             return np.exp(-((wavenumber * self.length_m) ** 2) / 2)
         return (2 * self.smoothness / self.length_m**2 + wavenumber**2) ** -(self.smoothness + 1)
 
+    def _mixture(self) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
+        """Return squared lengths of Gaussian covariances and their shares.
+
+        With s gamma-distributed of shape nu and rate 2 nu / L^2, the mean of exp(-d^2 / 4 s) over s is Matern.
+        """
+        if np.isinf(self.smoothness):
+            return np.array([self.length_m**2]), np.ones(1)
+        log = np.linspace(*SPAN, MIXTURE)
+        nu = self.smoothness
+        density = np.exp(nu * log - np.exp(log) * nu + nu * np.log(nu) - gammaln(nu))
+        return np.exp(log) * self.length_m**2, density / density.sum()
+
 
 @dataclass(frozen=True)
 class FittedCovariance:
@@ -59,73 +111,160 @@ class FittedCovariance:
     noise_factor: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """Scattered heights to learn a covariance from.
+
+    place_m, height_m: horizontal positions, and heights above a trend.
+    sigma_m: standard deviations of their noise.
+    spread_m: standard deviations, along an axis, of the Gaussian footprints over which they are means.
+    order, reach: position in the sequence of pulses, and over how many of them speckle repeats: the errors of two
+        heights n pulses apart have the correlation exp(-n^2 / reach^2); 0 for none.
+    """
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+    spread_m: Float[np.ndarray, " n"]
+    order: Float[np.ndarray, " n"]
+    reach: Float[np.ndarray, " n"]
+
+
 def fit_covariance(
-    place_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, " n"], sigma_m: Float[np.ndarray, " n"]
+    measured: Measured, groups: int = GROUPS, noise_factor_spread: float = NOISE_FACTOR_SPREAD
 ) -> FittedCovariance:
-    """Fit covariance and noise to scattered heights.
+    """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours.
 
     Parameters
     ----------
-    place_m, height_m:
-        Horizontal positions and their heights above a trend.
-    sigma_m:
-        Standard deviations of their noise, up to a common factor.
+    measured:
+        Scattered heights.
+    groups:
+        How many groups of them.
+    noise_factor_spread:
+        Standard deviation of the logarithm of the noise factor, beforehand.
 
     """
-    groups = _groups(place_m)
-    extent = float(np.ptp(place_m, axis=0).max())
-    variance = max(float(np.var(height_m)), LEAST_NOISE_M**2)
-    problem = [(cdist(place_m[g], place_m[g]), height_m[g], np.maximum(sigma_m[g], LEAST_NOISE_M) ** 2) for g in groups]
-    best: tuple[float, FittedCovariance] | None = None
-    for smoothness in SMOOTHNESSES:
+    extent = float(np.ptp(measured.place_m, axis=0).max())
+    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    near = [_Group.of(measured, rows) for rows in _groups(measured.place_m, groups)]
+    bounds = [
+        (np.log(3e-3 * extent), np.log(extent)),
+        (np.log(1e-4 * variance), np.log(1e3 * variance)),
+        (np.log(0.02), np.log(100.0)),
+        (np.log(ROUGHEST), np.log(SMOOTHEST)),
+    ]
+    start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
+    options = {"maxiter": ITERATIONS, "ftol": 1e-6}
+    rough = minimize(
+        _loss, start, args=(near, noise_factor_spread), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
+    found, smoothness = rough, float(np.exp(rough.x[3]))
+    if smoothness > GAUSSIAN_TRIED:
+        gaussian = minimize(
+            _loss,
+            rough.x[:3],
+            args=(near, noise_factor_spread),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds[:3],
+            options=options,
+        )
+        found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
+    length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
+    return FittedCovariance(Covariance(smoothness, length, scale), factor)
 
-        def loss(parameters: Float[np.ndarray, "3"], smoothness: float = smoothness) -> float:
-            length, scale, factor = np.exp(parameters)
-            if not (1e-3 * extent < length < extent and 1e-4 < factor < 1e4):
-                return 1e12
-            covariance = Covariance(smoothness, float(length), float(scale))
-            return sum(_negative_log_likelihood(covariance, factor * n, d, z) for d, z, n in problem)
 
-        start = np.log([0.15 * extent, variance, 1.0])
-        simplex = start + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1.0]])
-        options = {"maxiter": 90, "xatol": 0.03, "fatol": 0.1, "initial_simplex": simplex}
-        found = minimize(loss, start, method="Nelder-Mead", options=options)
-        if best is None or found.fun < best[0]:
-            length, scale, factor = (float(value) for value in np.exp(found.x))
-            best = float(found.fun), FittedCovariance(Covariance(smoothness, length, scale), factor)
-    assert best is not None
-    return best[1]
+@dataclass(frozen=True)
+class _Group:
+    """Neighbouring heights: distances between them, their noise's covariance, heights, and a common footprint."""
+
+    distance_m: Float[np.ndarray, "n n"]
+    noise_m2: Float[np.ndarray, "n n"]
+    height_m: Float[np.ndarray, " n"]
+    spread_m: float
+    table_m: Float[np.ndarray, " entry"]
+
+    @classmethod
+    def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "_Group":
+        place = measured.place_m[rows]
+        distance = cdist(place, place)
+        sigma = np.maximum(measured.sigma_m[rows], LEAST_NOISE_M)
+        noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
+        table = np.linspace(0.0, np.sqrt(distance.max()), TABLE) ** 2
+        return cls(distance, noise, measured.height_m[rows], float(np.median(measured.spread_m[rows])), table)
+
+    def covariance(self, covariance: Covariance) -> Float[np.ndarray, "n n"]:
+        """Return the covariance of the heights, without noise."""
+        return np.interp(self.distance_m, self.table_m, covariance.at(self.table_m, self.spread_m))
+
+
+def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Return the correlation of errors from speckle that neighbouring pulses share; see `Measured`.
+
+    Two echoes of one pulse lie in different range cells, which share none.
+    """
+    apart = np.subtract.outer(order, order) ** 2
+    square = np.maximum(np.add.outer(reach**2, reach**2) / 2, 1e-6)
+    # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
+    alike = np.sqrt(np.outer(reach, reach) / square) * np.exp(-apart / square)
+    together: Float[np.ndarray, "n n"] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
+    np.fill_diagonal(together, 1.0)
+    return together
+
+
+def _loss(
+    parameters: Float[np.ndarray, " parameter"], groups: Sequence[_Group], noise_factor_spread: float
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Return the negative logarithm of the posterior, and its gradient.
+
+    parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
+    """
+    smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
+    length, variance, factor = (float(value) for value in np.exp(parameters[:3]))
+    longer = Covariance(smoothness, length * np.exp(STEP), variance)
+    smoother = Covariance(smoothness * np.exp(STEP), length, variance)
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + ROUGHER * np.log1p(min(smoothness, OF_GAUSSIAN))
+    gradient = np.zeros(len(parameters))
+    gradient[2] = parameters[2] / noise_factor_spread**2
+    if len(parameters) > 3:
+        gradient[3] = ROUGHER * smoothness / (1 + smoothness)
+    for group in groups:
+        terrain = group.covariance(Covariance(smoothness, length, variance))
+        noise = factor * group.noise_m2
+        total = terrain + noise
+        total[np.diag_indices_from(total)] += 1e-9 * variance
+        try:
+            root = cho_factor(total, lower=True, check_finite=False)
+        except LinAlgError:
+            return 1e12, np.zeros(len(parameters))
+        inverse = cho_solve(root, np.eye(len(total)), check_finite=False)
+        solved = inverse @ group.height_m
+        loss += float(group.height_m @ solved / 2 + np.log(np.diag(root[0])).sum())
+        outward = inverse - np.outer(solved, solved)
+        changes = [(group.covariance(longer) - terrain) / STEP, terrain, noise]
+        if len(parameters) > 3:
+            changes.append((group.covariance(smoother) - terrain) / STEP)
+        gradient += [np.vdot(outward, change) / 2 for change in changes]
+    return loss, gradient
 
 
 def _correlation(smoothness: float, scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     if np.isinf(smoothness):
         return np.exp(-(scaled**2) / 2)
-    root = np.sqrt(2 * smoothness) * scaled
-    polynomial = {0.5: 1.0, 1.5: 1 + root, 2.5: 1 + root + root**2 / 3}[smoothness]
-    return polynomial * np.exp(-root)
+    root = np.maximum(np.sqrt(2 * smoothness) * scaled, 1e-10)
+    logarithm = (1 - smoothness) * np.log(2) - gammaln(smoothness) + smoothness * np.log(root)
+    # The exponentially scaled Bessel function does not vanish where the correlation does not.
+    return np.exp(logarithm - root) * kve(smoothness, root)
 
 
-def _negative_log_likelihood(
-    covariance: Covariance,
-    noise_m2: Float[np.ndarray, " n"],
-    distance_m: Float[np.ndarray, "n n"],
-    height_m: Float[np.ndarray, " n"],
-) -> float:
-    try:
-        root = cholesky(covariance.at(distance_m) + np.diag(noise_m2 + 1e-9 * covariance.variance_m2), lower=True)
-    except LinAlgError:
-        return 1e12
-    white = solve_triangular(root, height_m, lower=True)
-    return float(white @ white / 2 + np.log(np.diag(root)).sum())
-
-
-def _groups(place_m: Float[np.ndarray, "n 2"]) -> list[np.ndarray]:
+def _groups(place_m: Float[np.ndarray, "n 2"], count: int) -> list[Int[np.ndarray, " member"]]:
     """Return groups of neighbours around points far from each other."""
-    if len(place_m) <= GROUP * GROUPS:
+    if len(place_m) <= GROUP * 2:
         return [np.arange(len(place_m))]
     centre = int(np.argmin(np.sum((place_m - np.median(place_m, axis=0)) ** 2, axis=1)))
     tree, groups = KDTree(place_m), []
-    for _ in range(GROUPS):
+    for _ in range(count):
         near = tree.query(place_m[centre], k=GROUP)[1]
         groups.append(np.sort(near))
         taken = np.concatenate(groups)

@@ -25,6 +25,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
 from sionna_radar.mapping.beam import BeamNodes
+from sionna_radar.mapping.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
 # Handled by one core at a time; room is made for all of their rows before it is known how many there are.
@@ -40,6 +41,7 @@ class Sightings:
     looks_per_cell: independent looks per range cell.
     doppler: whether ranges shift with the range rate, 1, or not, 0.
     reach_m: unambiguous range of the sampling.
+    memory: how long the ground keeps its speckle.
     """
 
     profiles: Profiles
@@ -50,6 +52,7 @@ class Sightings:
     looks_per_cell: float
     doppler: float
     reach_m: float
+    memory: SpeckleMemory = STILL
 
     def __len__(self) -> int:
         return len(self.profiles)
@@ -57,6 +60,10 @@ class Sightings:
     def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
         """Return the sightings of some pulses."""
         return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
+
+    def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
+        return speckle_reach(self.profiles.pulse, self.pose, range_m, self.beam, self.chirp, self.memory)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

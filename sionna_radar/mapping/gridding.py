@@ -6,6 +6,8 @@ Such a triangle extends from an occluding edge to the ground behind it, parallel
 edge: seen from the radar it is edge-on.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.tri import Triangulation, TriFinder
@@ -19,7 +21,20 @@ LONGEST_SIDE_GAPS = 3.0
 FLAT = 1e-9
 
 
-def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Raster:
+@dataclass(frozen=True)
+class Interpolated:
+    """A DEM of linear interpolation, and from which points each cell was made.
+
+    cell: filled cells, by their numbers in the grid; corner: the three points around each; share: their weights.
+    """
+
+    dem: Raster
+    cell: Int[np.ndarray, " filled"]
+    corner: Int[np.ndarray, "filled 3"]
+    share: Float[np.ndarray, "filled 3"]
+
+
+def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Interpolated:
     """Interpolate points to a grid.
 
     Parameters
@@ -35,11 +50,18 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
 
     """
     height = np.full(grid.rows * grid.columns, np.nan)
-    place, z, origin = _highest(points)
+    highest = _highest(points)
+    place, z, origin = points.position_m[highest, :2], points.position_m[highest, 2], points.origin_m[highest]
     try:
         triangles = Delaunay(place)
     except (QhullError, ValueError):  # too few points, or all on one line
-        return Raster(grid=grid, height_m=height.reshape(grid.shape))
+        nothing = np.zeros((0, 3))
+        return Interpolated(
+            Raster(grid=grid, height_m=height.reshape(grid.shape)),
+            np.zeros(0, dtype=np.int64),
+            nothing.astype(np.int64),
+            nothing,
+        )
     cell = grid.centres_m
     near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
     # SciPy's search is slow for points outside the hull; matplotlib's trapezoid map is not.
@@ -48,8 +70,10 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     use = near & (inside >= 0)
     use[use] = kept[inside[use]]
     corners = triangles.simplices[inside[use]]
-    height[use] = _linear(place[corners], z[corners], cell[use])
-    return Raster(grid=grid, height_m=height.reshape(grid.shape))
+    share = _barycentric(place[corners], cell[use])
+    height[use] = np.einsum("ck,ck->c", share, z[corners])
+    dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
+    return Interpolated(dem, np.flatnonzero(use), highest[corners], share)
 
 
 def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "triangle 3"]) -> TriFinder:
@@ -60,15 +84,13 @@ def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "tria
     return Triangulation(*place.T, simplices, mask=flat).get_trifinder()
 
 
-def _highest(
-    points: Points,
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """Return the horizontal position, height and origin of the points, one for each position."""
+def _highest(points: Points) -> Int[np.ndarray, " n"]:
+    """Return the highest of the points at each horizontal position."""
     order = np.lexsort((-points.position_m[:, 2], points.position_m[:, 1], points.position_m[:, 0]))
     place = points.position_m[order, :2]
     new = np.ones(len(place), dtype=bool)
     new[1:] = np.any(place[1:] != place[:-1], axis=1)
-    return place[new], points.position_m[order[new], 2], points.origin_m[order[new]]
+    return np.asarray(order[new])
 
 
 def _lit(
@@ -92,16 +114,13 @@ def _lit(
     return ~shadow & (on_plan <= LONGEST_SIDE_GAPS * gap_m)
 
 
-def _linear(
-    corner: Float[np.ndarray, "cell 3 2"],
-    corner_z: Float[np.ndarray, "cell 3"],
-    cell: Float[np.ndarray, "cell 2"],
-) -> Float[np.ndarray, " cell"]:
-    """Return the height at cells on the planes of their triangles, by barycentric weights."""
+def _barycentric(
+    corner: Float[np.ndarray, "cell 3 2"], cell: Float[np.ndarray, "cell 2"]
+) -> Float[np.ndarray, "cell 3"]:
+    """Return the weights of the corners of triangles at cells."""
     from_first = cell - corner[:, 0]
     b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     weight_b = (from_first[:, 0] * c[:, 1] - from_first[:, 1] * c[:, 0]) / area
     weight_c = (b[:, 0] * from_first[:, 1] - b[:, 1] * from_first[:, 0]) / area
-    z0, z1, z2 = corner_z.T
-    return z0 + weight_b * (z1 - z0) + weight_c * (z2 - z0)
+    return np.column_stack([1 - weight_b - weight_c, weight_b, weight_c])

@@ -4,7 +4,8 @@ A mapper knows the measured poses, the antenna and the echoes, but not the truth
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -18,9 +19,13 @@ from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Overheard, Progress, silent
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.beam import beam_nodes
+from sionna_radar.mapping.beam import BeamNodes, beam_nodes
 from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.looks import Looks, looks_at, point_heights
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.speckle import STILL, SpeckleMemory
+from sionna_radar.mapping.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.parts import DEM_METHODS
@@ -40,6 +45,7 @@ class MapInputs:
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     progress: a method that takes long calls it with "mapping", the steps done and their number.
+    looks: footprints of the points, and over how many pulses their speckle repeats; None if the beam is unknown.
     """
 
     points: Points
@@ -48,6 +54,37 @@ class MapInputs:
     max_gap_m: float
     shadow_incidence_rad: float
     progress: Progress = silent
+    looks: Looks | None = None
+
+    def heights(self) -> Heights:
+        """Return the points as heights over their footprints, with the errors of their ranges."""
+        return point_heights(self.points, self.looks)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A DEM and how well it is known.
+
+    dem: NaN where nothing was seen; sigma: standard deviation of each of its cells, m.
+    uncertainty: of other means over cells. Both are None for a method that tells nothing of its errors.
+    """
+
+    dem: Raster
+    sigma: Raster | None = None
+    uncertainty: Uncertainty | None = None
+
+    @classmethod
+    def known_by(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
+        """Return a DEM with the standard deviations of its cells."""
+        sigma = Raster(grid=dem.grid, height_m=uncertainty.sigma_m(dem.grid, dem.filled))
+        return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
+
+    def where_known(self, least_m: float) -> "Estimate":
+        """Return the part of it whose standard deviation is no more than that."""
+        if self.sigma is None:
+            return self
+        kept = self.sigma.height_m <= least_m
+        return replace(self, dem=self.dem.within(kept), sigma=self.sigma.within(kept))
 
 
 @runtime_checkable
@@ -59,8 +96,8 @@ class DemMethod(Protocol):
         """How the method uses range profiles; if they are required, the sensor must provide them."""
         ...
 
-    def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM on `given.grid`, NaN where nothing was seen."""
+    def __call__(self, given: MapInputs) -> "Raster | Estimate":
+        """Return the DEM on `given.grid`, NaN where nothing was seen, or an `Estimate` with its uncertainty."""
         ...
 
 
@@ -115,8 +152,10 @@ class Mapper:
 
     method, name: the method, and its name in the scenario.
     grid, max_gap_m, shadow_incidence_rad: see `MapInputs`.
-    antenna, analyser: for methods that model whole echoes.
+    antenna, analyser: for methods that know the beam; no antenna for a lidar.
     doppler_corrected: whether ranges are corrected for Doppler shift.
+    memory: how long the ground keeps its speckle.
+    min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     """
 
     method: DemMethod
@@ -124,9 +163,11 @@ class Mapper:
     grid: Grid
     max_gap_m: float
     shadow_incidence_rad: float
-    antenna: Antenna
+    antenna: Antenna | None
     analyser: SpectrumAnalyser
     doppler_corrected: bool
+    memory: SpeckleMemory = STILL
+    min_confidence_m: float | None = None
 
     @property
     def keeps_profiles(self) -> bool:
@@ -140,8 +181,8 @@ class Mapper:
         profiles: Profiles | None,
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
         progress: Progress = silent,
-    ) -> Raster:
-        """Return the DEM of a survey.
+    ) -> Estimate:
+        """Return the DEM of a survey, with what its method knows of its errors.
 
         Parameters
         ----------
@@ -167,14 +208,34 @@ class Mapper:
         if profiles is not None and self.keeps_profiles:
             sightings = self.sightings(profiles, measured(profiles.pulse))
         overheard = Overheard(progress)
-        dem = self.method(self.inputs(points, sightings, overheard))
+        looks = self._looks(points, measured)
+        made = self.method(self.inputs(points, sightings, overheard, looks))
+        estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
+        dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
         overheard.complete("mapping")
-        return dem
+        return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
 
-    def inputs(self, points: Points, sightings: Sightings | None = None, progress: Progress = silent) -> MapInputs:
+    def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
+        """Return how each point was looked at; None without a beam of radio waves."""
+        if self.beam is None or len(points) == 0:
+            return None
+        return looks_at(points, measured, self.beam, self.analyser.chirp, self.memory)
+
+    @cached_property
+    def beam(self) -> BeamNodes | None:
+        """Directions of the antenna's main lobe; None for a sensor without an antenna."""
+        return None if self.antenna is None else beam_nodes(self.antenna)
+
+    def inputs(
+        self,
+        points: Points,
+        sightings: Sightings | None = None,
+        progress: Progress = silent,
+        looks: Looks | None = None,
+    ) -> MapInputs:
         """Return the input of the method."""
         return MapInputs(
             points=points,
@@ -183,19 +244,22 @@ class Mapper:
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
             progress=progress,
+            looks=looks,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:
         """Return range profiles with what mapping may know of the radar: its measured pose, its sweep and its beam."""
+        assert self.beam is not None  # only a radar has profiles
         return Sightings(
             profiles=profiles,
             pose=pose,
             chirp=self.analyser.chirp,
-            beam=beam_nodes(self.antenna),
+            beam=self.beam,
             response=self.analyser.response(RESPONSE_CELLS, 1),
             looks_per_cell=self.analyser.looks_per_cell,
             doppler=1.0 if self.doppler_corrected else 0.0,
             reach_m=self.analyser.chirp.max_range_m,
+            memory=self.memory,
         )
 
 
@@ -203,10 +267,11 @@ def build_mapper(
     dem: DemTable,
     grid: Grid,
     max_gap_m: float,
-    antenna: Antenna,
+    antenna: Antenna | None,
     analyser: SpectrumAnalyser,
     doppler_corrected: bool,
     method: DemMethod | None = None,
+    memory: SpeckleMemory | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -220,6 +285,8 @@ def build_mapper(
         See `Mapper`.
     method:
         A custom method in place of the scenario's.
+    memory:
+        How long the ground keeps its speckle; without it, it stands still.
 
     """
     return Mapper(
@@ -231,4 +298,6 @@ def build_mapper(
         antenna=antenna,
         analyser=analyser,
         doppler_corrected=doppler_corrected,
+        memory=memory or STILL,
+        min_confidence_m=dem.min_confidence_m,
     )

@@ -20,7 +20,8 @@ from jaxtyping import Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance
+from sionna_radar.mapping.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
+from sionna_radar.mapping.heights import Heights
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
 PADDING_LENGTHS = 1.0
@@ -48,12 +49,13 @@ class TerrainModel:
         return self.trend[0] + self.trend[1] * self.grid.x_m[None] + self.trend[2] * self.grid.y_m[:, None]
 
     @cached_property
-    def _root(self) -> Float[np.ndarray, "row frequency"]:
+    def root(self) -> Float[np.ndarray, "row frequency"]:
+        """The filter that colours white noise, on the grid's real Fourier frequencies."""
         return self.covariance.spectrum_root(self.grid)
 
     def coloured(self, white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
         """Return a white field filtered to this covariance; the operation is its own transpose."""
-        spectrum = self._root * scipy.fft.rfft2(white.reshape(self.grid.shape))
+        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.grid.shape))
         field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
         return field.ravel()
 
@@ -71,12 +73,12 @@ class TerrainModel:
         The unknowns are the coefficients of an orthonormal Fourier transform, in which R is diagonal: that halves the
         number of transforms.
         """
-        shape, twice = self.grid.shape, np.full(self._root.shape[1], np.sqrt(2 / self.grid.rows / self.grid.columns))
+        shape, twice = self.grid.shape, np.full(self.root.shape[1], np.sqrt(2 / self.grid.rows / self.grid.columns))
         # Of a real field, the other half of the spectrum is the conjugate, except of these columns.
         twice[0] /= np.sqrt(2)
         if self.grid.columns % 2 == 0:
             twice[-1] /= np.sqrt(2)
-        down, up = self._root * twice, self._root / twice
+        down, up = self.root * twice, self.root / twice
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             field = scipy.fft.irfft2(up * flat.view(np.complex128).reshape(down.shape), s=shape, overwrite_x=True)
@@ -91,18 +93,15 @@ class TerrainModel:
         )
         return white.ravel()
 
+    @staticmethod
+    def flat(grid: Grid, trend: Float[np.ndarray, "3"]) -> Heightfield:
+        """Return a plane over a grid."""
+        height_m = trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None]
+        return Heightfield(grid=grid, height_m=height_m)
+
     def surface(self, white: Float[np.ndarray, " cell"]) -> Heightfield:
         """Return the terrain that a white field represents."""
         return Heightfield(grid=self.grid, height_m=self.trend_m + self.coloured(white).reshape(self.grid.shape))
-
-
-@dataclass(frozen=True)
-class Heights:
-    """Scattered heights and their standard deviations."""
-
-    place_m: Float[np.ndarray, "n 2"]
-    height_m: Float[np.ndarray, " n"]
-    sigma_m: Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,9 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE) -> Smoothed:
+def smooth(
+    heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE, groups: int = GROUPS
+) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -132,13 +133,12 @@ def smooth(heights: Heights, grid: Grid, step: Step = no_step, tolerance: float 
         Called after each iteration of the solution.
     tolerance:
         Of the solution: its residual relative to that of the trend.
+    groups:
+        Of neighbouring heights that the covariance is learned from.
 
     """
-    x, y = heights.place_m.T
-    design = np.column_stack([np.ones(len(x)), x, y])
-    trend = np.linalg.lstsq(design, heights.height_m, rcond=None)[0]
-    fitted = fit_covariance(heights.place_m, heights.height_m - design @ trend, heights.sigma_m)
-    return smooth_with(heights, grid, trend, fitted, step, tolerance)
+    trend = heights.trend()
+    return smooth_with(heights, grid, trend, fit_covariance(heights.above(trend), groups), step, tolerance)
 
 
 def smooth_with(
@@ -149,12 +149,15 @@ def smooth_with(
     step: Step = no_step,
     tolerance: float = TOLERANCE,
 ) -> Smoothed:
-    """Return the most probable surface under a known trend and covariance."""
+    """Return the most probable surface under a known trend and covariance.
+
+    Errors that repeat over several pulses are taken for independent ones of as many times the variance: over the many
+    pulses that decide about a cell the sum of their correlations is all that counts.
+    """
     model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance)
-    flat = Heightfield(grid=model.grid, height_m=model.trend_m)
-    weights = flat.weights(*heights.place_m.T)
+    weights = heights.weights(model.grid)
     transposed = weights.T.tocsr()
-    precision = 1 / (fitted.noise_factor * np.maximum(heights.sigma_m, 1e-3) ** 2)
+    precision = 1 / heights.variance_m2(fitted.noise_factor)
 
     def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
         step()

@@ -74,7 +74,7 @@ def step_surface(
         inside = part == number
         filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
         if number in alone:
-            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).height_m
+            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).surface.height_m
             height[window] = np.where(inside[window], mapped, height[window])
             refined |= inside
         step()

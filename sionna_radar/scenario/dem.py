@@ -22,6 +22,7 @@ class DemTable(Table):
     spacing_m: size of a cell.
     max_gap_m: farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on
         level ground, and no less than two cells.
+    min_confidence_m: cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is.
     shadow_incidence_deg: surfaces seen at a greater incidence count as shadow.
     """
 
@@ -29,4 +30,5 @@ class DemTable(Table):
     method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
     spacing_m: Positive = 1.0
     max_gap_m: Positive | None = None
+    min_confidence_m: Positive | None = None
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0

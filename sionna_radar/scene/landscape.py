@@ -79,6 +79,8 @@ def landscape_of_heights(
     """
     georeference = georeference or _stated_place(terrain)
     surfaces = cover_ground(*mesh_of(raster), terrain, georeference)
+    if len(surfaces) == 1 and raster.filled.all():
+        surfaces = (replace(surfaces[0], relief=raster),)
     ground_m = _bridged(raster).at
     top_m = max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0
 

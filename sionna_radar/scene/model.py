@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.surfaces.backscatter import Backscatter
 
 
@@ -15,6 +16,7 @@ class Surface:
     """A triangle mesh of one material, world frame; triangles are counter-clockwise seen from outside.
 
     two_sided: it encloses nothing, so that both of its sides are an outside.
+    relief: the heights of which it has all triangles, in the order of `mesh.mesh_of`; None for any other surface.
     divided: its walls may be of triangles of any size, as in a mesh file; those of others are as high as they are.
     """
 
@@ -24,6 +26,7 @@ class Surface:
     material: str
     two_sided: bool = False
     divided: bool = False
+    relief: Raster | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

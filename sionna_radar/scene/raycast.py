@@ -1,7 +1,8 @@
 """Casting rays against the meshes of a scene: the truth seen from above, and visibility."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
+from sionna_radar.scene.relief import Relief
 
 # Offset of the second vertical ray that detects slips between triangles, and the least difference that is a slip.
 EDGE_STEP_M = np.array([7e-4, 4e-4])
@@ -20,11 +22,13 @@ EDGE_JUMP_M = 0.01
 class Hits:
     """First hits of rays; a miss has infinite distance and surface -1.
 
+    face: triangle in the surface; undefined for a miss.
     cosine: of the angle between the ray and the surface's normal, not negative; undefined for a miss.
     """
 
     distance_m: Float[np.ndarray, " ray"]
     surface: Int[np.ndarray, " ray"]
+    face: Int[np.ndarray, " ray"]
     cosine: Float[np.ndarray, " ray"]
 
     @property
@@ -44,35 +48,88 @@ def mitsuba_mesh(surface: Surface) -> Any:
     return mesh
 
 
-class RayCaster:
-    """Casts rays against a set of surfaces."""
+class _Meshes:
+    """Some surfaces as a scene of Mitsuba.
 
-    def __init__(self, surfaces: Sequence[Surface]) -> None:
+    surface_of_shape: the number of the surface that each shape pointer, as an integer, stands for; -1 for none.
+    """
+
+    def __init__(self, surfaces: Mapping[int, Surface]) -> None:
         mi = load_mitsuba()
         import drjit as dr
 
-        meshes = {f"surface-{i}": mitsuba_mesh(surface) for i, surface in enumerate(surfaces)}
-        self._scene = mi.load_dict({"type": "scene", **meshes})
+        meshes = {f"surface-{number}": mitsuba_mesh(surface) for number, surface in surfaces.items()}
+        self.mi_scene = mi.load_dict({"type": "scene", **meshes})
         ids = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mesh))[0]) for mesh in meshes.values()]
-        self._surface_of_shape = np.full(max(ids) + 1, -1)
-        self._surface_of_shape[ids] = np.arange(len(ids))
+        self.surface_of_shape = np.full(max(ids) + 1, -1)
+        self.surface_of_shape[ids] = list(surfaces)
+
+
+class RayCaster:
+    """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba."""
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        self._surfaces = dict(enumerate(surfaces))
+        self._reliefs = {n: Relief(s.relief) for n, s in self._surfaces.items() if s.relief is not None}
+
+    @cached_property
+    def _whole(self) -> _Meshes:
+        return _Meshes(self._surfaces)
+
+    @cached_property
+    def _others(self) -> _Meshes | None:
+        if not self._reliefs:
+            return self._whole
+        others = {n: s for n, s in self._surfaces.items() if n not in self._reliefs}
+        return _Meshes(others) if others else None
+
+    @property
+    def mi_scene(self) -> Any:
+        """All surfaces as a scene of Mitsuba."""
+        return self._whole.mi_scene
+
+    @property
+    def surface_of_shape(self) -> Int[np.ndarray, " shape"]:
+        """The surface that each shape pointer of `mi_scene`, as an integer, stands for; -1 for none."""
+        return self._whole.surface_of_shape
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""
+        none = np.full(len(origin_m), -1)
+        found = Hits(distance_m=np.full(len(none), np.inf), surface=none, face=none, cosine=np.zeros(len(none)))
         if len(origin_m) == 0:  # Dr.Jit crashes on empty arrays
-            return Hits(distance_m=np.zeros(0), surface=np.zeros(0, dtype=np.int64), cosine=np.zeros(0))
+            return found
+        if self._others is not None:
+            found = self._cast_meshes(self._others, origin_m, direction)
+        for number, relief in self._reliefs.items():
+            distance, face, cosine = relief.first_hits(origin_m, direction)
+            nearer = distance < found.distance_m
+            found = Hits(
+                distance_m=np.where(nearer, distance, found.distance_m),
+                surface=np.where(nearer, number, found.surface),
+                face=np.where(nearer, face, found.face),
+                cosine=np.where(nearer, cosine, found.cosine),
+            )
+        return found
+
+    def _cast_meshes(
+        self, meshes: _Meshes, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]
+    ) -> Hits:
         mi = load_mitsuba()
         import drjit as dr
 
         ray = self.prepare(origin_m, direction)
-        found = self.intersect(ray)
+        found = meshes.mi_scene.ray_intersect(ray)
+        dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
         hit = found.is_valid()
         distance = dr.select(hit, found.t, np.inf)
         shape = dr.select(hit, dr.reinterpret_array(mi.UInt32, found.shape), 0)
-        surface = np.where(hit.numpy(), self._surface_of_shape[shape.numpy()], -1)
         cosine = dr.minimum(dr.abs(dr.dot(found.n, ray.d)), 1.0)
         return Hits(
-            distance_m=distance.numpy().astype(np.float64), surface=surface, cosine=cosine.numpy().astype(np.float64)
+            distance_m=distance.numpy().astype(np.float64),
+            surface=np.where(hit.numpy(), meshes.surface_of_shape[shape.numpy()], -1),
+            face=found.prim_index.numpy().astype(np.int64),
+            cosine=cosine.numpy().astype(np.float64),
         )
 
     def prepare(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Any:
@@ -88,7 +145,7 @@ class RayCaster:
         """Return Mitsuba's surface interactions of prepared rays, fully evaluated."""
         import drjit as dr
 
-        found = self._scene.ray_intersect(ray)
+        found = self.mi_scene.ray_intersect(ray)
         dr.eval(found.t, found.p, found.n, found.prim_index, found.shape)
         dr.sync_thread()
         return found
@@ -103,6 +160,25 @@ class RayCaster:
         away = point_m - origin_m
         distance = np.linalg.norm(away, axis=1)
         return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
+
+    def hides(
+        self, origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"], short: float
+    ) -> Bool[np.ndarray, " ray"]:
+        """Return whether anything is between origins and points; the last share `short` of the way is not looked at."""
+        hidden = np.zeros(len(origin_m), dtype=bool)
+        if len(origin_m) == 0:
+            return hidden
+        if self._others is not None:
+            mi = load_mitsuba()
+
+            away = point_m - origin_m
+            distance = np.linalg.norm(away, axis=1)
+            ray = self.prepare(origin_m, away / distance[:, None])
+            ray.maxt = mi.Float((distance * (1 - short)).astype(np.float32))
+            hidden |= self._others.mi_scene.ray_test(ray).numpy()
+        for relief in self._reliefs.values():
+            hidden |= relief.hides(origin_m, point_m, short)
+        return hidden
 
     def from_above(self, point_m: Float[np.ndarray, "n 2"], top_m: float) -> Float[np.ndarray, " n"]:
         """Return the height of the highest surface at horizontal positions, seen from `top_m`; NaN if none."""

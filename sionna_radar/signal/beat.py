@@ -10,19 +10,17 @@ beat while the scatterer moves. The paths of a chirp have nearly the same c2: th
 exactly, and the differences from it as a power series, as far as they matter.
 """
 
-import math
 from dataclasses import dataclass
 
-import finufft
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Inexact
+from jaxtyping import Complex, Float, Inexact, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.row_threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.tracing.paths import Paths
 
-NUFFT_ACCURACY = 1e-9
 DRIFT_ACCURACY = 1e-3
 
 
@@ -72,55 +70,65 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The sweep.
 
     """
-    phase = beat_phase(paths, chirp)
-    gain = np.conj(paths.gain) if chirp.direction > 0 else paths.gain
-    rotor = np.exp(2j * np.pi * np.mod(phase.constant, 1.0))
-    # A plain call, not an expression: NumPy may swap the factors of a large temporary, and a fused complex
-    # product then rounds differently from block size to block size.
-    weight = np.multiply(gain, rotor)
-    weight[~_passed(phase.frequency_hz, chirp)] = 0.0
-    turn = 2 * np.pi * phase.frequency_hz / chirp.sampling_rate_hz
+    # Numba takes half a second to import.
+    from sionna_radar.signal.beat_sum import exponential_sums, weigh
+
     first = np.searchsorted(paths.pulse, pulses.index, side="left")
     last = np.searchsorted(paths.pulse, pulses.index, side="right")
-    beat = np.zeros((len(pulses), chirp.samples), dtype=np.complex128)
-    # The points of a beam are in no useful order, so they are not sorted; the smaller grid suits few points per chirp.
-    plan = finufft.Plan(1, (chirp.samples,), eps=NUFFT_ACCURACY, isign=1, nthreads=1, spread_sort=0, upsampfac=1.25)
-    for row, (start, stop) in enumerate(zip(first, last, strict=True)):
-        if start < stop:
-            part = slice(start, stop)
-            beat[row] = _one_chirp(plan, turn[part], weight[part], phase.drift_hz_s[part], chirp)
+    frequency, excess, weight = np.empty(len(paths)), np.empty(len(paths)), np.empty(len(paths), dtype=np.complex128)
+    mean, total, scattered = np.empty((3, len(pulses)))
+    columns = (frequency, weight, excess, mean, total, scattered)
+    sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
+    sampled = (*_band_hz(chirp), chirp.sampling_rate_hz, speed_of_light)
+    table = (paths.delay_s, paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
+    over_rows(lambda low, high: weigh(low, high, first, last, *table), len(pulses))
+    bend = mean / chirp.sampling_rate_hz**2
+    beat = exponential_sums(first, last, frequency, weight, bend, chirp.samples)
+    # Phase added by each path's individual drift at the ends of the sweep, in radians.
+    ends = 2 * np.pi * (chirp.duration_s / 2) ** 2
+    # The root mean square of (2 t / T)^(2 n) over the sweep is 1 / sqrt(4 n + 1).
+    more = np.flatnonzero(ends * np.sqrt(scattered) > DRIFT_ACCURACY * np.sqrt(5 * total))
+    if len(more):
+        terms = _Drift(first[more], last[more], frequency, weight, ends * excess, bend[more])
+        beat[more] += terms.beats(total[more], chirp)
     return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
 
 
-def _one_chirp(
-    plan: finufft.Plan,
-    turn: Float[np.ndarray, " path"],
-    weight: Complex[np.ndarray, " path"],
-    drift_hz_s: Float[np.ndarray, " path"],
-    chirp: Chirp,
-) -> Complex[np.ndarray, " sample"]:
-    time_s = chirp.sample_time_s
-    power = weight.real**2 + weight.imag**2
-    total = power.sum()
-    if total == 0.0:
-        return np.zeros(len(time_s), dtype=np.complex128)
-    mean_drift = float(power @ drift_hz_s / total)
-    # Phase added by each path's individual drift at the ends of the sweep.
-    excess = 2 * np.pi * (drift_hz_s - mean_drift) * (chirp.duration_s / 2) ** 2
-    plan.setpts(turn)
-    beat = plan.execute(weight)
-    term, order = weight * (1j * excess), 1
-    # The root mean square of (2 t / T)^(2 n) over the sweep is 1 / sqrt(4 n + 1).
-    while np.linalg.norm(term) > DRIFT_ACCURACY * math.sqrt((4 * order + 1) * total):
-        beat += plan.execute(term) * (2 * time_s / chirp.duration_s) ** (2 * order)
-        order += 1
-        term = term * (1j * excess / order)
-    return beat * np.exp(2j * np.pi * mean_drift * time_s**2)
+@dataclass(frozen=True)
+class _Drift:
+    """What paths whose beats drift unlike the mean of their pulse's add: a power series in that difference.
+
+    excess: the difference in phase at the ends of the sweep.
+    """
+
+    first: Int[np.ndarray, " row"]
+    last: Int[np.ndarray, " row"]
+    frequency: Float[np.ndarray, " path"]
+    weight: Complex[np.ndarray, " path"]
+    excess: Float[np.ndarray, " path"]
+    bend: Float[np.ndarray, " row"]
+
+    def beats(self, total: Float[np.ndarray, " row"], chirp: Chirp) -> Complex[np.ndarray, "row sample"]:
+        """Return all terms that matter beside the total power of each row."""
+        from sionna_radar.signal.beat_sum import exponential_sums
+
+        out = np.zeros((len(total), chirp.samples), dtype=np.complex128)
+        share, order = (2 * chirp.sample_time_s / chirp.duration_s) ** 2, 1
+        term, rows = self.weight * (1j * self.excess), np.arange(len(total))
+        while len(rows):
+            first, last = self.first[rows], self.last[rows]
+            out[rows] += (
+                exponential_sums(first, last, self.frequency, term, self.bend[rows], chirp.samples) * share**order
+            )
+            order += 1
+            term = term * (1j * self.excess / order)
+            size = np.array([np.linalg.norm(term[a:b]) for a, b in zip(first, last, strict=True)])
+            rows = rows[size > DRIFT_ACCURACY * np.sqrt((4 * order + 1) * total[rows])]
+        return out
 
 
-def _passed(frequency_hz: Float[np.ndarray, " path"], chirp: Chirp) -> Bool[np.ndarray, " path"]:
-    """Return which beats lie inside the sampled band."""
+def _band_hz(chirp: Chirp) -> tuple[float, float]:
+    """Return the lowest and the highest beat in the sampled band."""
     half = chirp.sampling_rate_hz / 2
     # Complex samples cover 0 to the sampling rate; a real signal folds negative frequencies onto positive.
-    centre = half if chirp.sampling == "iq" else 0.0
-    return np.abs(frequency_hz - centre) < half
+    return (0.0, 2 * half) if chirp.sampling == "iq" else (-half, half)

@@ -6,6 +6,7 @@ from scipy.constants import Boltzmann
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
+from sionna_radar.foundation.row_threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.radar import RadarTable
 
@@ -44,8 +45,12 @@ def add_noise(
     Each pulse has its own generator; a zero signal gives the noise alone.
     """
     noisy = beat.copy()
-    for row, index in zip(noisy, pulse, strict=True):
-        generator = pulse_generator(seed, Stream.NOISE, int(index))
-        parts = row.view(np.float64)  # a complex sample is two of these
-        parts += np.sqrt(power * len(row) / len(parts)) * generator.standard_normal(len(parts))
+
+    def add(first: int, last: int) -> None:
+        for row, index in zip(noisy[first:last], pulse[first:last], strict=True):
+            generator = pulse_generator(seed, Stream.NOISE, int(index))
+            parts = row.view(np.float64)  # a complex sample is two of these
+            parts += np.sqrt(power * len(row) / len(parts)) * generator.standard_normal(len(parts))
+
+    over_rows(add, len(noisy))
     return noisy

@@ -124,7 +124,7 @@ def _fly(prepared: Prepared, engine: str, seed: int, block_size: int, progress: 
         range_m=range_m,
         incidence_rad=incidence,
         echo_range_m=echo_range_m,
-        dem=Linear()(prepared.mapper.inputs(Points.concatenate(located))),
+        dem=Linear()(prepared.mapper.inputs(Points.concatenate(located))).dem,
     )
 
 

@@ -150,9 +150,9 @@ def _run(
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
-            dem = prepared.mapper.map(points, recording.profiles, prepared.measured, progress)
+            estimate = prepared.mapper.map(points, recording.profiles, prepared.measured, progress)
         with watch("compare"):
-            comparison = prepared.truth().compare(dem, points, recording.lit)
+            comparison = prepared.truth().compare(estimate.dem, points, recording.lit)
             chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
         for recorder in kept:
             recorder.finish(comparison)
@@ -160,7 +160,9 @@ def _run(
         prepared=prepared,
         paths=recording.paths,
         points=points,
-        dem=dem,
+        dem=estimate.dem,
+        dem_sigma=estimate.sigma,
+        uncertainty=estimate.uncertainty,
         truth=comparison.truth,
         error=comparison.error,
         lit=comparison.lit,

@@ -22,6 +22,7 @@ from sionna_radar.foundation.progress import Progress, Steps, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.dem_grid import Extent, dem_grid
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
+from sionna_radar.mapping.speckle import speckle_memory
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
@@ -270,7 +271,14 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
     grid = dem_grid(local.dem.spacing_m, looks.extent_m, max_gap_m, place)
     mapper = build_mapper(
-        local.dem, grid, max_gap_m, antenna, detector.analyser, local.processing.doppler_correction, custom.dem_method
+        local.dem,
+        grid,
+        max_gap_m,
+        antenna if local.sensor != "lidar" else None,
+        detector.analyser,
+        local.processing.doppler_correction,
+        custom.dem_method,
+        speckle_memory(local.tracing),
     )
     _check_profiles(local, mapper, custom)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)

@@ -69,7 +69,7 @@ class Processed(Brief):
     scenario: that of a simulated one, as it was processed; None for a real one, whose `settings` are these.
     sweeps: of a pulse. time_s: of each pulse.
     echoes: corrected for Doppler where the velocity is known.
-    points, dem: None where the recording has no poses.
+    points, dem, dem_sigma: None where the recording has no poses.
     comparison: None where the truth is not known on this grid.
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle.
 
@@ -93,6 +93,7 @@ class Processed(Brief):
     points: Points | None
     measured: Callable[[Int[np.ndarray, " pulse"]], Pose] | None
     dem: Raster | None
+    dem_sigma: Raster | None
     comparison: DemComparison | None
     georeference: Georeference | None
     spectrum: RangeSpectrum

@@ -45,8 +45,8 @@ class RecordedSurvey:
 
         """
         prepared = self.prepared.with_navigation(navigation)
-        dem = prepared.mapper.map(self.points(navigation), self.recording.profiles, prepared.measured)
-        return self.truth.lit_error(dem, self.recording.lit)
+        made = prepared.mapper.map(self.points(navigation), self.recording.profiles, prepared.measured)
+        return self.truth.lit_error(made.dem, self.recording.lit)
 
     def navigation(self, table: NavigationParameters, seed: int | None = None) -> Navigation | None:
         """Return a navigation system with some errors, on the lever arm of this survey."""

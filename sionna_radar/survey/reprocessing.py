@@ -27,6 +27,7 @@ from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.dem_grid import Extent, dem_grid
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method, build_mapper
 from sionna_radar.mapping.points import Points, locate
+from sionna_radar.mapping.speckle import speckle_memory
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.scenario import Scenario
@@ -132,6 +133,7 @@ class _Task:
             self.detector.analyser,
             settings.processing.doppler_correction,
             self.method,
+            speckle_memory(settings.tracing) if isinstance(settings, Scenario) else None,
         )
 
 
@@ -216,13 +218,13 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
     watch, file, pulses = Stopwatch(), task.file, task.file.pulses
     sweeps = _sweep_detector(task)
     found = _detect(task, sweeps, block_size, watch, progress)
-    dem = comparison = None
+    estimate = comparison = None
     progress("mapping", 0, 0)
     with watch("map"):
         if found.points is not None and (len(found.points) or file.flight):
             mapper = _mapper(task, found.points)
-            dem = mapper.map(found.points, found.profiles, file.pose)
-            comparison = _compared(dem, file)
+            estimate = mapper.map(found.points, found.profiles, file.pose)
+            comparison = _compared(estimate.dem, file)
     progress("mapping", 1, 1)
     return Processed(
         source=task.path,
@@ -232,7 +234,8 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         echoes=found.echoes,
         points=found.points,
         measured=partial(_poses, task.path) if pulses.located else None,
-        dem=dem,
+        dem=None if estimate is None else estimate.dem,
+        dem_sigma=None if estimate is None else estimate.sigma,
         comparison=comparison,
         georeference=file.georeference,
         spectrum=_spectrum(task),

@@ -8,11 +8,13 @@ from jaxtyping import Bool
 
 from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.uncertainty import Uncertainty
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.layers import Overhang
 from sionna_radar.survey.preparation import Prepared
@@ -28,6 +30,8 @@ class Survey(Brief):
     paths: how many were traced.
     points: the located echoes.
     dem, truth, error: rasters on one grid; error is DEM minus truth.
+    dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
+        both None for a method that tells nothing of its errors.
     lit: cells with a true height that the main beam reached.
     dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
     off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
@@ -60,6 +64,8 @@ class Survey(Brief):
     chirp: ChirpRecord | None
     timing_s: dict[str, float]
     peak_memory_mb: float
+    dem_sigma: Raster | None = None
+    uncertainty: Uncertainty | None = None
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None
     sensor: Sensor | None = None
@@ -100,6 +106,13 @@ class Survey(Brief):
             walls=self.prepared.truth().walls,
             seed=self.scenario.seed,
         )
+
+    @cached_property
+    def dem_uncertainty(self) -> UncertaintyCheck | None:
+        """Whether the DEM errs as it says; computed when first asked for; None where it says nothing."""
+        if self.dem_sigma is None:
+            return None
+        return check_uncertainty(self.error, self.dem_sigma, self.truth, self.lit, self.points, self.uncertainty)
 
     def __repr__(self) -> str:
         lit, description = self.lit_error, self.scenario.description

@@ -2,9 +2,9 @@
 
 from typing import Literal
 
-from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.gridding import grid_points
-from sionna_radar.mapping.mapper import MapInputs, register_dem_method
+from sionna_radar.mapping.linear_uncertainty import linear_uncertainty
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
 
 
 @register_dem_method("linear")
@@ -13,6 +13,8 @@ class Linear:
 
     profiles: Literal["unused"] = "unused"
 
-    def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM."""
-        return grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad)
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
+        found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad)
+        uncertainty = linear_uncertainty(found, given.heights())
+        return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)

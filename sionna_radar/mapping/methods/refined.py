@@ -3,8 +3,7 @@
 from typing import Literal
 
 from sionna_radar.foundation.progress import Steps
-from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.mapper import MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
 from sionna_radar.mapping.seen import empty, seen_part
 
@@ -15,10 +14,11 @@ class Refined:
 
     profiles: Literal["required"] = "required"
 
-    def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM."""
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
         assert given.sightings is not None
         if len(given.sightings) < FEWEST_PULSES:
-            return empty(given.grid)
+            return Estimate(dem=empty(given.grid))
         step = Steps(given.progress, "mapping", refinement_steps(given.grid))
-        return seen_part(refine(given.sightings, given.grid, step), given)
+        mapped = refine(given.sightings, given.grid, step)
+        return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)

@@ -1,40 +1,47 @@
-"""The DEM method "smooth": the most probable surface through the points."""
+"""The DEM method "smooth": the most probable surface through the echoes."""
 
 from typing import Literal
 
 import numpy as np
 
-from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Step, Steps
-from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.mapper import MapInputs, register_dem_method
-from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import FEWEST_PULSES
+from sionna_radar.foundation.progress import Steps
+from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.refinement import FEWEST_PULSES, smooth_echoes, smoothing_steps
 from sionna_radar.mapping.seen import empty, seen_part
-from sionna_radar.mapping.smoothing import Heights, smooth
+from sionna_radar.mapping.smoothing import smooth
+from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
+
+EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
 
 
 @register_dem_method("smooth")
 class Smooth:
-    """Fits the most probable surface to the located echoes, each weighted by its uncertainty."""
+    """Fits the most probable surface to the mean ranges of the echoes, each weighted by its uncertainty.
+
+    What the beam does to a mean range on a slope is predicted and taken out. A sensor without range profiles gives its
+    located echoes instead.
+    """
 
     profiles: Literal["optional"] = "optional"
 
-    def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM."""
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
         pulses = len(np.unique(given.points.pulse)) if given.sightings is None else len(given.sightings)
         if pulses < FEWEST_PULSES:
-            return empty(given.grid)
+            return Estimate(dem=empty(given.grid))
+        if given.sightings is not None:
+            step = Steps(given.progress, "mapping", smoothing_steps(given.grid))
+            mapped = smooth_echoes(given.sightings, given.grid, step)
+            return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
+        return self._through_points(given)
+
+    def _through_points(self, given: MapInputs) -> Estimate:
         # The system is solved by iterations, whose number shows at the end.
         step = Steps(given.progress, "mapping")
-        surface = _through(given.points, given.grid, step)
+        heights = given.heights()
+        fitted = smooth(heights, given.grid, step)
         step.finish()
-        return seen_part(surface, given)
-
-
-def _through(points: Points, grid: Grid, step: Step) -> Heightfield:
-    """Return the smoothing surface through located echoes, with the uncertainties of their ranges."""
-    away = points.position_m - points.origin_m
-    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-    heights = Heights(points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep)
-    return smooth(heights, grid, step).surface
+        kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor)
+        uncertainty = TiledUncertainty((TileUncertainty(EVERYWHERE, kriging),))
+        return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

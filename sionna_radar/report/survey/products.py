@@ -80,7 +80,7 @@ def write_survey(
     >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> files = write_survey(survey, Path("results"))
     >>> [file.name for file in files if file.suffix == ".tif"]
-    ['dem.tif', 'error.tif', 'truth.tif']
+    ['dem.tif', 'dem_sigma.tif', 'error.tif', 'truth.tif']
 
     """
     return write_folder(
@@ -142,6 +142,8 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
         # A difference of heights does not depend on their datum.
         "error": (survey.error, "DEM minus truth", 0.0),
     }
+    if survey.dem_sigma is not None:
+        rasters["dem_sigma"] = (survey.dem_sigma, "standard deviation of the DEM height", 0.0)
     made_by = provenance(survey.scenario, survey.points)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)

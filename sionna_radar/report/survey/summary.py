@@ -29,6 +29,10 @@ MEANING = {
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
     "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
+    "dem_uncertainty": "lit cells' errors over their stated standard deviations (dem_sigma.tif): the share of cells in "
+    "the intervals of 50, 68, 90 and 95 %, NMAD, RMS and mean of z = error / sigma, by classes of the true slope and "
+    "of the distance from the nearest echo; means: mean errors over windows against the standard deviations stated for "
+    "them; null for a method that states none",
 }
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 
@@ -54,6 +58,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
         "breakdown": asdict(survey.breakdown),
+        "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "meaning": MEANING,
         "timing_s": survey.timing_s,

@@ -10,7 +10,7 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_
 from sionna_radar.scene.terrains.synthetic import scaled, synthetic_grid
 
 # Cells times filter width up to which a filter is applied tap by tap; above it Fourier transforms are faster.
-MOST_DIRECT_FILTERING = 1e8
+MOST_DIRECT_FILTERING = 1e6
 
 
 @register_terrain("hills", HillsTerrain)

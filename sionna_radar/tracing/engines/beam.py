@@ -16,6 +16,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.beam_rays import beam_rays
 from sionna_radar.tracing.engines.beam_sampling import beam_sampler
 from sionna_radar.tracing.paths import Paths
@@ -33,7 +34,10 @@ RAYS_AT_ONCE = 4_000_000
 
 
 class BeamEngine:
-    """Traces blocks of pulses; see the module docstring."""
+    """Traces blocks of pulses; see the module docstring.
+
+    caster: rays against the scene's surfaces; without it one is built.
+    """
 
     def __init__(
         self,
@@ -43,9 +47,10 @@ class BeamEngine:
         seed: int,
         paths_per_pulse: int,
         side_lobe_share: float,
+        caster: RayCaster | None = None,
     ) -> None:
         check_sionna()
-        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
+        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz, caster)
         self._sampler = beam_sampler(paths_per_pulse, side_lobe_share)
         self._rays = beam_rays(antenna)
         self._seed = seed
@@ -72,10 +77,10 @@ class BeamEngine:
         angles = _point(sionna_angles(pose.R_world_antenna))
         row, direction, probability = self._shoot(pulses)
         ray = mi.Ray3f(dr.gather(mi.Point3f, origin, row), direction)
-        hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
+        hit = self._sionna.caster.mi_scene.ray_intersect(ray)
         incidence = dr.safe_acos(dr.abs(dr.dot(hit.n, direction)))
         rate = -dr.dot(dr.gather(mi.Vector3f, _vector(pose.velocity_mps), row), direction)
-        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
+        shape = self._sionna.shape_of_hit(hit)
         valid = hit.is_valid() & (probability > 0)
         buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
         dr.schedule(incidence, rate)

@@ -5,8 +5,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.tracing.engines.filled_beam import FilledBeam
 
 # Boxes are taken as this much larger, for rounding.
@@ -66,7 +66,7 @@ class CellTree:
         return found
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _search(centre, radius, apex, axes, half_left, half_up):
     leaves = len(radius) // 2

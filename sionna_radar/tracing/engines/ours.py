@@ -22,10 +22,19 @@ def sionna_engine(given: EngineInputs) -> Engine:
             given.region_m,
             outer_rays=rays,
             decorrelation_time_s=table.decorrelation_time_s,
+            caster=given.caster,
         )
     from sionna_radar.tracing.engines.beam import BeamEngine
 
-    return BeamEngine(given.scene, given.antenna, given.chirp, given.seed, table.paths_per_pulse, table.side_lobe_share)
+    return BeamEngine(
+        given.scene,
+        given.antenna,
+        given.chirp,
+        given.seed,
+        table.paths_per_pulse,
+        table.side_lobe_share,
+        given.caster,
+    )
 
 
 def _density(given: EngineInputs, scatterers: int) -> DensityMap:

@@ -21,6 +21,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.outer_rays import OuterRays
@@ -50,6 +51,7 @@ class PersistentEngine:
     region_m: box that the survey can see; scatterers lie inside it only.
     outer_rays: rays a pulse beside the scatterers.
     decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
+    caster: rays against the scene's surfaces; without it one is built.
     """
 
     def __init__(
@@ -63,9 +65,10 @@ class PersistentEngine:
         *,
         outer_rays: int = OUTER_RAYS,
         decorrelation_time_s: float | None = None,
+        caster: RayCaster | None = None,
     ) -> None:
         check_sionna()
-        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
+        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz, caster)
         self._density = density if isinstance(density, DensityMap) else DensityMap.constant(density)
         self._scatterers = Scatterers(scene, self._density, seed, region_m)
         self._region_m, self._seed, self._outer_rays = region_m, seed, outer_rays
@@ -89,9 +92,13 @@ class PersistentEngine:
         seen, ends = self._scatterers.in_beams(pulses, self._beam, self._wander_hz, outside)
         if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
             return seen.paths(pulses, seen.factor, np.zeros(0, dtype=bool), (ends, ends))
-        field, visible = self._fields(pulses, seen, len(outside))
+        visible = np.ones(len(seen), dtype=bool)
+        fixed, row = slice(len(outside), None), seen.row[len(outside) :]
+        visible[fixed] = ~self._sionna.caster.hides(
+            pulses.true.position_m[row], seen.hit_m[:, fixed].T, SHORT_OF_SURFACE
+        )
         rows = np.searchsorted(outside.row, np.arange(len(pulses) + 1))
-        return seen.paths(pulses, field, visible, (ends, rows))
+        return seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
 
     def _outside(self, pulses: Pulses) -> Sightings:
         """Return where the rays beside the scatterers meet a surface."""
@@ -99,13 +106,9 @@ class PersistentEngine:
         within, per_sr = self._outer.shoot(pulses.index)
         row = np.repeat(np.arange(len(pulses), dtype=np.uint32), rays)
         direction = np.einsum("nij,nj->ni", pose.R_world_antenna[row], within)
-        ray = mi.Ray3f(_points(pose.position_m[row].T), mi.Vector3f(_points(direction.T)))
-        hit = self._sionna.rt_scene.mi_scene.ray_intersect(ray)
-        shape = dr.reinterpret_array(mi.UInt32, hit.shape)
-        cosine = dr.minimum(dr.abs(dr.dot(hit.n, ray.d)), 1.0)
-        dr.eval(hit.t, hit.prim_index, shape, cosine)
-        used = np.isfinite(hit.t.numpy()) & (per_sr > 0)
-        distance = np.where(used, hit.t.numpy(), 0.0).astype(np.float64)
+        hits = self._sionna.caster.cast(pose.position_m[row], direction)
+        used = hits.hit & (per_sr > 0)
+        distance = np.where(used, hits.distance_m, 0.0)
         place = pose.position_m[row] + distance[:, None] * direction
         used &= ~(self._beam.holds(within) & self._bears_scatterers(place))
         own, single = row[used], np.float32
@@ -116,10 +119,10 @@ class PersistentEngine:
             hit_m=place[used].T.astype(single),
             range_m=distance[used],
             range_rate_mps=rate.astype(single),
-            cosine=cosine.numpy()[used],
+            cosine=hits.cosine[used].astype(single),
             solid_angle_sr=(1 / per_sr[used]).astype(single),
-            surface=self._sionna.surface_of_shape[shape.numpy()[used]].astype(np.int32),
-            face=hit.prim_index.numpy()[used].astype(np.int32),
+            surface=hits.surface[used].astype(np.int32),
+            face=hits.face[used].astype(np.int32),
             factor=np.exp(2j * np.pi * phase).astype(np.complex64),
         )
 
@@ -130,32 +133,23 @@ class PersistentEngine:
         return bears
 
     def _fields(
-        self, pulses: Pulses, seen: Sightings, found: int
-    ) -> tuple[Complex[np.ndarray, " place"], Bool[np.ndarray, " place"]]:
-        """Return the field from each place for a factor of one, and whether it is visible; that many first ones are."""
-        apex, row = _points(pulses.true.position_m.T), mi.UInt32(seen.row)
-        position = _points(seen.hit_m)
-        origin = dr.gather(mi.Point3f, apex, row)
-        away = position - origin
-        distance = dr.norm(away)
-        ray = mi.Ray3f(origin, away / distance)
-        ray.maxt = distance * (1 - SHORT_OF_SURFACE)
-        tested = dr.arange(mi.UInt32, len(seen)) >= dr.opaque(mi.UInt32, found)
-        visible = ~self._sionna.rt_scene.mi_scene.ray_test(ray, tested)
+        self, pulses: Pulses, seen: Sightings, visible: Bool[np.ndarray, " place"]
+    ) -> Complex[np.ndarray, " place"]:
+        """Return the field from each visible place for a factor of one."""
         buffer = diffuse_buffer(
-            row,
-            position,
+            mi.UInt32(seen.row),
+            _points(seen.hit_m),
             mi.UInt32(self._sionna.shape_of_surface.astype(np.uint32)[seen.surface]),
             mi.UInt32(seen.face.view(np.uint32)),
             4 * dr.pi / dr.maximum(mi.Float(seen.solid_angle_sr), 1e-30),
-            visible,
+            mi.Bool(visible),
         )
-        angles = _points(sionna_angles(pulses.true.R_world_antenna).T)
-        gain = calculate_fields(self._sionna, buffer, apex, angles).a[0][0]
-        dr.eval(gain, visible)
+        apex, angles = pulses.true.position_m.T, sionna_angles(pulses.true.R_world_antenna).T
+        gain = calculate_fields(self._sionna, buffer, _points(apex), _points(angles)).a[0][0]
+        dr.eval(gain)
         out = np.empty(len(seen), dtype=np.complex64)
         out.real, out.imag = gain.real.numpy(), gain.imag.numpy()
-        return out, visible.numpy()
+        return out
 
 
 def _points(columns: Float[np.ndarray, "3 n"]) -> Any:

@@ -10,16 +10,16 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from numba import njit
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.engines.cell_tree import CellTree
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import FilledBeam
 from sionna_radar.tracing.engines.sightings import Sightings
-from sionna_radar.tracing.engines.surface_cells import cells_of, density_at, piece_of
+from sionna_radar.tracing.engines.surface_cells import Triangles, cells_of, corners_of, expected_of
 
 # Scatterers kept for later pulses; those of one block may be more.
 KEPT = 2_000_000
@@ -36,8 +36,9 @@ class Points(Columns):
 
     normal: unit normal of its triangle.
     area_m2: area that each represents.
-    reflectivity: complex normal numbers of mean power one; the sum of any of them is exactly Gaussian, so that
-        speckle is fully developed however few share a range cell.
+    reflectivity: unit numbers of random phase. All scatterers are equally strong: the sum of the ten or more in a range
+        cell is Gaussian enough (its mean square intensity is 2 - 1/n instead of 2), and ground of one reflectivity has
+        no bright and dark places that all pulses see alike, which random strengths would give it.
     wander: numbers of the two-sided exponential distribution of mean size one, for surfaces that move.
     surface, face: where each lies: the surface in the scene, and the triangle in the surface.
     """
@@ -88,10 +89,9 @@ class Scatterers:
     def __init__(
         self, scene: Scene, density: DensityMap, seed: int, region_m: Float[np.ndarray, "2 3"] | None = None
     ) -> None:
-        self._corner = np.concatenate([s.vertices_m[s.faces] for s in scene.surfaces]).astype(np.float64)
-        self._first_face = np.concatenate([[0], np.cumsum([len(s.faces) for s in scene.surfaces])])
+        self._triangles = Triangles.of(scene.surfaces)
         self.density = density
-        self.cells = cells_of(scene.surfaces, self._corner, self._first_face, density, region_m)
+        self.cells = cells_of(self._triangles, density, region_m)
         self._tree = CellTree.over(self.cells.low_m, self.cells.high_m)
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
@@ -152,12 +152,15 @@ class Scatterers:
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
         pieces = (self.cells.first, self.cells.face, self.cells.parts, self.cells.part, self.cells.surface)
-        meshes, density = (self._corner, self._first_face), self.density.columns
+        meshes, density = (
+            (self._triangles.vertices_m, self._triangles.corners, self._triangles.first),
+            self.density.columns,
+        )
         _fill(new, self._at, self._count, self._state, pieces, *meshes, density, self._points.columns)
         self._used = needed
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _mixed(value):
     value = (value ^ (value >> np.uint64(30))) * FIRST_MIX
@@ -165,7 +168,7 @@ def _mixed(value):
     return value ^ (value >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _unit(state, number):
     """Return the given number of a stream, in (0, 1)."""
@@ -173,7 +176,7 @@ def _unit(state, number):
     return (float(mixed >> np.uint64(12)) + 0.5) * 2.0**-52
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _states(seed, surface, place, side):
     out = np.empty(len(surface), dtype=np.uint64)
@@ -187,7 +190,7 @@ def _states(seed, surface, place, side):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _counts(state, expected):
     """Return how many scatterers each cell has: its expected number in the mean, rounded up or down at random."""
@@ -197,9 +200,9 @@ def _counts(state, expected):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
-def _fill(chosen, at, counts, states, pieces, corners, first_face, density, columns):
+def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, density, columns):
     """Draw the scatterers of some cells.
 
     They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
@@ -207,14 +210,16 @@ def _fill(chosen, at, counts, states, pieces, corners, first_face, density, colu
     """
     first, face, parts, part, surface = pieces
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
-    piece = np.empty((3, 3))
+    corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for cell in chosen:
         count, state = counts[cell], states[cell]
         if count == 0:
             continue
         total = 0.0
         for p in range(first[cell], first[cell + 1]):
-            total += _expected(p, face, parts, part, corners, density, piece)[0]
+            corners_of(face[p], vertices, corners, corner)
+            n, area = expected_of(corner, parts[p], part[p], density, piece)
+            total += n * area
         start_u, start_v = _unit(state, 1), _unit(state, 2)
         p, below, n, done = first[cell] - 1, 0.0, 0.0, 0.0
         for number in range(count):
@@ -223,7 +228,9 @@ def _fill(chosen, at, counts, states, pieces, corners, first_face, density, colu
             while p < first[cell] or (below + done < target and p < first[cell + 1] - 1):
                 p += 1
                 below += done
-                done, n = _expected(p, face, parts, part, corners, density, piece)
+                corners_of(face[p], vertices, corners, corner)
+                n, area = expected_of(corner, parts[p], part[p], density, piece)
+                done = n * area
                 normal_x = (piece[1, 1] - piece[0, 1]) * (piece[2, 2] - piece[0, 2]) - (piece[1, 2] - piece[0, 2]) * (
                     piece[2, 1] - piece[0, 1]
                 )
@@ -243,31 +250,15 @@ def _fill(chosen, at, counts, states, pieces, corners, first_face, density, colu
                 position[row, axis] = a * piece[0, axis] + b * piece[1, axis] + c * piece[2, axis]
             normal[row, 0], normal[row, 1], normal[row, 2] = normal_x / size, normal_y / size, normal_z / size
             area_m2[row] = 1.0 / n
-            # Box and Muller: both parts of a complex normal number of mean power one.
-            radius = np.sqrt(-np.log(_unit(state, stream + 1)))
             turn = 2.0 * np.pi * _unit(state, stream + 2)
-            reflectivity[row] = complex(radius * np.cos(turn), radius * np.sin(turn))
+            reflectivity[row] = complex(np.cos(turn), np.sin(turn))
             sign = 1.0 if _unit(state, stream + 3) < 0.5 else -1.0
             wander[row] = -sign * np.log(_unit(state, stream + 4))
             own_face[row] = face[p] - first_face[surface[cell]]
             own_surface[row] = surface[cell]
 
 
-@njit(cache=True, nogil=True)
-@no_type_check
-def _expected(p, face, parts, part, corners, density, piece):
-    """Write the corners of a piece, and return its expected number of scatterers and their density."""
-    piece_of(corners[face[p]], parts[p], part[p], piece)
-    ux, uy, uz = (piece[1, 0] - piece[0, 0], piece[1, 1] - piece[0, 1], piece[1, 2] - piece[0, 2])
-    vx, vy, vz = (piece[2, 0] - piece[0, 0], piece[2, 1] - piece[0, 1], piece[2, 2] - piece[0, 2])
-    area = 0.5 * np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
-    x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
-    y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
-    n = density_at(x, y, density)
-    return n * area, n
-
-
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _inside(
     edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, begin

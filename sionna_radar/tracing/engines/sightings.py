@@ -5,10 +5,10 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int, Shaped
-from numba import njit
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.tracing.paths import Paths
 
 
@@ -105,7 +105,7 @@ class Sightings:
         return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _join(columns, field, visible, one, other, index, delay_per_metre, out):
     _, hit, range_m, rate, cosine, _, surface, _, factor = columns

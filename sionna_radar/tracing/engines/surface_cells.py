@@ -10,8 +10,8 @@ from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
-from numba import njit
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scene.model import Surface
 from sionna_radar.tracing.engines.density import DensityMap
 
@@ -21,6 +21,8 @@ FINEST_CELL_M, COARSEST_CELL_M = 2.0**-6, 2.0**6
 # Longest side of a piece over that of a cell, and into how many parts a side is divided at most.
 LONGEST_SIDE, MOST_PARTS = 2.0, 30_000
 MOST_PIECES = 30_000_000
+# Cells are counted one by one up to this many, whether they hold anything or not.
+MOST_BOXES = 3e7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,21 +59,37 @@ def cell_side_m(per_m2: float) -> float:
     return float(np.clip(side, FINEST_CELL_M, COARSEST_CELL_M))
 
 
-def cells_of(
-    surfaces: Sequence[Surface],
-    corner_m: Float[np.ndarray, "face 3 3"],
-    first_face: Int[np.ndarray, " surface_edge"],
-    density: DensityMap,
-    region_m: Float[np.ndarray, "2 3"] | None,
-) -> SurfaceCells:
+@dataclass(frozen=True, kw_only=True)
+class Triangles:
+    """The triangles of all surfaces of a scene.
+
+    first: where those of each surface begin; the last entry is the end of all.
+    """
+
+    vertices_m: Float[np.ndarray, "vertex 3"]
+    corners: Int[np.ndarray, "face 3"]
+    first: Int[np.ndarray, " edge"]
+
+    @staticmethod
+    def of(surfaces: Sequence[Surface]) -> "Triangles":
+        """Return those of some surfaces."""
+        below = np.cumsum([0, *(len(s.vertices_m) for s in surfaces)])
+        corners = [s.faces if start == 0 else s.faces + start for s, start in zip(surfaces, below, strict=False)]
+        vertices = [s.vertices_m for s in surfaces]
+        return Triangles(
+            vertices_m=np.concatenate(vertices) if len(vertices) > 1 else vertices[0],
+            corners=np.concatenate(corners) if len(corners) > 1 else corners[0],
+            first=np.cumsum([0, *(len(s.faces) for s in surfaces)]),
+        )
+
+
+def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarray, "2 3"] | None) -> SurfaceCells:
     """Return the cells of some surfaces that scatterers are needed in.
 
     Parameters
     ----------
-    surfaces:
-        The surfaces.
-    corner_m, first_face:
-        Corners of the triangles of all of them, and where each surface's begin.
+    triangles:
+        Of the surfaces.
     density:
         Where how many scatterers are needed.
     region_m:
@@ -80,33 +98,27 @@ def cells_of(
     """
     box = np.array([[-np.inf] * 3, [np.inf] * 3]) if region_m is None else np.asarray(region_m, dtype=np.float64)
     side = cell_side_m(density.typical_per_m2)
+    meshes = (triangles.vertices_m, triangles.corners)
     while True:
-        found = _pieces(corner_m, box, density.columns, side, LONGEST_SIDE * side, MOST_PARTS, MOST_PIECES)
+        found = _pieces(*meshes, box, density.columns, side, LONGEST_SIDE * side, MOST_PARTS, MOST_PIECES)
         if len(found[0]) < MOST_PIECES:
             break
         side *= 2
-    face, parts, part, place, low, high, expected = found
-    surface = np.searchsorted(first_face, face, side="right") - 1
-    order = np.lexsort((_curve(place), surface))
-    changed = np.any(np.diff(place[order], axis=0, prepend=np.iinfo(np.int64).min), axis=1)
-    changed |= np.diff(surface[order], prepend=-1) != 0
-    first = np.flatnonzero(changed)
+    face, parts, part, place, expected = found
+    several = len(triangles.first) > 2
+    surface = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
+    cell, count = _numbered(place, surface)
+    order, edges = _grouped(cell, count)
+    first = order[edges[:-1]]
     # The cells of all surfaces along one curve, so that neighbours are near each other in memory.
-    cell_place = place[order[first]]
-    along = np.argsort(_curve(cell_place), kind="stable")
-    length = np.diff(first, append=len(order))[along]
-    edges = np.concatenate([[0], np.cumsum(length)])
-    order = order[np.arange(len(order)) - np.repeat(edges[:-1] - first[along], length)]
-    start = edges[:-1]
-    if len(start) == 0:
-        low, high, total = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    else:
-        low, high = np.minimum.reduceat(low[order], start), np.maximum.reduceat(high[order], start)
-        total = np.add.reduceat(expected[order], start)
+    along = np.argsort(_curve(place[first]), kind="stable")
+    order, edges = _regrouped(order, edges, along)
+    first = order[edges[:-1]]
+    low, high, total = _boxes(order, edges, face, parts, part, expected, *meshes)
     return SurfaceCells(
         side_m=side,
-        surface=surface[order[start]],
-        place=place[order[start]],
+        surface=surface[first],
+        place=place[first].astype(np.int64),
         low_m=low,
         high_m=high,
         expected=total,
@@ -117,6 +129,90 @@ def cells_of(
     )
 
 
+def _numbered(
+    place: Int[np.ndarray, "piece 3"], surface: Int[np.ndarray, " piece"]
+) -> tuple[Int[np.ndarray, " piece"], int]:
+    """Return the number of each piece's cell, the same for one place and surface, and how many numbers there are."""
+    if len(place) == 0:
+        return np.zeros(0, dtype=np.int64), 0
+    columns = np.column_stack([surface, place])
+    low = columns.min(axis=0)
+    size = (columns.max(axis=0) - low + 1).astype(np.int64)
+    if float(np.prod(size.astype(np.float64))) < MOST_BOXES:
+        return np.ravel_multi_index(tuple((columns - low).T), tuple(size)), int(np.prod(size))
+    _, cell = np.unique(columns, axis=0, return_inverse=True)
+    return cell.ravel(), int(cell.max()) + 1
+
+
+@compiled
+@no_type_check
+def _grouped(cell, count):
+    """Return the order that groups pieces by cell, keeping theirs inside it, and where each occupied cell begins."""
+    begin = np.zeros(count + 1, dtype=np.int64)
+    for number in cell:
+        begin[number + 1] += 1
+    some = 0
+    for number in range(count):
+        some += begin[number + 1] > 0
+        begin[number + 1] += begin[number]
+    edges = np.empty(some + 1, dtype=np.int64)
+    some = 0
+    for number in range(count):
+        if begin[number + 1] > begin[number]:
+            edges[some] = begin[number]
+            some += 1
+    edges[some] = len(cell)
+    order = np.empty(len(cell), dtype=np.int64)
+    for piece in range(len(cell)):
+        order[begin[cell[piece]]] = piece
+        begin[cell[piece]] += 1
+    return order, edges
+
+
+@compiled
+@no_type_check
+def _regrouped(order, edges, along):
+    """Return groups in another order."""
+    out, out_edges = np.empty_like(order), np.empty_like(edges)
+    n = 0
+    for number in range(len(along)):
+        out_edges[number] = n
+        for k in range(edges[along[number]], edges[along[number] + 1]):
+            out[n] = order[k]
+            n += 1
+    out_edges[len(along)] = n
+    return out, out_edges
+
+
+@compiled
+@no_type_check
+def _boxes(order, edges, face, parts, part, expected, vertices, corners):
+    """Return the box around the pieces of each cell, and its expected number of scatterers."""
+    low, high = np.full((len(edges) - 1, 3), np.inf), np.full((len(edges) - 1, 3), -np.inf)
+    total = np.zeros(len(edges) - 1)
+    corner, piece = np.empty((3, 3)), np.empty((3, 3))
+    for cell in range(len(edges) - 1):
+        for k in range(edges[cell], edges[cell + 1]):
+            own = order[k]
+            total[cell] += expected[own]
+            corners_of(face[own], vertices, corners, corner)
+            piece_of(corner, parts[own], part[own], piece)
+            for number in range(3):
+                for axis in range(3):
+                    low[cell, axis] = min(low[cell, axis], piece[number, axis])
+                    high[cell, axis] = max(high[cell, axis], piece[number, axis])
+    return low, high, total
+
+
+@compiled
+@no_type_check
+def corners_of(face, vertices, corners, out):
+    """Write the corners of a triangle."""
+    for number in range(3):
+        for axis in range(3):
+            out[number, axis] = vertices[corners[face, number], axis]
+
+
 def _curve(place: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     """Return the number of each place along a Morton curve."""
     if len(place) == 0:
@@ -124,7 +220,7 @@ def _curve(place: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
     return _morton(place - place.min(axis=0))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _morton(place):
     out = np.empty(len(place), dtype=np.int64)
@@ -138,7 +234,7 @@ def _morton(place):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def piece_of(corner, parts, part, out):
     """Write the corners of one of the parts into which a triangle's sides are divided."""
@@ -162,7 +258,7 @@ def piece_of(corner, parts, part, out):
             )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _area(corner):
     ux, uy, uz = (corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2])
@@ -170,7 +266,7 @@ def _area(corner):
     return 0.5 * np.sqrt((uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def density_at(x, y, density):
     """Return the density of a `DensityMap` at a place of the plan."""
@@ -180,29 +276,26 @@ def density_at(x, y, density):
     return per_m2[row, column]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
-def _pieces(corner_m, box, density, side, longest, most_parts, most):
+def _pieces(vertices, corners, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
-    capacity = max(1024, len(corner_m) // 2)
-    face = np.empty(capacity, dtype=np.int64)
-    parts = np.empty(capacity, dtype=np.int64)
-    part = np.empty(capacity, dtype=np.int64)
-    place = np.empty((capacity, 3), dtype=np.int64)
-    low, high = np.empty((capacity, 3)), np.empty((capacity, 3))
+    capacity = min(max(1024, len(corners) // 2), most)
+    face, parts = np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=np.int32)
+    part, place = np.empty(capacity, dtype=np.int32), np.empty((capacity, 3), dtype=np.int32)
     expected = np.empty(capacity)
     count = 0
-    piece = np.empty((3, 3))
-    for f in range(len(corner_m)):
-        corner = corner_m[f]
+    corner, piece = np.empty((3, 3)), np.empty((3, 3))
+    for f in range(len(corners)):
+        corners_of(f, vertices, corners, corner)
         outside = False
-        longest2 = 0.0
         for axis in range(3):
             least = min(corner[0, axis], corner[1, axis], corner[2, axis])
             greatest = max(corner[0, axis], corner[1, axis], corner[2, axis])
             outside |= least > box[1, axis] or greatest < box[0, axis]
         if outside:
             continue
+        longest2 = 0.0
         for k in range(3):
             d = 0.0
             for axis in range(3):
@@ -210,37 +303,39 @@ def _pieces(corner_m, box, density, side, longest, most_parts, most):
             longest2 = max(longest2, d)
         m = min(max(int(np.ceil(np.sqrt(longest2) / longest)), 1), most_parts)
         for k in range(m * m):
-            piece_of(corner, m, k, piece)
-            x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
-            y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
-            z = (piece[0, 2] + piece[1, 2] + piece[2, 2]) / 3
-            n = density_at(x, y, density)
-            if n <= 0.0:
-                continue
-            area = _area(piece)
-            if area <= 0.0:
+            n, area = expected_of(corner, m, k, density, piece)
+            if n * area <= 0.0:
                 continue
             if count == capacity:
                 if capacity >= most:
-                    return face, parts, part, place, low, high, expected
-                grown = min(2 * capacity, most)
-                face, parts, part = _grown(face, grown), _grown(parts, grown), _grown(part, grown)
-                place, low, high = _grown_rows(place, grown), _grown_rows(low, grown), _grown_rows(high, grown)
-                expected = _grown(expected, grown)
-                capacity = grown
+                    return face, parts, part, place, expected
+                capacity = min(2 * capacity, most)
+                face, parts, part = _grown(face, capacity), _grown(parts, capacity), _grown(part, capacity)
+                place, expected = _grown_rows(place, capacity), _grown(expected, capacity)
             face[count], parts[count], part[count] = f, m, k
-            place[count, 0] = int(np.floor(x / side))
-            place[count, 1] = int(np.floor(y / side))
-            place[count, 2] = int(np.floor(z / side))
             for axis in range(3):
-                low[count, axis] = min(piece[0, axis], piece[1, axis], piece[2, axis])
-                high[count, axis] = max(piece[0, axis], piece[1, axis], piece[2, axis])
+                centre = (piece[0, axis] + piece[1, axis] + piece[2, axis]) / 3
+                place[count, axis] = int(np.floor(centre / side))
             expected[count] = n * area
             count += 1
-    return face[:count], parts[:count], part[:count], place[:count], low[:count], high[:count], expected[:count]
+    return face[:count], parts[:count], part[:count], place[:count], expected[:count]
 
 
-@njit(cache=True, nogil=True)
+@compiled
+@no_type_check
+def expected_of(corner, parts, part, density, piece):
+    """Write the corners of a piece of a triangle, and return the density of scatterers on it, and its area."""
+    if parts == 1:
+        piece[:] = corner
+    else:
+        piece_of(corner, parts, part, piece)
+    x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
+    y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
+    n = density_at(x, y, density)
+    return n, _area(piece) if n > 0.0 else 0.0
+
+
+@compiled
 @no_type_check
 def _grown(array, size):
     out = np.empty(size, dtype=array.dtype)
@@ -248,7 +343,7 @@ def _grown(array, size):
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 @no_type_check
 def _grown_rows(array, size):
     out = np.empty((size, 3), dtype=array.dtype)

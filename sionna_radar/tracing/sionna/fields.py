@@ -85,7 +85,7 @@ def calculate_fields(sionna: SionnaScene, buffer: Any, origin: Any, angles: Any)
         buffer.vertices_z,
     )
     return FieldCalculator()(
-        wavelength=sionna.rt_scene.wavelength,
+        wavelength=sionna.wavelength,
         paths=buffer,
         samples_per_src=1,
         diffraction=False,

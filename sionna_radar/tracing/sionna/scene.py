@@ -1,20 +1,24 @@
 """A scene of ours inside Sionna RT."""
 
 from copy import copy
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
+from scipy.constants import speed_of_light
 
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Scene
-from sionna_radar.scene.raycast import mitsuba_mesh
+from sionna_radar.scene.raycast import RayCaster, mitsuba_mesh
 from sionna_radar.tracing.sionna.material import sionna_material
 from sionna_radar.tracing.sionna.pattern import SionnaPattern
 
 mi = load_mitsuba()
 
-import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen before it loads)
+import drjit as dr  # noqa: E402  (libLLVM and the variant must be chosen before these load)
+import sionna.rt as rt  # noqa: E402  (libLLVM and the variant must be chosen before these load)
 
 
 class SionnaScene:
@@ -23,27 +27,54 @@ class SionnaScene:
     pattern, receive_pattern: the antenna in transmission and in reception.
     shape_of_surface: Mitsuba's shape pointer, as an integer, of each surface of ours.
     surface_of_shape: the inverse; -1 where there is none.
+    caster: rays against the surfaces. Its acceleration structure is the only one: to build another takes longer than
+        tracing thousands of pulses.
     """
 
-    def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float) -> None:
+    def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayCaster | None = None) -> None:
+        self.caster = caster or RayCaster(scene.surfaces)
         # Sionna keeps materials and objects in one list of names: the user's names stay out of it.
         materials = {
             name: sionna_material(f"material-{number}", model)
             for number, (name, model) in enumerate(scene.materials.items())
         }
-        self.rt_scene = rt.Scene()
-        # Set before adding materials, some of which are undefined at Sionna's default frequency.
-        self.rt_scene.frequency = carrier_hz
-        objects = [
-            rt.SceneObject(mi_mesh=mitsuba_mesh(s), name=f"surface-{i}", radio_material=materials[s.material])
-            for i, s in enumerate(scene.surfaces)
-        ]
-        self.rt_scene.edit(add=objects)
+        self._carrier_hz = carrier_hz
+        self._material = [materials[s.material] for s in scene.surfaces]
+        self._mesh = [mitsuba_mesh(s) for s in scene.surfaces]
+        for mesh, material in zip(self._mesh, self._material, strict=True):
+            mesh.set_bsdf(material)
         self._point(antenna)
-        shapes = [self.rt_scene.objects[f"surface-{i}"].object_id for i in range(len(objects))]
+        shapes = [int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(mesh))[0]) for mesh in self._mesh]
         self.shape_of_surface: Int[np.ndarray, " surface"] = np.array(shapes)
         self.surface_of_shape: Int[np.ndarray, " shape"] = np.full(max(shapes) + 1, -1)
         self.surface_of_shape[shapes] = np.arange(len(shapes))
+
+    @cached_property
+    def rt_scene(self) -> Any:
+        """The scene for Sionna's own solvers, with an acceleration structure of its own."""
+        found = rt.Scene()
+        # Set before adding materials, some of which are undefined at Sionna's default frequency.
+        found.frequency = self._carrier_hz
+        objects = [
+            rt.SceneObject(mi_mesh=mesh, name=f"surface-{number}", radio_material=material)
+            for number, (mesh, material) in enumerate(zip(self._mesh, self._material, strict=True))
+        ]
+        found.edit(add=objects)
+        return found
+
+    @property
+    def wavelength(self) -> Any:
+        """Wavelength, m."""
+        return mi.Float(speed_of_light) / mi.Float(self._carrier_hz)
+
+    def shape_of_hit(self, hit: Any) -> Any:
+        """Return the shape of a hit by the caster as an integer that Sionna knows; 0 for a miss."""
+        return dr.gather(mi.UInt32, self._shape_of_hit, dr.reinterpret_array(mi.UInt32, hit.shape), hit.is_valid())
+
+    @cached_property
+    def _shape_of_hit(self) -> Any:
+        surface = self.caster.surface_of_shape
+        return mi.UInt32(np.where(surface < 0, 0, self.shape_of_surface[surface]).astype(np.uint32))
 
     def with_antenna(self, antenna: Antenna) -> "SionnaScene":
         """Return the same scene with another antenna."""

@@ -1,0 +1,189 @@
+"""Whether a DEM's stated uncertainty is that of its errors: coverage of intervals, spread of z, means over windows.
+
+z is the error over the standard deviation that the map states for the cell. If errors are normal and the statement is
+right, z has the variance one, and the shares of its absolute values below the quantiles of the normal distribution are
+those that the intervals are named for.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
+from scipy.stats import norm
+
+from sionna_radar.accuracy.classes import SLOPES_DEG
+from sionna_radar.accuracy.compare import nmad
+from sionna_radar.accuracy.slope import slope_deg
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.uncertainty import Uncertainty
+
+INTERVALS_PERCENT = (50, 68, 90, 95)
+ECHO_DISTANCES_M = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
+WINDOWS_M = (10.0, 30.0, 100.0)
+# Windows of each size whose means are compared, spread over the map, and the share of their cells that must be known.
+MOST_WINDOWS, FEWEST_WINDOWS, FILLED_SHARE = 24, 3, 0.9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """Errors over their stated standard deviations, over some cells.
+
+    count: number of the cells.
+    coverage: share of the cells whose truth lies in the interval stated for each of `INTERVALS_PERCENT`.
+    nmad_z, rms_z, mean_z: of error / sigma. sigma_rms_m: of sigma.
+    """
+
+    count: int
+    coverage: dict[str, float]
+    nmad_z: float
+    rms_z: float
+    mean_z: float
+    sigma_rms_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationClass:
+    """The calibration over the cells of one class; low belongs to it, high to the next one."""
+
+    low: float
+    high: float
+    calibration: Calibration
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowMeans:
+    """Errors of mean heights over windows of one size.
+
+    window_m: side of the windows; count: how many.
+    error_rms_m: of the mean errors; sigma_rms_m: of the standard deviations stated for them.
+    ratio: the first over the second.
+    """
+
+    window_m: float
+    count: int
+    error_rms_m: float
+    sigma_rms_m: float
+    ratio: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class UncertaintyCheck:
+    """How the stated uncertainty of a DEM compares with its errors over lit cells.
+
+    cells: over all of them; by_slope: classes of the true slope, degrees; by_echo_distance: classes of the distance
+    from the nearest echo on the ground, m; means: of windows, where the method knows the covariance between cells.
+    """
+
+    cells: Calibration
+    by_slope: tuple[CalibrationClass, ...]
+    by_echo_distance: tuple[CalibrationClass, ...]
+    means: tuple[WindowMeans, ...]
+
+
+def check_uncertainty(
+    error: Raster,
+    sigma: Raster,
+    truth: Raster,
+    lit: Bool[np.ndarray, "row column"],
+    points: Points,
+    uncertainty: Uncertainty | None,
+) -> UncertaintyCheck | None:
+    """Return how a DEM's stated uncertainty compares with its errors; None without a lit cell.
+
+    Parameters
+    ----------
+    error, sigma, truth:
+        DEM minus truth, its stated standard deviation, and the truth, on one grid.
+    lit:
+        Cells that the main beam reached.
+    points:
+        The located echoes.
+    uncertainty:
+        Of means over cells; None if the method does not know it.
+
+    """
+    cells = error.filled & sigma.filled & lit
+    if not cells.any():
+        return None
+    error_m, sigma_m = error.height_m[cells], sigma.height_m[cells]
+    place = error.grid.centres_m[cells.ravel()]
+    nearest = KDTree(points.position_m[:, :2]).query(place)[0] if len(points) else np.full(len(place), np.inf)
+    return UncertaintyCheck(
+        cells=_calibration(error_m, sigma_m),
+        by_slope=_by_class(error_m, sigma_m, slope_deg(truth)[cells], SLOPES_DEG),
+        by_echo_distance=_by_class(error_m, sigma_m, nearest, ECHO_DISTANCES_M),
+        means=() if uncertainty is None else tuple(_means(error, cells, uncertainty)),
+    )
+
+
+def _calibration(error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"]) -> Calibration:
+    z = error_m / np.maximum(sigma_m, np.finfo(float).tiny)
+    bounds = norm.ppf(0.5 + np.array(INTERVALS_PERCENT) / 200)
+    return Calibration(
+        count=len(z),
+        coverage={
+            str(percent): float(np.mean(np.abs(z) <= bound))
+            for percent, bound in zip(INTERVALS_PERCENT, bounds, strict=True)
+        },
+        nmad_z=nmad(z),
+        rms_z=float(np.sqrt(np.mean(z**2))),
+        mean_z=float(z.mean()),
+        sigma_rms_m=float(np.sqrt(np.mean(sigma_m**2))),
+    )
+
+
+def _by_class(
+    error_m: Float[np.ndarray, " cell"],
+    sigma_m: Float[np.ndarray, " cell"],
+    value: Float[np.ndarray, " cell"],
+    bounds: tuple[float, ...],
+) -> tuple[CalibrationClass, ...]:
+    """Return the calibration by classes of a value; empty classes are left out."""
+    classes = []
+    for low, high in pairwise(bounds):
+        own = (value >= low) & (value < high)
+        if own.any():
+            calibration = _calibration(error_m[own], sigma_m[own])
+            classes.append(CalibrationClass(low=low, high=high, calibration=calibration))
+    return tuple(classes)
+
+
+def _means(error: Raster, cells: Bool[np.ndarray, "row column"], uncertainty: Uncertainty) -> Iterator[WindowMeans]:
+    """Yield what is known of the means over windows of each size that fit into the map often enough."""
+    x, y = np.meshgrid(error.grid.x_m, error.grid.y_m)
+    for window_m in WINDOWS_M:
+        mean_m, sigma_m = [], []
+        for rows, columns in _windows(cells, round(window_m / error.grid.spacing_m)):
+            own = cells[rows, columns]
+            place = np.column_stack([x[rows, columns][own], y[rows, columns][own]])
+            mean_m.append(float(error.height_m[rows, columns][own].mean()))
+            sigma_m.append(uncertainty.mean_sigma_m(place, window_m))
+        known = np.isfinite(sigma_m)
+        if known.sum() >= FEWEST_WINDOWS:
+            error_rms = float(np.sqrt(np.mean(np.square(mean_m)[known])))
+            sigma_rms = float(np.sqrt(np.mean(np.square(sigma_m)[known])))
+            yield WindowMeans(
+                window_m=window_m,
+                count=int(known.sum()),
+                error_rms_m=error_rms,
+                sigma_rms_m=sigma_rms,
+                ratio=error_rms / max(sigma_rms, np.finfo(float).tiny),
+            )
+
+
+def _windows(cells: Bool[np.ndarray, "row column"], side: int) -> list[tuple[slice, slice]]:
+    """Return windows that lie beside each other and are nearly filled, evenly chosen if there are many."""
+    if side < 1:
+        return []
+    found = [
+        (slice(row, row + side), slice(column, column + side))
+        for row in range(0, cells.shape[0] - side + 1, side)
+        for column in range(0, cells.shape[1] - side + 1, side)
+        if cells[row : row + side, column : column + side].mean() >= FILLED_SHARE
+    ]
+    chosen = np.unique(np.linspace(0, max(len(found) - 1, 0), MOST_WINDOWS).astype(int))
+    return [found[number] for number in chosen] if found else []

@@ -1,0 +1,98 @@
+"""Scattered heights as mapping takes them: means over footprints, with noise that neighbouring pulses share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_matrix
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance import LEAST_NOISE_M, Measured
+from sionna_radar.mapping.speckle import repeats
+
+# Nodes along each axis of a footprint: of one within a cell, and of a wider one.
+FEW, MANY = 3, 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heights(Columns):
+    """Scattered heights: means of the terrain over Gaussian footprints, with noise.
+
+    sigma_m: standard deviation of the noise.
+    footprint_m: the two axes of each footprint on the ground, as long as its standard deviations; zero for a height at
+        one place.
+    order, reach: position in the sequence of pulses, and over how many of them speckle repeats; see `speckle`.
+    """
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+    footprint_m: Float[np.ndarray, "n 2 2"]
+    order: Float[np.ndarray, " n"]
+    reach: Float[np.ndarray, " n"]
+
+    @classmethod
+    def at_places(
+        cls, place_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, " n"], sigma_m: Float[np.ndarray, " n"]
+    ) -> "Heights":
+        """Return heights at single places, with independent noise."""
+        count = len(place_m)
+        return cls(
+            place_m=place_m,
+            height_m=height_m,
+            sigma_m=sigma_m,
+            footprint_m=np.zeros((count, 2, 2)),
+            order=np.arange(count, dtype=float),
+            reach=np.zeros(count),
+        )
+
+    @property
+    def spread_m(self) -> Float[np.ndarray, " n"]:
+        """Standard deviation of a round footprint as large as each."""
+        spread: Float[np.ndarray, " n"] = np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
+        return spread
+
+    def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
+        """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""
+        return factor * repeats(self.reach) * np.maximum(self.sigma_m, LEAST_NOISE_M) ** 2
+
+    def above(self, trend: Float[np.ndarray, "3"]) -> Measured:
+        """Return what a covariance is learned from: the heights above a trend."""
+        return Measured(
+            place_m=self.place_m,
+            height_m=self.height_m - trend[0] - self.place_m @ trend[1:],
+            sigma_m=self.sigma_m,
+            spread_m=self.spread_m,
+            order=self.order,
+            reach=self.reach,
+        )
+
+    def trend(self) -> Float[np.ndarray, "3"]:
+        """Return the plane through them: height at the origin, slopes toward east and north."""
+        design = np.column_stack([np.ones(len(self)), self.place_m])
+        plane: Float[np.ndarray, 3] = np.linalg.lstsq(design, self.height_m, rcond=None)[0]
+        return plane
+
+    def weights(self, grid: Grid) -> csr_matrix:
+        """Return the matrix that makes these means of the heights of a grid's cells (Gauss-Hermite quadrature)."""
+        flat = Heightfield(grid=grid, height_m=np.zeros(grid.shape))
+        widest = float(np.abs(self.footprint_m).max(initial=0.0))
+        if widest == 0:
+            return flat.weights(*self.place_m.T)
+        place, share = np.polynomial.hermite_e.hermegauss(FEW if widest < grid.spacing_m else MANY)
+        share = share / share.sum()
+        offset = np.stack([axis.ravel() for axis in np.meshgrid(place, place, indexing="ij")], axis=1)
+        around = self.place_m[:, None] + np.einsum("kj,njx->nkx", offset, self.footprint_m)
+        each = flat.weights(*around.reshape(-1, 2).T)
+        count = len(offset)
+        mean = csr_matrix(
+            (
+                np.tile(np.outer(share, share).ravel(), len(self)),
+                np.arange(count * len(self)),
+                np.arange(len(self) + 1) * count,
+            ),
+            shape=(len(self), count * len(self)),
+        )
+        return mean @ each

@@ -1,0 +1,99 @@
+"""How well a surface through measured heights is known: the kriging variance of cells and of means over windows.
+
+Under a Gaussian terrain of covariance C and data y = B z + e, means over footprints with noise, the variance of what
+is still unknown about a height z, or about a mean of heights, is (Rasmussen and Williams 2006, section 2.2)
+
+    var z - k^T (B C B^T + N)^-1 k,   k = cov(B z, z).
+
+It depends on where the echoes are and how uncertain, not on what they say. A block of cells takes it from the echoes in
+and around it; those farther off tell it nothing more.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import cho_factor, solve_triangular
+from scipy.spatial.distance import cdist
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance import Covariance
+from sionna_radar.mapping.heights import Heights
+
+# Blocks of cells, and how far around them echoes count, at least; the nearest so many.
+BLOCK_CELLS, MARGIN_M, MOST_ECHOES = 32, 20.0, 600
+# Echoes that decide about a mean over a window.
+MOST_OF_A_WINDOW = 1500
+# Cells of a window that stand for all of them.
+CELLS_OF_A_WINDOW = 300
+TABLE = 6000
+JITTER = 1e-10
+
+
+@dataclass(frozen=True)
+class Kriging:
+    """What is known of a terrain: its covariance, the heights measured, and the factor on their noise's variance."""
+
+    covariance: Covariance
+    heights: Heights
+    noise_factor: float
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        sigma = np.full(grid.shape, np.nan)
+        for rows, columns in _blocks(grid):
+            here = wanted[rows, columns]
+            if here.any():
+                cell = np.argwhere(here)
+                place = np.column_stack([grid.x_m[columns][cell[:, 1]], grid.y_m[rows][cell[:, 0]]])
+                sigma[rows, columns][here] = self._of_places(place)
+        return sigma
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
+        """Return the standard deviation of the mean height over some places."""
+        step = -(-len(place_m) // CELLS_OF_A_WINDOW)
+        place_m = place_m[::step]
+        near = self._near(place_m, MOST_OF_A_WINDOW)
+        before = float(self.covariance.at(cdist(place_m, place_m)).mean())
+        if len(near) == 0:
+            return float(np.sqrt(before))
+        root, between = self._known(near, place_m)
+        told = solve_triangular(root, between.mean(axis=1), lower=True, check_finite=False)
+        return float(np.sqrt(max(before - told @ told, 0.0)))
+
+    def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        before = self.covariance.variance_m2
+        near = self._near(place_m, MOST_ECHOES)
+        if len(near) == 0:
+            return np.full(len(place_m), np.sqrt(before))
+        root, between = self._known(near, place_m)
+        told = solve_triangular(root, between, lower=True, check_finite=False, overwrite_b=True)
+        return np.sqrt(np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before))
+
+    def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
+        """Return the heights in and around some places, the nearest of them."""
+        low, high = place_m.min(axis=0), place_m.max(axis=0)
+        outside = np.maximum(low - self.heights.place_m, self.heights.place_m - high).max(axis=1)
+        near = np.flatnonzero(outside < MARGIN_M)
+        return near if len(near) <= most else near[np.argpartition(outside[near], most)[:most]]
+
+    def _known(
+        self, near: Int[np.ndarray, " near"], place_m: Float[np.ndarray, "cell 2"]
+    ) -> tuple[Float[np.ndarray, "near near"], Float[np.ndarray, "near cell"]]:
+        """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places."""
+        heights = self.heights.rows(near)
+        spread = float(np.median(heights.spread_m))
+        apart, away = cdist(heights.place_m, heights.place_m), cdist(heights.place_m, place_m)
+        table = np.linspace(0.0, np.sqrt(max(apart.max(), away.max()) + 1.0), TABLE) ** 2
+        total = np.interp(apart, table, self.covariance.at(table, spread))
+        noise = heights.variance_m2(self.noise_factor)
+        total[np.diag_indices_from(total)] += noise + JITTER * self.covariance.variance_m2
+        between = np.interp(away, table, self.covariance.at(table, spread / np.sqrt(2)))
+        return cho_factor(total, lower=True, check_finite=False, overwrite_a=True)[0], between
+
+
+def _blocks(grid: Grid) -> Iterator[tuple[slice, slice]]:
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            yield slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)

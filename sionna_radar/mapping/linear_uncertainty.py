@@ -1,0 +1,68 @@
+"""How well a linear interpolation between points is known.
+
+The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
+terrain the variance
+
+    C(0) - 2 sum w_i C(z, y_i) + sum w_i w_j C(y_i, y_j) + sum w_i^2 n_i,
+
+whether or not the weights are the best ones. The covariances C are those of means over footprints, so that what a wide
+beam smooths away counts; what a range estimator reads wrong on a slope does not. The distances are short, so that a
+terrain model from one part of the map serves all of it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance import FittedCovariance, fit_covariance
+from sionna_radar.mapping.gridding import Interpolated
+from sionna_radar.mapping.heights import Heights
+
+TABLE = 3000
+# Standard deviation of the logarithm of the noise factor: the estimators of ranges know their errors to a factor.
+NOISE_FACTOR_SPREAD = 1.0
+FEWEST_POINTS = 20
+
+
+@dataclass(frozen=True)
+class LinearUncertainty:
+    """The uncertainty of a map of linear interpolation."""
+
+    interpolated: Interpolated
+    heights: Heights
+    fitted: FittedCovariance
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        found, share = self.interpolated, self.interpolated.share
+        covariance, spread = self.fitted.covariance, float(np.median(self.heights.spread_m))
+        corner = self.heights.place_m[found.corner]
+        away = np.linalg.norm(corner - grid.centres_m[found.cell][:, None], axis=2)
+        apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
+        table = np.linspace(0.0, np.sqrt(max(away.max(initial=0.0), apart.max(initial=0.0)) + 1.0), TABLE) ** 2
+        to_place = np.interp(away, table, covariance.at(table, spread / np.sqrt(2)))
+        between = np.interp(apart, table, covariance.at(table, spread))
+        alone = float(covariance.at(np.zeros(1), spread)[0])
+        noise = self.heights.variance_m2(self.fitted.noise_factor)[found.corner]
+        # Corner i and the next one are `apart[:, i]`.
+        both = alone * np.sum(share**2, axis=1) + 2 * np.sum(share * np.roll(share, -1, axis=1) * between, axis=1)
+        variance = (
+            covariance.variance_m2 - 2 * np.sum(share * to_place, axis=1) + both + np.sum(share**2 * noise, axis=1)
+        )
+        sigma = np.full(grid.rows * grid.columns, np.nan)
+        sigma[found.cell] = np.sqrt(np.maximum(variance, 0.0))
+        return np.where(wanted, sigma.reshape(grid.shape), np.nan)
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return NaN: how far the errors of neighbouring triangles are alike is not worked out."""
+        return float("nan")
+
+
+def linear_uncertainty(interpolated: Interpolated, heights: Heights) -> LinearUncertainty | None:
+    """Return the uncertainty of a linear interpolation between heights; None with too few of them."""
+    if len(heights) < FEWEST_POINTS or len(interpolated.cell) == 0:
+        return None
+    measured = heights.above(heights.trend())
+    return LinearUncertainty(interpolated, heights, fit_covariance(measured, 1, NOISE_FACTOR_SPREAD))

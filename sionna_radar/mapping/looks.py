@@ -1,0 +1,71 @@
+"""How each point was looked at: its footprint on the ground, and how long its speckle stays."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.beam import BeamNodes
+from sionna_radar.mapping.footprint import footprint_axes
+from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.speckle import SpeckleMemory, speckle_reach
+from sionna_radar.radar.chirp import Chirp
+
+LEAST_DISTANCE_M = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looks:
+    """How each point was looked at, in the order of the points.
+
+    footprint_m: axes of its footprint on level ground, as long as its standard deviations.
+    reach: over how many pulses its speckle repeats; see `speckle`.
+    """
+
+    footprint_m: Float[np.ndarray, "point 2 2"]
+    reach: Float[np.ndarray, " point"]
+
+
+def looks_at(
+    points: Points,
+    measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
+    beam: BeamNodes,
+    chirp: Chirp,
+    memory: SpeckleMemory,
+) -> Looks:
+    """Return how points were looked at.
+
+    Parameters
+    ----------
+    points:
+        Located echoes.
+    measured:
+        Returns the measured poses of pulses by their indices.
+    beam, chirp, memory:
+        Of the radar, and of the ground.
+
+    """
+    pulse, first, row = np.unique(points.pulse, return_index=True, return_inverse=True)
+    pose = measured(pulse)
+    reach = speckle_reach(pulse, pose, points.range_m[first], beam, chirp, memory)
+    return Looks(footprint_m=footprint_axes(pose.rows(row), points.range_m, beam), reach=reach[row])
+
+
+def point_heights(points: Points, looks: Looks | None) -> Heights:
+    """Return points as heights: over their footprints, or at single places if these are unknown."""
+    away = points.position_m - points.origin_m
+    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), LEAST_DISTANCE_M)
+    place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
+    if looks is None:
+        return Heights.at_places(place, height, sigma)
+    return Heights(
+        place_m=place,
+        height_m=height,
+        sigma_m=sigma,
+        footprint_m=looks.footprint_m,
+        order=points.pulse.astype(float),
+        reach=looks.reach,
+    )

@@ -1,0 +1,184 @@
+"""Over how many pulses speckle repeats, from geometry and beam alone.
+
+The field in a range cell is the sum over the ground of fixed random scatterers, each weighted with the beam's gain
+toward it and turned by the phase of its range. So the fields of two pulses are correlated by the overlap of their
+beams, and by how evenly their phases differ over the ground in the cell:
+
+    rho = sum a_p a_q exp(4 pi j (r_q - r_p) / wavelength) / sqrt(sum a_p^2 sum a_q^2),   a^2 = gain^2 / r^2,
+
+and the powers by |rho|^2 (Goodman 2007, "Speckle Phenomena in Optics", section 5). Where the beam turns slowly and the
+radar flies along it, speckle stays for many pulses; abeam a few centimetres of flight renew it. Overlap and phase are
+both nearly Gaussian in the distance between pulses, so one number describes a pulse: the errors of pulses n apart are
+correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of the echo.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.beam import BeamNodes
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.tracing import TracingTable
+
+# Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
+# The directions are random, but always the same.
+DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
+# The lag is doubled while the speckle of so many pulses is still correlated by more than this.
+STILL_ALIKE, LONGEST_LAG = 0.7, 256
+LEAST_CORRELATION = 1e-3
+SHALLOWEST = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeckleMemory:
+    """How long the ground keeps its speckle: `tracing.speckle`, `tracing.decorrelation_time_s`.
+
+    decorrelation_s: lag at which the field's correlation 1 / (1 + (b t)^2) has fallen to 1 / e; infinite for ground
+        that stands still, 0 for speckle that is new in each pulse.
+    """
+
+    decorrelation_s: float = np.inf
+
+    def correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the correlation of powers that moving scatterers leave after a time."""
+        if self.decorrelation_s == 0:
+            return np.where(lag_s == 0, 1.0, 0.0)
+        return (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2) ** -2.0
+
+
+STILL = SpeckleMemory()
+
+
+def speckle_memory(table: TracingTable) -> SpeckleMemory:
+    """Return how long the ground of a scenario keeps its speckle."""
+    if table.speckle == "per_pulse":
+        return SpeckleMemory(decorrelation_s=0.0)
+    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf)
+
+
+def speckle_reach(
+    pulse: Int[np.ndarray, " pulse"],
+    pose: Pose,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    memory: SpeckleMemory,
+) -> Float[np.ndarray, " pulse"]:
+    """Return over how many pulses the speckle of each repeats; 0 where it does not.
+
+    Parameters
+    ----------
+    pulse, pose:
+        Sorted indices of the pulses in the survey, and their measured poses.
+    range_m:
+        Range of each echo on the axis of the beam.
+    beam, chirp, memory:
+        Of the radar, and of the ground.
+
+    """
+    reach = np.zeros(len(pulse))
+    if len(pulse) < 2 or memory.decorrelation_s == 0:
+        return reach
+    lag = np.ones(len(pulse), dtype=np.int64)
+    feature = _features(pulse, pose, range_m, beam, chirp)
+    step = max(1, len(pulse) // SAMPLED_PULSES)
+    sampled = np.arange(0, len(pulse), step)
+    open_, alike = sampled, np.zeros(len(pulse))
+    while len(open_):
+        alike[open_] = _alike(pulse, pose, range_m, beam, chirp, open_, lag[open_]) * memory.correlation(
+            lag[open_] / chirp.rate_hz
+        )
+        open_ = open_[(alike[open_] > STILL_ALIKE) & (lag[open_] < LONGEST_LAG)]
+        lag[open_] *= 2
+    known = sampled[np.isfinite(alike[sampled])]
+    if len(known) == 0:
+        return reach
+    squared = -(lag[known] ** 2) / np.log(np.clip(alike[known], 1e-300, 1 - 1e-9))
+    of_known = np.where(alike[known] < LEAST_CORRELATION, 0.0, np.sqrt(squared))
+    return of_known[KDTree(feature[known]).query(feature)[1]]
+
+
+def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return by how much repeated speckle raises the variance of a mean over many pulses: the sum of correlations."""
+    lags = np.arange(1, int(4 * reach.max(initial=0.0)) + 2)
+    return 1 + 2 * np.exp(-((lags / np.maximum(reach, 1e-6)[:, None]) ** 2)).sum(axis=1)
+
+
+def _features(
+    pulse: Int[np.ndarray, " pulse"], pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes, chirp: Chirp
+) -> Float[np.ndarray, "pulse feature"]:
+    """Return what the correlation of a pulse with the next depends on: motion and turn in its antenna's frame."""
+    ahead = np.minimum(np.arange(len(pulse)) + 1, len(pulse) - 1)
+    ahead[-1] = len(pulse) - 1
+    turn = np.einsum("pji,pj->pi", pose.R_world_antenna, pose.boresight[ahead])[:, 1:]
+    turn[np.diff(pulse, append=pulse[-1] + 2) != 1] = 0.0
+    width = np.array([np.ptp(beam.azimuth), np.ptp(beam.elevation)])
+    moved = np.einsum("pji,pj->pi", pose.R_world_antenna, pose.velocity_mps) / chirp.rate_hz
+    phase = 4 * np.pi * chirp.carrier_hz / chirp.propagation_mps * moved * width.max()
+    return np.column_stack([turn / width, phase / 10, np.log(np.maximum(range_m, 1e-3)), pose.boresight[:, 2]])
+
+
+def _alike(
+    pulse: Int[np.ndarray, " pulse"],
+    pose: Pose,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    row: Int[np.ndarray, " chosen"],
+    lag: Int[np.ndarray, " chosen"],
+) -> Float[np.ndarray, " chosen"]:
+    """Return the correlation of powers between pulses and those some pulses later; NaN where there is none."""
+    result = np.full(len(row), np.nan)
+    unit = np.random.default_rng(SEED).random((DIRECTIONS, 2))
+    low = np.array([beam.azimuth[0], beam.elevation[0]])
+    span = np.array([np.ptp(beam.azimuth), np.ptp(beam.elevation)])
+    across = low + unit * span
+    across = across[np.sum(across**2, axis=1) < 1]
+    direction = np.column_stack([np.sqrt(1 - np.sum(across**2, axis=1)), across])
+    gain = beam.two_way(direction)
+    other = np.minimum(np.searchsorted(pulse, pulse[row] + lag), len(pulse) - 1)
+    for number, (p, q) in enumerate(zip(row, other, strict=True)):
+        if pulse[q] != pulse[p] + lag[number]:
+            continue
+        away = direction @ pose.R_world_antenna[p].T
+        drop = max(-range_m[p] * pose.boresight[p, 2], 1e-3)
+        near = drop / np.maximum(-away[:, 2], SHALLOWEST)
+        # Position errors of a centimetre would hide the phases; the velocity is known better.
+        later = near[:, None] * away - pose.velocity_mps[p] * lag[number] / chirp.rate_hz
+        far = np.linalg.norm(later, axis=1)
+        gain_later = beam.two_way(later / far[:, None] @ pose.R_world_antenna[q])
+        result[number] = _overlap(near, far, gain / near**2, gain_later / far**2, chirp)
+    return result
+
+
+def _overlap(
+    near: Float[np.ndarray, " n"],
+    far: Float[np.ndarray, " n"],
+    power: Float[np.ndarray, " n"],
+    later: Float[np.ndarray, " n"],
+    chirp: Chirp,
+) -> float:
+    """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
+
+    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
+    what pulls one echo farther pulls the next one nearer.
+    """
+    field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
+    cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
+    cell -= cell.min()
+    # Random directions: the sum over pairs of different ones is free of the bias of few.
+    both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
+    one, two = np.bincount(cell, power), np.bincount(cell, later)
+    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
+    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
+
+
+def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+    """Return how far each cell is from their mean, weighted with their power."""
+    cell = np.arange(len(power))
+    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
+    return distance

@@ -1,0 +1,72 @@
+"""The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.whole_echo import Information
+
+
+class Uncertainty(Protocol):
+    """What a DEM method knows about the error of its heights."""
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        ...
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return the standard deviation of the mean height over the cells of a window; NaN where it is unknown."""
+        ...
+
+
+@dataclass(frozen=True)
+class TileUncertainty:
+    """The uncertainty within a tile of the map.
+
+    bounds_m: west, east, south and north of the tile.
+    kriging: of the mean ranges of its echoes.
+    information: what whole echoes tell beyond these; None where only the means were used.
+    """
+
+    bounds_m: tuple[float, float, float, float]
+    kriging: Kriging
+    information: Information | None = None
+
+    def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
+        """Return which places lie in the tile."""
+        west, east, south, north = self.bounds_m
+        inside: Bool[np.ndarray, ...] = (x >= west) & (x < east) & (y >= south) & (y < north)
+        return inside
+
+    def after(self, sigma_m: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
+        return sigma_m if self.information is None else np.sqrt(self.information.after(sigma_m**2, window_m))
+
+
+@dataclass(frozen=True)
+class TiledUncertainty:
+    """The uncertainty of a map of tiles."""
+
+    tiles: tuple[TileUncertainty, ...]
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        sigma = np.full(grid.shape, np.nan)
+        x, y = np.meshgrid(grid.x_m, grid.y_m)
+        for tile in self.tiles:
+            here = wanted & tile.contains(x, y)
+            if here.any():
+                sigma[here] = tile.after(tile.kriging.sigma_m(grid, here)[here])
+        return sigma
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return the standard deviation of the mean height over the cells of a window; NaN where it is unknown."""
+        x, y = np.median(place_m, axis=0)
+        for tile in self.tiles:
+            if bool(tile.contains(x, y)):
+                return float(tile.after(np.asarray(tile.kriging.mean_sigma_m(place_m)), window_m))
+        return float("nan")

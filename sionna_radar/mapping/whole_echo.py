@@ -1,0 +1,105 @@
+"""How much more a whole echo tells of the ground than its mean range: the gain of `refined` over `smooth`.
+
+On ground that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k),
+observed with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as
+its footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised
+model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
+really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f e)), e being the wave.
+
+What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from sionna_radar.mapping.covariance import Covariance
+from sionna_radar.mapping.echo_model import Linearised
+from sionna_radar.mapping.heights import Heights
+
+LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 2.0, 20, 8
+SAMPLED_PULSES = 40
+
+
+@dataclass(frozen=True)
+class Information:
+    """What remains unknown of each wave of the terrain, by mean ranges and by whole echoes.
+
+    wavenumber: of the waves, rad/m; weight: of each in the variance of a height.
+    """
+
+    wavenumber: Float[np.ndarray, " wave"]
+    weight: Float[np.ndarray, " wave"]
+    by_means: Float[np.ndarray, " wave"]
+    by_echoes: Float[np.ndarray, " wave"]
+
+    def after(self, variance_m2: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the variance that whole echoes leave of that which their mean ranges leave.
+
+        What the whole echoes explain, they explain where echoes lie as close as on the average: beyond the last of
+        them nothing more is known by them.
+
+        variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
+        """
+        # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
+        passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
+        means, echoes = float(passed @ self.by_means), float(passed @ self.by_echoes)
+        left: Float[np.ndarray, ...] = variance_m2 - (1 - echoes / means) * np.minimum(variance_m2, means)
+        return left
+
+
+def information_of(
+    linear: Linearised,
+    looks_per_cell: float,
+    heights: Heights,
+    noise_factor: float,
+    covariance: Covariance,
+) -> Information:
+    """Return what mean ranges and whole echoes tell of the waves of a terrain.
+
+    Parameters
+    ----------
+    linear:
+        The echoes' model, linearised about the surface.
+    looks_per_cell:
+        Independent looks in a range cell, from the overlap of neighbouring cells.
+    heights, noise_factor:
+        Mean ranges as heights over footprints, one for each pulse, and the factor on the variance of their noise.
+    covariance:
+        Of the terrain.
+
+    """
+    length = np.geomspace(SHORTEST_M, LONGEST_M, LENGTHS)[::-1]
+    heading = (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS
+    radial = 2 * np.pi / length
+    wave = (radial[:, None, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)).reshape(-1, 2)
+    wavenumber = np.repeat(radial, DIRECTIONS)
+    pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
+    variance = heights.variance_m2(noise_factor)
+    means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
+    for pulse in pulses:
+        rows = linear.factor[linear.first[pulse] : linear.first[pulse + 1]]
+        turned = rows @ np.exp(1j * (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T)
+        echoes += _told(turned, looks_per_cell)
+        means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
+    density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)
+    prior = np.maximum(covariance.power(wavenumber), np.finfo(float).tiny)
+    return Information(
+        wavenumber=wavenumber,
+        # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
+        weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
+        by_means=1 / (1 / prior + density * means),
+        by_echoes=1 / (1 / prior + density * np.maximum(echoes, means)),
+    )
+
+
+def _told(turned: Complex[np.ndarray, "row wave"], looks_per_cell: float) -> Float[np.ndarray, " wave"]:
+    """Return the information about waves in the weighted residuals of an echo, whose neighbours are correlated."""
+    power = np.sum(np.abs(turned) ** 2, axis=0)
+    beside = (1 / looks_per_cell - 1) / 2
+    neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
+    # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
+    noise = (power + neighbours) * looks_per_cell
+    told: Float[np.ndarray, " wave"] = power**2 / np.maximum(noise, np.finfo(float).tiny)
+    return told

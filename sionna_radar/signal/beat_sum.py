@@ -1,0 +1,191 @@
+"""The sums of many complex exponentials that a block of beat signals consists of, by a non-uniform Fourier transform.
+
+Each exponential of u cycles per sample is spread over a few points of a fine grid of frequencies, around its own; an
+ordinary Fourier transform of the grid then gives the samples, after division by the transform of the spreading function
+(Dutt and Rokhlin 1993, "Fast Fourier transforms for nonequispaced data"; the spreading function is that of Barnett,
+Magland and af Klinteberg 2019, "A parallel nonuniform fast Fourier transform library based on an exponential of
+semicircle kernel", whose library FINUFFT computes the same one signal at a time).
+
+The constant part of a path's phase and its gain make its weight; the phase is that of `signal.beat`.
+"""
+
+from functools import cache
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.fft import ifft, next_fast_len
+
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.row_threads import over_rows
+
+# The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
+OVERSAMPLING, WIDTH = 2.0, 10
+# Of the spreading function, for this oversampling.
+SHARPNESS = 2.30 * WIDTH
+# Pieces of the spreading function between two points of the grid; in each it is a cubic polynomial.
+PIECES = 128
+NODES = 64
+
+
+def exponential_sums(
+    first: Int[np.ndarray, " row"],
+    last: Int[np.ndarray, " row"],
+    frequency: Float[np.ndarray, " path"],
+    weight: Complex[np.ndarray, " path"],
+    bend: Float[np.ndarray, " row"],
+    samples: int,
+) -> Complex[np.ndarray, "row {samples}"]:
+    """Return sums over the paths of each row for n = -samples // 2, -samples // 2 + 1 and so on.
+
+    A path adds weight exp(2 pi j (frequency n + bend n^2)).
+
+    Parameters
+    ----------
+    first, last:
+        Where the paths of each row begin, and end.
+    frequency:
+        Cycles per sample; whole cycles change nothing.
+    weight:
+        Of each path.
+    bend:
+        Cycles per square of a sample, of all paths of a row.
+    samples:
+        In a row.
+
+    """
+    points = int(next_fast_len(int(np.ceil(OVERSAMPLING * samples))))
+    grid = np.empty((len(first), points), dtype=np.complex128)
+    pieces, correction = _pieces(), _correction(samples, points)
+    over_rows(lambda low, high: _spread(low, high, first, last, frequency, weight, pieces, grid), len(first))
+    found = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=-1)
+    out = np.empty((len(first), samples), dtype=np.complex128)
+    over_rows(lambda low, high: _finish(low, high, found, correction, bend, out), len(first))
+    return out
+
+
+def _spreading(place: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Return the exponential of a semicircle, at places in units of the grid."""
+    inside = np.maximum(1 - (2 * place / WIDTH) ** 2, 0.0)
+    return np.exp(SHARPNESS * (np.sqrt(inside) - 1))
+
+
+@cache
+def _correction(samples: int, points: int) -> Float[np.ndarray, " {samples}"]:
+    """Return one over the transform of the spreading function at each sample, by Gaussian quadrature."""
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    place = node * WIDTH / 2
+    number = np.arange(samples) - samples // 2
+    wave = np.cos(2 * np.pi * np.outer(number / points, place))
+    return 1 / (wave @ (weight * WIDTH / 2 * _spreading(place)))
+
+
+@cache
+def _pieces() -> Float[np.ndarray, "piece 4 point"]:
+    """Return the cubic polynomials, in the share of a piece, of what each of the points gets.
+
+    The first point lies t - WIDTH / 2 from the exponential, with t from 0 to 1 in all pieces. Each polynomial meets
+    the function at the Chebyshev nodes of its piece.
+    """
+    share = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)
+    place = (np.arange(PIECES)[:, None] + share) / PIECES
+    value = _spreading(place[..., None] - WIDTH / 2 + np.arange(WIDTH))
+    return np.ascontiguousarray(np.einsum("kn,pnj->pkj", np.linalg.inv(np.vander(share, 4, increasing=True)), value))
+
+
+@compiled
+@no_type_check
+def _spread(low, high, first, last, frequency, weight, pieces, grid):
+    points = grid.shape[1]
+    real, imaginary = np.empty(points + WIDTH), np.empty(points + WIDTH)
+    for row in range(low, high):
+        real[:] = 0.0
+        imaginary[:] = 0.0
+        for path in range(first[row], last[row]):
+            a, b = weight[path].real, weight[path].imag
+            if a == 0.0 and b == 0.0:
+                continue
+            u = frequency[path]
+            # From here on the grid is shifted by half the width, so that no index is negative.
+            x = (u - np.floor(u)) * points
+            begin = np.ceil(x)
+            t = (begin - x) * PIECES
+            piece = min(int(t), PIECES - 1)
+            t -= piece
+            at = min(int(begin), points)
+            c = pieces[piece]
+            for j in range(WIDTH):
+                value = ((c[3, j] * t + c[2, j]) * t + c[1, j]) * t + c[0, j]
+                real[at + j] += a * value
+                imaginary[at + j] += b * value
+        half = WIDTH // 2
+        for k in range(points):
+            grid[row, k] = complex(real[k + half], imaginary[k + half])
+        # What lies beyond either end of the circle of frequencies belongs to the other.
+        for k in range(half):
+            grid[row, points - half + k] += complex(real[k], imaginary[k])
+            grid[row, k] += complex(real[points + half + k], imaginary[points + half + k])
+
+
+@compiled
+@no_type_check
+def _finish(low, high, found, correction, bend, out):
+    points, samples = found.shape[1], out.shape[1]
+    half = samples // 2
+    for row in range(low, high):
+        # The phase's second difference is constant: exp(j bend n^2) by two products a sample.
+        angle = 2.0 * np.pi * bend[row]
+        start = angle * half * half
+        turn = complex(np.cos(start), np.sin(start))
+        slope = angle * (1 - 2 * half)
+        step = complex(np.cos(slope), np.sin(slope))
+        twist = complex(np.cos(2.0 * angle), np.sin(2.0 * angle))
+        for n in range(samples):
+            k = n - half
+            if k < 0:
+                k += points
+            out[row, n] = found[row, k] * (correction[n] * turn)
+            turn = turn * step
+            step = step * twist
+
+
+@compiled
+@no_type_check
+def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns):
+    """Write the frequency and the weight of each path, and what its drift differs from its row's.
+
+    sweep: carrier, slope and direction of the chirp, time of its middle after the pose, lowest and highest beat that
+        passes, sampling rate, speed of light.
+    columns: of each path cycles per sample, weight, and difference in drift from the mean of its row, cycles per square
+        second; of each row that mean, weighted by power, the power, and that of the differences.
+    """
+    carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
+    frequency, weight, excess, mean, total, scattered = columns
+    for row in range(low, high):
+        power = moment = 0.0
+        for path in range(first[row], last[row]):
+            stretch = 2.0 * range_rate_mps[path] / c
+            delay = delay_s[path] + centre_s * stretch
+            f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
+            drift = sign * (slope * stretch - slope * stretch * stretch / 2.0)
+            frequency[path] = f / rate_hz
+            excess[path] = drift
+            if not (f > least_hz and f < most_hz):
+                weight[path] = 0.0
+                continue
+            cycles = sign * (carrier * delay - slope * delay * delay / 2.0)
+            angle = 2.0 * np.pi * (cycles - np.floor(cycles))
+            a, b = gain[path].real, -sign * gain[path].imag
+            cosine, sine = np.cos(angle), np.sin(angle)
+            weight[path] = complex(a * cosine - b * sine, a * sine + b * cosine)
+            p = a * a + b * b
+            power += p
+            moment += p * drift
+        mean[row] = moment / power if power > 0.0 else 0.0
+        total[row] = power
+        square = 0.0
+        for path in range(first[row], last[row]):
+            excess[path] -= mean[row]
+            p = weight[path].real ** 2 + weight[path].imag ** 2
+            square += p * excess[path] * excess[path]
+        scattered[row] = square
