@@ -29,8 +29,11 @@ def ranges_behind(
 
 @compiled
 @no_type_check
-def _meets(corner, top, east, north, up, dx, dy, dz):
-    """Return the range at which a ray from a point meets the body, infinite if it does not, and where: TOP or WALL."""
+def _meets(corner, box, top, east, north, up, dx, dy, dz, farthest):
+    """Return the range at which a ray from a point meets the body, infinite if it does not, and where: TOP or WALL.
+
+    box: bounds of the corners, west, east, south and north; farthest: range beyond which the body does not matter.
+    """
     falling = dz - top[1] * dx - top[2] * dy
     if falling >= 0.0:
         return np.inf, TOP
@@ -38,6 +41,10 @@ def _meets(corner, top, east, north, up, dx, dy, dz):
     if onto <= 0.0:
         return np.inf, TOP
     x, y = east + onto * dx, north + onto * dy
+    if onto >= farthest or max(x, east + farthest * dx) < box[0] or min(x, east + farthest * dx) > box[1]:
+        return np.inf, TOP
+    if max(y, north + farthest * dy) < box[2] or min(y, north + farthest * dy) > box[3]:
+        return np.inf, TOP
     inside, nearest = False, np.inf
     count = len(corner)
     for k in range(count):
@@ -70,6 +77,10 @@ def components(
     """
     half = len(response) // 2
     pad = 2 * half + 1
+    box = np.array([np.inf, -np.inf, np.inf, -np.inf])
+    for k in range(len(corner)):
+        box[0], box[1] = min(box[0], corner[k, 0]), max(box[1], corner[k, 0])
+        box[2], box[3] = min(box[2], corner[k, 1]), max(box[3], corner[k, 1])
     for number in range(len(pulses)):
         pulse = pulses[number]
         cells, R = start[pulse + 1] - start[pulse], R_world_antenna[pulse]
@@ -78,7 +89,10 @@ def components(
             dx = R[0, 0] * direction[k, 0] + R[0, 1] * direction[k, 1] + R[0, 2] * direction[k, 2]
             dy = R[1, 0] * direction[k, 0] + R[1, 1] * direction[k, 1] + R[1, 2] * direction[k, 2]
             dz = R[2, 0] * direction[k, 0] + R[2, 1] * direction[k, 1] + R[2, 2] * direction[k, 2]
-            away, what = _meets(corner, top, position[pulse, 0], position[pulse, 1], position[pulse, 2], dx, dy, dz)
+            away, what = _meets(
+                corner, box, top, position[pulse, 0], position[pulse, 1], position[pulse, 2], dx, dy, dz,
+                behind[number, k],
+            )  # fmt: skip
             if behind[number, k] < away:
                 away, what = behind[number, k], BEHIND
             if away == np.inf:

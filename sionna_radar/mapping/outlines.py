@@ -41,7 +41,7 @@ SIMPLE_M = 1.5
 # An outline with less or more of the area of the part than this has found something else.
 MOST_CHANGE = 1.5
 # A step that gains less, in nepers, is the last.
-ENOUGH = 1e-2
+ENOUGH = 0.05
 FEWEST_PULSES, FEWEST_CELLS = 4, 12
 # Share of a contour and its rectangle that both cover, above which the rectangle needs no rival.
 LIKE_A_BOX = 0.75
