@@ -37,6 +37,10 @@ class LoggedErrors(InertialErrors):
         unit = super().errors(index, time_s)
         return sizes[:, 0] * unit[0], sizes[:, 1] * unit[1], sizes[:, 2] * unit[2]
 
+    def sizes(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+        """Return the root mean square errors of position (m), velocity (m/s) and attitude (rad), by axis."""
+        return np.nan_to_num(self.sigma(time_s)) * super().sizes(time_s)
+
 
 @register_navigation("from_log", LoggedErrorsTable)
 def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int) -> LoggedErrors:

@@ -131,6 +131,12 @@ class InertialErrors:
             sums.append(error)
         return sums[0], sums[1], sums[2]
 
+    def sizes(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+        """Return the root mean square errors of position (m), velocity (m/s) and attitude (rad), by axis."""
+        parts = (self.position, self.velocity, self.attitude)
+        size = np.sqrt(np.sum(np.square([[p.constant, p.white, p.markov] for p in parts]), axis=1))
+        return np.broadcast_to(size, (len(time_s), 3, 3))
+
     @cached_property
     def _wander(self) -> tuple[GaussMarkov, ...]:
         start, end = self.span_s

@@ -28,8 +28,9 @@ from sionna_radar.scenario.tracing import TracingTable
 DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
 # The lag is doubled while the speckle of so many pulses is still correlated by more than this.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
-LEAST_CORRELATION = 1e-3
+LEAST_CORRELATION = 1e-2
 SHALLOWEST = 0.02
+LONG_REACH = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,29 +83,31 @@ def speckle_reach(
     reach = np.zeros(len(pulse))
     if len(pulse) < 2 or memory.decorrelation_s == 0:
         return reach
-    lag = np.ones(len(pulse), dtype=np.int64)
+    lag, alike = np.ones(len(pulse), dtype=np.int64), np.full(len(pulse), np.nan)
     feature = _features(pulse, pose, range_m, beam, chirp)
-    step = max(1, len(pulse) // SAMPLED_PULSES)
-    sampled = np.arange(0, len(pulse), step)
-    open_, alike = sampled, np.zeros(len(pulse))
-    while len(open_):
-        alike[open_] = _alike(pulse, pose, range_m, beam, chirp, open_, lag[open_]) * memory.correlation(
-            lag[open_] / chirp.rate_hz
-        )
-        open_ = open_[(alike[open_] > STILL_ALIKE) & (lag[open_] < LONGEST_LAG)]
-        lag[open_] *= 2
+    sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
+    rest, tried = sampled, 1
+    while len(rest) and tried <= LONGEST_LAG:
+        found = _alike(pulse, pose, range_m, beam, chirp, rest, np.full(len(rest), tried))
+        found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
+        # A lag at which nothing is left says less than the one before it.
+        better = np.isfinite(found) & ((found > LEAST_CORRELATION) | (tried == 1))
+        lag[rest[better]], alike[rest[better]] = tried, found[better]
+        rest, tried = rest[better & (found > STILL_ALIKE)], 2 * tried
     known = sampled[np.isfinite(alike[sampled])]
     if len(known) == 0:
         return reach
     squared = -(lag[known] ** 2) / np.log(np.clip(alike[known], 1e-300, 1 - 1e-9))
-    of_known = np.where(alike[known] < LEAST_CORRELATION, 0.0, np.sqrt(squared))
+    of_known = np.where(alike[known] < LEAST_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
     return of_known[KDTree(feature[known]).query(feature)[1]]
 
 
 def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return by how much repeated speckle raises the variance of a mean over many pulses: the sum of correlations."""
-    lags = np.arange(1, int(4 * reach.max(initial=0.0)) + 2)
-    return 1 + 2 * np.exp(-((lags / np.maximum(reach, 1e-6)[:, None]) ** 2)).sum(axis=1)
+    lags = np.arange(1, int(np.ceil(4 * LONG_REACH)) + 1)
+    short = 1 + 2 * np.exp(-((lags / np.clip(reach, 1e-6, LONG_REACH)[:, None]) ** 2)).sum(axis=1)
+    # Over many pulses the sum is the integral, to all digits.
+    return np.where(reach < LONG_REACH, short, np.sqrt(np.pi) * reach)
 
 
 def _features(

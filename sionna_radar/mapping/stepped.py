@@ -27,8 +27,10 @@ from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import ROWS_AT_ONCE, evidence_against
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.mean_ranges import mean_ranges
+from sionna_radar.mapping.outlines import with_outlines
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
+from sionna_radar.mapping.stepped_uncertainty import LEAST_SIGMA_M, SteppedUncertainty, beside_borders
 
 # The coarse map is computed in blocks of cells, each with the cells around it that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 120, 24
@@ -42,10 +44,19 @@ FEWEST_CELLS = 6
 PLANE_ROUNDS, OUTLIER_SPREADS, BESIDE_CELLS = 4, 4.0, 2
 
 
+@dataclass(frozen=True)
+class SteppedMap:
+    """A surface with steps, the cells supported by an echo, and how well they are known."""
+
+    surface: Heightfield
+    supported: Bool[np.ndarray, "row column"]
+    uncertainty: SteppedUncertainty
+
+
 def step_surface(
     sightings: Sightings, points: Points, grid: Grid, gap_m: float, progress: Progress = silent
-) -> tuple[Heightfield, Bool[np.ndarray, "row column"]]:
-    """Return the most probable surface, with steps, and the cells supported by an echo.
+) -> SteppedMap:
+    """Return the most probable surface, with steps.
 
     Parameters
     ----------
@@ -64,6 +75,7 @@ def step_surface(
     coarse, supported, level_m = _coarse(sightings, points, grid, progress)
     part = _parts(coarse, max(STEP_LEVELS * level_m, grid.spacing_m))
     whole = _whole_part(sightings, part, grid)
+    sigma = np.zeros(grid.shape)
     height, refined, filled = coarse.copy(), np.zeros(grid.shape, dtype=bool), supported.copy()
     windows = {int(number): _window(part == number) for number in np.unique(part)}
     own_pulses = {number: whole == number for number in windows}
@@ -73,15 +85,22 @@ def step_surface(
         inside = part == number
         filled[window] |= inside[window] & closed((supported & inside)[window], gap_m, grid.spacing_m)
         if number in alone:
-            mapped = refine(sightings.rows(own_pulses[number]), grid.cut(*window), step).surface.height_m
-            height[window] = np.where(inside[window], mapped, height[window])
+            cells = grid.cut(*window)
+            mapped = refine(sightings.rows(own_pulses[number]), cells, step)
+            known = mapped.uncertainty.sigma_m(cells, inside[window])
+            height[window] = np.where(inside[window], mapped.surface.height_m, height[window])
+            sigma[window] = np.where(inside[window], known, sigma[window])
             refined |= inside
         step()
     spread_m = max(_spread((coarse - height)[refined & supported]), level_m / 2)
     for number in np.unique(part[~refined]):
         inside = part == number
-        height[inside] = _plane(coarse, inside, spread_m, points, grid)
-    return Heightfield(grid=grid, height_m=height), filled
+        height[inside], sigma[inside] = _plane(coarse, inside, spread_m, points, grid)
+    axis_m = sightings.pose.position_m + mean_ranges(sightings).range_m[:, None] * sightings.pose.boresight
+    step_m = max(STEP_LEVELS * level_m, grid.spacing_m)
+    height = with_outlines(sightings, axis_m, height, part, filled, grid, step_m, spread_m)
+    sigma = np.where(np.isfinite(sigma), sigma, spread_m)
+    return SteppedMap(Heightfield(grid=grid, height_m=height), filled, beside_borders(sigma, height, part))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,8 +235,11 @@ def _plane(
     spread_m: float,
     points: Points,
     grid: Grid,
-) -> Float[np.ndarray, " cell"]:
-    """Return the plane through a part's coarse heights, moved onto its echoes; the heights if they are not planar."""
+) -> tuple[Float[np.ndarray, " cell"], float]:
+    """Return the plane through a part's coarse heights, moved onto its echoes, and its standard deviation.
+
+    Heights that are not planar are returned as they are.
+    """
     x, y = np.meshgrid(grid.x_m, grid.y_m)
     design = np.column_stack([np.ones(int(inside.sum())), x[inside], y[inside]])
     height = coarse[inside]
@@ -229,15 +251,16 @@ def _plane(
         fit = np.linalg.lstsq(design[kept], height[kept], rcond=None)[0]
         rest = height - design @ fit
         if _spread(rest[deep]) > 2 * spread_m:
-            return height
+            return height, spread_m
         kept = deep & (np.abs(rest) <= OUTLIER_SPREADS * spread_m)
         if kept.sum() < FEWEST_CELLS:
-            return height
+            return height, spread_m
     row, column, on_grid = grid.cell_of(points.position_m)
     above = points.position_m[:, 2] - fit[0] - points.position_m[:, :2] @ fit[1:]
     on = on_grid & inside[row, column] & (np.abs(above) < OUTLIER_SPREADS * spread_m)
     moved: Float[np.ndarray, " cell"] = design @ fit + (float(np.median(above[on])) if on.any() else 0.0)
-    return moved
+    sigma_m = max(spread_m / np.sqrt(max(int(on.sum()), 1)), LEAST_SIGMA_M)
+    return moved, sigma_m
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> float:

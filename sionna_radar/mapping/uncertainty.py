@@ -40,12 +40,13 @@ class TileUncertainty:
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return which places lie in the tile."""
         west, east, south, north = self.bounds_m
-        inside: Bool[np.ndarray, ...] = (x >= west) & (x < east) & (y >= south) & (y < north)
-        return inside
+        return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 
     def after(self, sigma_m: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
         """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
-        return sigma_m if self.information is None else np.sqrt(self.information.after(sigma_m**2, window_m))
+        if self.information is None:
+            return sigma_m
+        return np.asarray(np.sqrt(self.information.after(np.asarray(sigma_m**2), window_m)))
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class TiledUncertainty:
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
         """Return the standard deviation of the mean height over the cells of a window; NaN where it is unknown."""
-        x, y = np.median(place_m, axis=0)
+        x, y = np.median(place_m, axis=0)[:, None]
         for tile in self.tiles:
-            if bool(tile.contains(x, y)):
+            if tile.contains(x, y).all():
                 return float(tile.after(np.asarray(tile.kriging.mean_sigma_m(place_m)), window_m))
         return float("nan")

@@ -45,8 +45,7 @@ class Information:
         # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
         means, echoes = float(passed @ self.by_means), float(passed @ self.by_echoes)
-        left: Float[np.ndarray, ...] = variance_m2 - (1 - echoes / means) * np.minimum(variance_m2, means)
-        return left
+        return np.asarray(variance_m2 - (1 - echoes / means) * np.minimum(variance_m2, means))
 
 
 def information_of(

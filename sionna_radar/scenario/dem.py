@@ -12,12 +12,12 @@ from sionna_radar.scenario.table import Positive, Real, Table
 class DemTable(Table):
     """The elevation model: its grid, and how the echoes become heights.
 
-    method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through
-    them, each weighted by its uncertainty, under a covariance that is learned from them. "refined" goes on from
-    there: it predicts every echo from the surface and the known beam, and moves the surface to where the measured
-    echoes are most likely. "stepped" is for built-up ground: it first finds where the surface breaks, from what all
-    echoes say for and against every height, and maps each level by itself; set processing.echoes = "all" with it.
-    Custom methods are named here as well.
+    method: "linear" interpolates between the located echoes. "smooth" lays the most probable surface through the mean
+        ranges of the whole echoes (or through the points, without range profiles), each weighted by its uncertainty,
+        under a covariance that is learned from them. "refined" goes on from there: it predicts every echo from the
+        surface and the known beam, and moves the surface to where the measured echoes are most likely. "stepped" is for
+        built-up ground: it first finds where the surface breaks, from what all echoes say for and against every height,
+        and maps each level by itself; set processing.echoes = "all" with it. Custom methods are named here as well.
     method_parameters: of a custom method that has some.
     spacing_m: size of a cell.
     max_gap_m: farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on

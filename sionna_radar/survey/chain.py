@@ -21,6 +21,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place, record
 from sionna_radar.survey.result import Survey
@@ -162,6 +163,13 @@ def _run(
         points=points,
         dem=estimate.dem,
         dem_sigma=estimate.sigma,
+        dem_sigma_navigation=navigation_sigma(
+            estimate.dem,
+            points,
+            prepared.flight,
+            prepared.mapper.analyser.chirp,
+            prepared.local.processing.doppler_correction,
+        ),
         uncertainty=estimate.uncertainty,
         truth=comparison.truth,
         error=comparison.error,

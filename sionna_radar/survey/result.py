@@ -32,6 +32,8 @@ class Survey(Brief):
     dem, truth, error: rasters on one grid; error is DEM minus truth.
     dem_sigma: standard deviation of each cell of the DEM as its method knows it; uncertainty: of means over cells;
         both None for a method that tells nothing of its errors.
+    dem_sigma_navigation: standard deviation of each cell from the errors that the navigation system states, which
+        neighbouring cells share; None for one that states none.
     lit: cells with a true height that the main beam reached.
     dem_error: of all cells that the DEM fills; lit_error: of those among them that the main beam reached.
     off_wall_error: of lit cells farther than half a footprint from any wall; None where there are no walls.
@@ -65,6 +67,7 @@ class Survey(Brief):
     timing_s: dict[str, float]
     peak_memory_mb: float
     dem_sigma: Raster | None = None
+    dem_sigma_navigation: Raster | None = None
     uncertainty: Uncertainty | None = None
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None

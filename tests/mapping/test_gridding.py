@@ -117,6 +117,36 @@ def test_the_shadow_behind_an_edge_stays_empty():
     assert np.all(above.filled)
 
 
+def scattered(height, seed=3):
+    place = np.random.default_rng(seed).uniform(-20, 20, (900, 2))
+    return points_at(np.column_stack([place, height(*place.T)]))
+
+
+def test_nothing_is_interpolated_down_a_wall():
+    dem = gridded(scattered(lambda x, y: np.where(x > 0.3, 8.0, 0.05 * y)), square(15.0), 5.0, SHADOW_RAD)
+    x, y = np.meshgrid(dem.grid.x_m, dem.grid.y_m)
+    truth = np.where(x > 0.3, 8.0, 0.05 * y)
+    assert np.abs(dem.height_m - truth)[dem.filled].max() < 0.3
+    assert dem.filled[np.abs(x - 0.3) > 4].all()
+    assert not dem.filled[np.abs(x - 0.3) < 0.5].all()
+
+
+@pytest.mark.parametrize("slope", [0.8, 1.2, 2.0])
+def test_steep_ground_is_no_wall(slope):
+    """Ground that is as steep all over; a cliff between two plains counts as a wall."""
+
+    def height(x, y):
+        return slope * x + 0.3 * np.sin(y / 3)
+
+    dem = gridded(scattered(height), square(15.0), 5.0, SHADOW_RAD)
+    assert dem.filled.mean() > 0.99
+
+
+def test_a_hillside_between_plains_is_no_wall():
+    dem = gridded(scattered(lambda x, y: 0.8 * np.clip(x, -6, 6)), square(15.0), 5.0, SHADOW_RAD)
+    assert dem.filled.mean() > 0.99
+
+
 def test_of_points_over_one_place_the_highest_counts():
     x, y = (k.ravel() for k in np.meshgrid(np.arange(5.0), np.arange(5.0)))
     low, high = (np.column_stack([x, y, np.full(25, z)]) for z in (0.0, 7.0))

@@ -169,7 +169,8 @@ def test_a_box_keeps_its_walls_and_its_levels():
         return np.where(hit_m[:, 2] > 0.5, 60.0, 1.0)
 
     sightings = make_sightings(box_over(WIDE), 2.0, bright=bright)
-    surface, heard = step_surface(sightings, located(sightings), MAP, 5.0)
+    found = step_surface(sightings, located(sightings), MAP, 5.0)
+    surface, heard = found.surface, found.supported
     x, y = np.meshgrid(MAP.x_m, MAP.y_m)
     west, east, south, north, height = BOX
     roof = (x > west + 2) & (x < east - 2) & (y > south + 2) & (y < north - 2)
@@ -187,5 +188,5 @@ def test_a_box_keeps_its_walls_and_its_levels():
 def test_nothing_heard_makes_no_map(level):
     sightings = level
     silent = Grid(west_m=500.0, south_m=500.0, spacing_m=1.0, columns=8, rows=8)
-    _, heard = step_surface(sightings, located(sightings), silent, 5.0)
+    heard = step_surface(sightings, located(sightings), silent, 5.0).supported
     assert not heard.any()

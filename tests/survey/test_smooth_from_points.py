@@ -23,7 +23,7 @@ def test_points_alone_make_a_smooth_map(sensor):
     linear, smooth = (run(parse_scenario(HILLS | sensor | {"dem": {"method": m}})) for m in ("linear", "smooth"))
     assert smooth.points.sha256() == linear.points.sha256()
     assert np.isfinite(smooth.lit_error.rms_m)
-    assert smooth.lit_error.coverage > 0.95 * linear.lit_error.coverage > 0.65
+    assert smooth.lit_error.coverage > 0.9 * linear.lit_error.coverage > 0.65
     assert smooth.lit_error.rms_m < 0.9 * linear.lit_error.rms_m
     assert abs(smooth.lit_error.mean_m) < 0.2
     assert np.isnan(smooth.dem.height_m).any(), "what no beam reached stays empty"

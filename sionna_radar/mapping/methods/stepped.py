@@ -2,10 +2,7 @@
 
 from typing import Literal
 
-import numpy as np
-
-from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.mapper import MapInputs, register_dem_method
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
 from sionna_radar.mapping.refinement import FEWEST_PULSES
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped import step_surface
@@ -17,11 +14,11 @@ class Stepped:
 
     profiles: Literal["required"] = "required"
 
-    def __call__(self, given: MapInputs) -> Raster:
-        """Return the DEM."""
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
         assert given.sightings is not None
         if len(given.sightings) < FEWEST_PULSES:
-            return empty(given.grid)
-        surface, supported = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
-        seen = seen_part(surface, given)
-        return Raster(grid=given.grid, height_m=np.where(supported, seen.height_m, np.nan))
+            return Estimate(dem=empty(given.grid))
+        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
+        seen = seen_part(stepped.surface, given)
+        return Estimate.known_by(seen.within(stepped.supported), stepped.uncertainty)

@@ -144,6 +144,9 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     }
     if survey.dem_sigma is not None:
         rasters["dem_sigma"] = (survey.dem_sigma, "standard deviation of the DEM height", 0.0)
+    if survey.dem_sigma_navigation is not None:
+        shared = survey.dem_sigma_navigation
+        rasters["dem_sigma_navigation"] = (shared, "standard deviation of the DEM height from navigation", 0.0)
     made_by = provenance(survey.scenario, survey.points)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)

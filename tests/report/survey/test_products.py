@@ -40,6 +40,7 @@ KEYS = [
     "lit_error",
     "off_wall_error",
     "breakdown",
+    "dem_uncertainty",
     "overhang",
     "meaning",
     "timing_s",

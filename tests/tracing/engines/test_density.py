@@ -59,14 +59,15 @@ def test_the_lower_flight_decides():
 
 
 @pytest.mark.parametrize("beam_deg", [2.0, 8.0])
-def test_the_filled_beam_has_all_but_a_five_hundredth_of_the_power(beam_deg):
+def test_the_filled_beam_leaves_out_a_five_hundredth_of_the_power_at_most(beam_deg):
     antenna = make_antenna(beam_deg, beam_deg)
     beam = filled_beam(antenna)
     grid = np.linspace(-0.6, 0.6, 1201)
     u, v = (cosine.ravel() for cosine in np.meshgrid(grid, grid))
     direction = np.column_stack([np.sqrt(1 - u**2 - v**2), u, v])
     power = antenna.gain(direction) ** 2 / direction[:, 0]
-    assert power[~beam.holds(direction)].sum() / power.sum() == pytest.approx(2e-3, rel=0.15)
+    # Found on cells of the power, so that it may be somewhat larger than it need be.
+    assert 1e-3 < power[~beam.holds(direction)].sum() / power.sum() < 2.1e-3
 
 
 def test_rays_beside_the_beam_have_the_density_they_state():

@@ -1,0 +1,92 @@
+"""How long speckle repeats: by geometry, against fields of scatterers drawn one by one."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.beam import beam_nodes
+from sionna_radar.mapping.speckle import SpeckleMemory, repeats, speckle_reach
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.radar.taylor_array import taylor_cut
+
+CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=1024)
+TO_NED = R_WORLD_NED @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+
+
+def flight(scan_deg, speed_mps=10.0):
+    scan = np.deg2rad(scan_deg)
+    time = np.arange(len(scan)) / CHIRP.rate_hz
+    velocity = np.tile([speed_mps, 0.0, 0.0], (len(scan), 1))
+    return Pose(
+        position_m=np.array([0.0, 0.0, 50.0]) + time[:, None] * velocity,
+        velocity_mps=velocity,
+        R_world_antenna=TO_NED @ whisk_broom_from_antenna(np.pi / 4, scan),
+    )
+
+
+def nodes(beamwidth_deg):
+    cut = taylor_cut(np.deg2rad(beamwidth_deg), -20.0)
+    return beam_nodes(Antenna(cut, cut))
+
+
+def drawn_correlation(pose, beam, draws=500):
+    """Correlation of the mean ranges' errors of two pulses, over many draws of the same scatterers' phases."""
+    rng = np.random.default_rng(6)
+    middle = pose.position_m[0] - pose.position_m[0, 2] / pose.boresight[0, 2] * pose.boresight[0]
+    place = np.column_stack([middle[:2] + rng.uniform(-18, 18, (12_000, 2)), np.zeros(12_000)])
+    fields = []
+    for pulse in range(2):
+        away = place - pose.position_m[pulse]
+        distance = np.linalg.norm(away, axis=1)
+        gain = beam.two_way(away / distance[:, None] @ pose.R_world_antenna[pulse])
+        cosine = -away[:, 2] / distance
+        amplitude = np.sqrt(gain * cosine) / distance**2 * np.exp(-4j * np.pi / CHIRP.wavelength_m * distance)
+        cell = np.floor(distance / CHIRP.range_resolution_m).astype(int)
+        fields.append((amplitude, cell))
+    first = min(cell.min() for _, cell in fields)
+    errors = []
+    phases = np.exp(2j * np.pi * rng.random((draws, len(place))))
+    for amplitude, cell in fields:
+        size = cell.max() - first + 1
+        onto = np.zeros((len(place), size), dtype=complex)
+        onto[np.arange(len(place)), cell - first] = amplitude
+        power = np.abs(phases @ onto) ** 2
+        mean = np.bincount(cell - first, np.abs(amplitude) ** 2, size)
+        from_mean = np.arange(size) - mean @ np.arange(size) / mean.sum()
+        errors.append(power @ from_mean)
+    return np.corrcoef(*errors)[0, 1]
+
+
+@pytest.mark.parametrize(("beamwidth_deg", "scan_deg"), [(4.0, 0.0), (4.0, 30.0), (8.0, 0.0)])
+def test_speckle_repeats_as_that_of_drawn_scatterers(beamwidth_deg, scan_deg):
+    pose, beam = flight([scan_deg, scan_deg + 2.0]), nodes(beamwidth_deg)
+    range_m = -pose.position_m[:, 2] / pose.boresight[:, 2]
+    reach = speckle_reach(np.arange(2), pose, range_m, beam, CHIRP, SpeckleMemory())
+    # Errors one pulse apart are correlated by exp(-1 / reach^2).
+    stated = np.exp(-1 / reach[0] ** 2) if reach[0] else 0.0
+    assert stated == pytest.approx(drawn_correlation(pose, beam), abs=0.12)
+
+
+def test_a_beam_that_stands_still_repeats_its_speckle_until_the_ground_forgets():
+    pose, beam = flight(np.zeros(60), speed_mps=0.0), nodes(2.0)
+    range_m = np.full(60, 70.7)
+    still = speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, SpeckleMemory())
+    assert still.min() > 30
+    memory = SpeckleMemory(decorrelation_s=5 / CHIRP.rate_hz)
+    moving = speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, memory)
+    assert 2 < moving[0] < 6
+    assert not speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, SpeckleMemory(decorrelation_s=0.0)).any()
+
+
+def test_the_field_has_lost_all_but_a_part_in_e_after_its_time():
+    power = SpeckleMemory(decorrelation_s=0.2).correlation(np.array([0.0, 0.2]))
+    assert power == pytest.approx([1.0, np.exp(-2)])
+
+
+def test_repeats_are_the_sum_of_correlations():
+    lags = np.arange(-100, 101)
+    for reach in (0.0, 0.7, 3.0, 12.0):
+        expected = np.exp(-((lags / max(reach, 1e-9)) ** 2)).sum()
+        assert repeats(np.array([reach, 12.0]))[0] == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,134 @@
+"""Stated uncertainties against plain formulas, and against the errors of many drawn terrains."""
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.gridding import Interpolated
+from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.linear_uncertainty import LinearUncertainty
+from sionna_radar.mapping.mapper import Estimate
+from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
+from sionna_radar.mapping.whole_echo import Information
+
+GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=10)
+TERRAIN = Covariance(1.5, 8.0, 2.0)
+EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
+
+
+def apart(a, b):
+    return np.linalg.norm(a[:, None] - b[None], axis=2)
+
+
+@pytest.fixture(scope="module")
+def heights():
+    rng = np.random.default_rng(4)
+    place = rng.uniform(-1, 12, (40, 2))
+    return Heights.at_places(place, np.zeros(40), rng.uniform(0.1, 0.3, 40))
+
+
+@pytest.fixture(scope="module")
+def drawn(heights):
+    """Measured heights and true ones, of 400 terrains."""
+    rng = np.random.default_rng(5)
+    place = np.concatenate([heights.place_m, GRID.centres_m])
+    root = np.linalg.cholesky(TERRAIN.at(apart(place, place)) + 1e-8 * np.eye(len(place)))
+    true = root @ rng.standard_normal((len(place), 400))
+    measured = true[: len(heights)] + heights.sigma_m[:, None] * rng.standard_normal((len(heights), 400))
+    return measured, true[len(heights) :]
+
+
+@pytest.mark.parametrize("smoothness", [0.5, 0.8, 2.5, np.inf])
+def test_means_over_footprints_have_the_smoothed_covariance(smoothness):
+    covariance = Covariance(smoothness, 6.0, 3.0)
+    node, weight = np.polynomial.hermite_e.hermegauss(40)
+    weight = weight / weight.sum()
+    spread = 2.0
+    # Two footprints: the difference of two places in them has twice the variance.
+    x, y = np.meshgrid(np.sqrt(2) * spread * node, np.sqrt(2) * spread * node)
+    for distance in (0.5, 4.0, 15.0):
+        expected = np.sum(np.outer(weight, weight) * covariance.at(np.hypot(distance + x, y)))
+        assert covariance.at(np.array([distance]), spread)[0] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("smoothness", [0.5, 1.5, np.inf])
+def test_the_power_of_all_waves_is_the_variance(smoothness):
+    covariance = Covariance(smoothness, 6.0, 3.0)
+    k = np.geomspace(1e-5, 1e4, 20_000)
+    total = np.trapezoid(covariance.power(k) * 2 * np.pi * k, k) / (2 * np.pi) ** 2
+    assert total == pytest.approx(3.0, rel=2e-3)
+
+
+def test_the_kriging_variance_is_the_plain_formulas_and_that_of_errors(heights, drawn):
+    kriging = Kriging(TERRAIN, heights, 1.0)
+    sigma = kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
+    K = TERRAIN.at(apart(heights.place_m, heights.place_m)) + np.diag(heights.sigma_m**2)
+    k = TERRAIN.at(apart(heights.place_m, GRID.centres_m))
+    weight = np.linalg.solve(K, k)
+    expected = np.sqrt(2.0 - np.sum(k * weight, axis=0)).reshape(GRID.shape)
+    np.testing.assert_allclose(sigma, expected, rtol=1e-3)
+    measured, true = drawn
+    z = (weight.T @ measured - true) / sigma.reshape(-1, 1)
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.03)
+
+
+def test_means_over_windows_know_the_covariance_between_cells(heights, drawn):
+    kriging = Kriging(TERRAIN, heights, 1.0)
+    stated = kriging.mean_sigma_m(GRID.centres_m)
+    K = TERRAIN.at(apart(heights.place_m, heights.place_m)) + np.diag(heights.sigma_m**2)
+    weight = np.linalg.solve(K, TERRAIN.at(apart(heights.place_m, GRID.centres_m)))
+    measured, true = drawn
+    error = (weight.T @ measured - true).mean(axis=0)
+    assert stated == pytest.approx(error.std(), rel=0.1)
+    independent = kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool)).mean() / np.sqrt(GRID.rows * GRID.columns)
+    assert stated > 2 * independent
+
+
+def test_a_linear_interpolation_errs_as_it_says(heights, drawn):
+    triangles = Delaunay(heights.place_m)
+    cell = np.flatnonzero(triangles.find_simplex(GRID.centres_m) >= 0)
+    corner = triangles.simplices[triangles.find_simplex(GRID.centres_m)[cell]]
+    ones = np.concatenate([heights.place_m[corner], np.ones((*corner.shape, 1))], axis=2).transpose(0, 2, 1)
+    share = np.linalg.solve(ones, np.column_stack([GRID.centres_m[cell], np.ones(len(cell))])[..., None])[..., 0]
+    dem = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
+    linear = LinearUncertainty(Interpolated(dem, cell, corner, share), heights, FittedCovariance(TERRAIN, 1.0))
+    sigma = linear.sigma_m(GRID, np.ones(GRID.shape, dtype=bool)).ravel()[cell]
+    measured, true = drawn
+    error = np.einsum("ck,ckt->ct", share, measured[corner]) - true[cell]
+    np.testing.assert_allclose(sigma, error.std(axis=1), rtol=0.2)
+    assert np.mean((error / sigma[:, None]) ** 2) == pytest.approx(1.0, abs=0.05)
+    assert np.isnan(linear.mean_sigma_m(GRID.centres_m, 10.0))
+
+
+def test_whole_echoes_explain_no_more_than_where_echoes_lie():
+    wave = np.linspace(0.1, 2.0, 50)
+    weight = wave * 0.1
+    information = Information(wave, weight, np.full(50, 4.0), np.full(50, 1.0))
+    covered = float(weight @ np.full(50, 4.0))
+    assert information.after(np.array(covered)) == pytest.approx(covered / 4)
+    assert information.after(np.array(covered / 2)) == pytest.approx(covered / 8)
+    assert information.after(np.array(100 * covered)) == pytest.approx(99.25 * covered)
+    # A wide window averages short waves away.
+    assert information.after(np.array(1e-9), 30.0) == pytest.approx(2.5e-10)
+
+
+def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
+    west = TileUncertainty((-np.inf, 6.0, -np.inf, np.inf), Kriging(TERRAIN, heights, 1.0))
+    east = TileUncertainty((6.0, np.inf, -np.inf, np.inf), Kriging(TERRAIN, heights, 100.0))
+    both = TiledUncertainty((west, east))
+    wanted = np.ones(GRID.shape, dtype=bool)
+    wanted[0] = False
+    sigma = both.sigma_m(GRID, wanted)
+    assert np.isnan(sigma[0]).all()
+    assert sigma[1:, :5].mean() < 0.7 * sigma[1:, 7:].mean()
+    assert both.mean_sigma_m(np.full((4, 2), 9.0), 2.0) > both.mean_sigma_m(np.full((4, 2), 3.0), 2.0)
+    dem = Raster(grid=GRID, height_m=np.where(wanted, 1.0, np.nan))
+    known = Estimate.known_by(dem, both)
+    least = float(np.median(sigma[1:]))
+    kept = known.where_known(least)
+    np.testing.assert_array_equal(kept.dem.filled, kept.sigma.filled)
+    assert kept.dem.filled.sum() == (sigma <= least).sum()
+    assert Estimate(dem=dem).where_known(0.0).dem is dem
