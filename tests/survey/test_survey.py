@@ -75,7 +75,8 @@ def test_block_sizes_of_other_radars(keys):
 
 def test_the_survey_is_told_whole(survey):
     assert survey.pulses == len(survey.schedule) == 4 * 50  # 4 turns of 50 pulses in 100 deg
-    assert survey.paths == pytest.approx(survey.pulses * 128, rel=0.03)  # side-lobe rays may miss
+    # Scatterers lie as densely as the smallest footprint asks for, in powers of two.
+    assert 0.7 * 128 < survey.paths / survey.pulses < 1.5 * 128
     assert 0.9 * survey.pulses <= len(survey.points) <= survey.pulses
     assert np.all(np.diff(survey.points.pulse) > 0)
     assert survey.dem.grid == survey.truth.grid == survey.error.grid
