@@ -1,7 +1,7 @@
 """How scatterers of a surface that moves lose their phase, like those of grass in the wind.
 
 Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the
-spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter", ch. 6). The shifts turn phases
+spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter"). The shifts turn phases
 and do not move the scatterers, which stay where they are in the mean.
 """
 

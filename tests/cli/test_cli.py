@@ -37,7 +37,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     figures = {f"figures/{n}.png" for n in ("environment", "chirp", "power_map", "dem", "error_map")}
     assert written == {
         "manifest.json", "report.html", "summary.json", "scenario.toml", "points.laz", "points.csv", "trajectory.csv",
-        "dem.tif", "truth.tif", "error.tif", *figures,
+        "dem.tif", "dem_sigma.tif", "truth.tif", "error.tif", *figures,
     }  # fmt: skip
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {

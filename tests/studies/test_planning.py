@@ -50,7 +50,7 @@ def test_the_radar_covers_what_it_planned():
     scenario = planned_scenario(plan)
     scenario = parse_scenario(scenario.model_dump(mode="json", exclude_none=True) | base)
     survey = record_survey(scenario)
-    dem = survey.prepared.mapper.map(survey.points(None), None, survey.prepared.measured)
+    dem = survey.prepared.mapper.map(survey.points(None), None, survey.prepared.measured).dem
     x, y = dem.grid.centres_m.T
     inside = ((np.abs(x) < 20) & (np.abs(y) < 15)).reshape(dem.grid.shape)
     assert inside.sum() > 1000
