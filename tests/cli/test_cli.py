@@ -42,8 +42,8 @@ def test_run_writes_every_product(cli, small, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) == {
         "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
-        "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "dem_uncertainty", "overhang", "meaning", "timing_s",
-        "peak_memory_mb", "points_sha256", "versions",
+        "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "dem_uncertainty", "overhang", "meaning",
+        "timing_s", "peak_memory_mb", "points_sha256", "versions",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
         "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
