@@ -8,6 +8,9 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 
+# Fewer rows than this in a part are not worth a thread.
+LEAST_ROWS = 16
+
 
 def parts(count: int, at_once: int) -> list[tuple[int, int]]:
     """Return the bounds of the parts of a loop, each of at most so many steps."""
@@ -24,6 +27,19 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
     if cores() == 1 or len(bounds) == 1:
         return iter([function(low, high) for low, high in bounds])
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
+
+
+def over_rows(work: Callable[[int, int], None], rows: int) -> None:
+    """Call `work`, which must release Python's lock, with the first and the last row, plus one, of parts of all rows.
+
+    What is computed of a row must depend on nothing of the others, so that the number of parts changes no result.
+    """
+    number = min(cores(), rows // LEAST_ROWS)
+    if number < 2:
+        work(0, rows)
+        return
+    for _ in in_threads(work, equal_parts(rows, number)):
+        pass
 
 
 def cores() -> int:

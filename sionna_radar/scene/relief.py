@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.row_threads import over_rows
+from sionna_radar.foundation.threads import over_rows
 
 # A ray goes at least this far into the next cell, in cells, so that rounding cannot hold it back.
 NUDGE = 1e-9

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Inexact, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.row_threads import over_rows
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.tracing.paths import Paths
 

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.row_threads import over_rows
+from sionna_radar.foundation.threads import over_rows
 
 # The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
 OVERSAMPLING, WIDTH = 2.0, 10

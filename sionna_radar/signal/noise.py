@@ -6,7 +6,7 @@ from scipy.constants import Boltzmann
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generator
-from sionna_radar.foundation.row_threads import over_rows
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.radar import RadarTable
 

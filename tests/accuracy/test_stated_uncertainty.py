@@ -59,7 +59,7 @@ def test_classes_divide_the_cells(check):
 
 def test_means_over_windows_scatter_as_stated(check):
     assert [(m.window_m, m.count) for m in check.means] == [(10.0, 24), (30.0, 12)]
-    assert [m.ratio for m in check.means] == pytest.approx([1.0, 1.0], abs=0.45)
+    assert [m.ratio for m in check.means] == pytest.approx([1.0, 1.0], abs=0.25)
 
 
 def test_too_small_a_sigma_shows():

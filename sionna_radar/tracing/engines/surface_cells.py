@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.row_threads import over_rows
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scene.model import Surface
 from sionna_radar.tracing.engines.density import DensityMap
 
