@@ -296,6 +296,19 @@ def density_at(x, y, density):
 
 @compiled
 @no_type_check
+def _parts(corner, longest):
+    """Return into how many parts the sides of a triangle are divided, so that none is longer."""
+    longest2 = 0.0
+    for k in range(3):
+        d = 0.0
+        for axis in range(3):
+            d += (corner[k, axis] - corner[(k + 1) % 3, axis]) ** 2
+        longest2 = max(longest2, d)
+    return max(int(np.ceil(np.sqrt(longest2) / longest)), 1)
+
+
+@compiled
+@no_type_check
 def _pieces(low, high, vertices, corners, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
     capacity = min(max(1024, (high - low) // 2), most)
@@ -306,20 +319,16 @@ def _pieces(low, high, vertices, corners, box, density, side, longest, most_part
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for f in range(low, high):
         corners_of(f, vertices, corners, corner)
-        outside = False
+        outside, across2 = False, 0.0
         for axis in range(3):
             least = min(corner[0, axis], corner[1, axis], corner[2, axis])
             greatest = max(corner[0, axis], corner[1, axis], corner[2, axis])
             outside |= least > box[1, axis] or greatest < box[0, axis]
+            across2 += (greatest - least) ** 2
         if outside:
             continue
-        longest2 = 0.0
-        for k in range(3):
-            d = 0.0
-            for axis in range(3):
-                d += (corner[k, axis] - corner[(k + 1) % 3, axis]) ** 2
-            longest2 = max(longest2, d)
-        m = min(max(int(np.ceil(np.sqrt(longest2) / longest)), 1), most_parts)
+        # No side is longer than the box around the triangle.
+        m = 1 if across2 <= longest * longest else min(_parts(corner, longest), most_parts)
         for k in range(m * m):
             n, area = expected_of(corner, m, k, density, piece)
             if n * area <= 0.0:
