@@ -40,8 +40,8 @@ ALIKE = 4.0
 SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 # Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
 PRIOR_ECHOES = 5.0
-# A cell that returns less than this share of what its part should may be a hole in it.
-HOLLOW = 0.5
+# A cell that returns less than this share of what its part should may be a hole in it, if so many echoes are expected.
+HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
 GROWTH_CELLS, BEYOND_CELLS = 10, 24
 PULSES_AT_ONCE = 64
@@ -51,10 +51,15 @@ BLOCK_CELLS, MARGIN_CELLS = 200, 24
 
 @dataclass(frozen=True)
 class StepMap:
-    """Heights of the cells of a map with steps, and the part that each belongs to."""
+    """Heights of the cells of a map with steps, and the part that each belongs to.
+
+    returned: power that came back from each cell's top, relative to what its part's reflectivity leads to expect; 1
+        where little is expected.
+    """
 
     height_m: Float[np.ndarray, "row column"]
     part: Int[np.ndarray, "row column"]
+    returned: Float[np.ndarray, "row column"]
 
 
 def with_borders(
@@ -78,7 +83,7 @@ def with_borders(
         Cells of the map.
 
     """
-    result = StepMap(given.height_m.copy(), given.part.copy())
+    result = StepMap(*(each.copy() for each in (given.height_m, given.part, given.returned)))
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             window = _span(row, grid.rows), _span(column, grid.columns)
@@ -87,26 +92,33 @@ def with_borders(
             cells = grid.cut(*window)
             near = _near(axis_m, cells)
             if near.any() and np.ptp(result.part[window]):
-                block = _Block(sightings.rows(near), StepMap(result.height_m[window], result.part[window]), cells)
+                block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
                 found = block.improved(core[window], low[window])
                 result.height_m[window], result.part[window] = found.height_m, found.part
+                result.returned[window][core[window]] = found.returned[core[window]]
     return result
 
 
 class _Block:
     """Cells of a map as columns, and the pulses that see them."""
 
-    def __init__(self, sightings: Sightings, given: StepMap, grid: Grid) -> None:
+    def __init__(
+        self,
+        sightings: Sightings,
+        height_m: Float[np.ndarray, "row column"],
+        part: Int[np.ndarray, "row column"],
+        grid: Grid,
+    ) -> None:
         from sionna_radar.mapping.border_kernels import cast_all
 
-        self._numbers, part = np.unique(given.part, return_inverse=True)
-        part = part.reshape(given.part.shape).astype(np.int64)
+        self._numbers, inverse = np.unique(part, return_inverse=True)
+        number = inverse.reshape(part.shape).astype(np.int64)
         spacing = grid.spacing_m
-        ceiling = maximum_filter(given.height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
+        ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
         self._columns = Columns(
-            given.height_m.copy(),
-            *_slopes(given.height_m, part, spacing),
-            part,
+            height_m.copy(),
+            *_slopes(height_m, number, spacing),
+            number,
             ceiling,
             float(grid.x_m[0]) - spacing / 2,
             float(grid.y_m[0]) - spacing / 2,
@@ -133,8 +145,8 @@ class _Block:
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed)
             if not changed.any():
                 break
-            self._update(UPDATES)
-        return StepMap(self._columns.height, self._numbers[part])
+            returned = self._update(UPDATES)
+        return StepMap(self._columns.height, self._numbers[part], returned)
 
     def _update(self, rounds: int) -> Float[np.ndarray, "row column"]:
         """Update the reflectivities; return the power of each cell's top, relative to what is expected of it."""
@@ -159,7 +171,7 @@ class _Block:
             self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
             self._over_pulses(foresee)
         found, expected = cells.sum(axis=0)
-        return np.asarray(np.where(expected > PRIOR_ECHOES, found / np.maximum(expected, 1e-12), 1.0))
+        return np.asarray(np.where(expected > FEWEST_EXPECTED, found / np.maximum(expected, 1e-12), 1.0))
 
     def _ground(
         self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]

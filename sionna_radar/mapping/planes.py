@@ -71,8 +71,6 @@ def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Pla
         found = _robust(heights.rows(fits))
         plane, rough = found.plane, found.spread
         trend = np.array([plane.at(np.zeros((1, 2)))[0], *plane.coefficients[1:]])
-    import os
-    if os.environ.get('DBG'): print('PLANE',len(heights),int(fits.sum()),'rough',round(rough,2),'curved',_curved(heights.rows(fits),plane,rough),plane.coefficients.round(3),np.sqrt(np.diag(plane.covariance)).round(3))
     if rough > ROUGH or _curved(heights.rows(fits), plane, rough):
         return None
     return plane

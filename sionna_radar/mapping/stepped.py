@@ -26,7 +26,7 @@ from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.map_parts import parts_of, to_border_m, window_of
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.outlines import raised_parts, with_outlines
-from sionna_radar.mapping.planes import plane_of_points, plane_of_echoes, spread
+from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
 from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, beside_borders
@@ -79,7 +79,7 @@ def step_surface(
         filled[window] |= inside[window] & closed((coarse.supported & inside)[window], gap_m, grid.spacing_m)
     raised, crumbs = raised_parts(height, part, step_m)
     low = ~np.isin(part, [*raised, *crumbs])
-    bordered = with_borders(sightings, axis_m, StepMap(height, part), low, grid)
+    bordered = with_borders(sightings, axis_m, StepMap(height, part, np.ones(grid.shape)), low, grid)
     height = with_outlines(sightings, axis_m, bordered.height_m, bordered.part, filled, grid, step_m, spread_m)
     uncertainty = beside_borders(sigma, height, bordered.part)
     return SteppedMap(Heightfield(grid=grid, height_m=height), filled, uncertainty)
