@@ -285,9 +285,10 @@ def linearise(
     score,
     factor,
     residual,
+    weight_of,
     count,
 ):
-    """Write score, factor rows, whitened residuals, and the number of rows of each of some pulses; return all rows."""
+    """Write scores, factors, whitened residuals and weights of rows, and rows of each pulse; return how many in all."""
     nodes, samples, half = range_m.shape[1], len(share), len(response) // 2
     pad = 2 * half + 1
     cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
@@ -371,6 +372,7 @@ def linearise(
             root = np.sqrt(looks[pulse] * weight[c])
             rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
             residual[used] = rest
+            weight_of[used] = weight[c]
             for node in range(nodes):
                 whitened = root * (jacobian[row, node] - part * own[node])
                 factor[used, node] = whitened

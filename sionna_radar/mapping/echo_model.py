@@ -97,6 +97,7 @@ class Linearised:
     factor: the rows of F of all pulses, with F^T F the expected curvature of each; first: where those of a pulse
     begin, plus the overall end.
     residual: whitened residuals of the data in these rows; the score is F^T residual.
+    weight: of the range cell of each row, from 0 to 1: the variance of a residual in independent looks.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
@@ -104,6 +105,7 @@ class Linearised:
     factor: Float32[np.ndarray, "row node"]
     first: Int[np.ndarray, " pulse+1"]
     residual: Float[np.ndarray, " row"]
+    weight: Float[np.ndarray, " row"]
 
     def curvature(self, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
         """Return F^T F of each pulse applied to heights under its nodes."""
@@ -162,12 +164,12 @@ class EchoModel:
         looks: independent looks in each range cell of each pulse.
         """
         some = list(in_threads(self._linearised(looks), parts(len(self._sightings), PULSES_AT_ONCE)))
-        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[3] for part in some)])
-        score, factor, residual = (np.concatenate([part[k] for part in some]) for k in range(3))
-        return Linearised(self._feet.place_m, score, factor, np.cumsum(count), residual)
+        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[4] for part in some)])
+        score, factor, residual, weight = (np.concatenate([part[k] for part in some]) for k in range(4))
+        return Linearised(self._feet.place_m, score, factor, np.cumsum(count), residual, weight)
 
     def _linearised(self, looks: Float[np.ndarray, " pulse"]) -> Callable[[int, int], tuple[np.ndarray, ...]]:
-        """Return a function for score, rows of factors, residuals and numbers of rows of some pulses."""
+        """Return a function for score, rows of factors, residuals, weights, and numbers of rows of some pulses."""
         from sionna_radar.mapping.echo_kernels import linearise
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
@@ -185,7 +187,8 @@ class EchoModel:
             most = int(profiles.start[high] - profiles.start[low])
             score, count = np.empty((high - low, nodes)), np.empty(high - low, dtype=np.int64)
             factor, residual = np.empty((most, nodes), dtype=np.float32), np.empty(most)
-            used = linearise(low, high, *data, *in_front, *geometry, *antenna, score, factor, residual, count)
-            return score, factor[:used].copy(), residual[:used].copy(), count
+            weight = np.empty(most)
+            used = linearise(low, high, *data, *in_front, *geometry, *antenna, score, factor, residual, weight, count)
+            return score, factor[:used].copy(), residual[:used].copy(), weight[:used].copy(), count
 
         return some
