@@ -100,14 +100,15 @@ class Covariance:
     def _mixture(self) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
         """Return squared lengths of Gaussian covariances and their shares.
 
-        With s gamma-distributed of shape nu and rate 2 nu / L^2, the mean of exp(-d^2 / 4 s) over s is Matern.
+        With s gamma-distributed of shape nu and rate 2 nu / L^2, the mean of exp(-d^2 / 4 s) over s is Matern. The
+        shares of rough terrain sum to less than one: the rest is of lengths far below any footprint, and averages out.
         """
         if np.isinf(self.smoothness):
             return np.array([self.length_m**2]), np.ones(1)
         log = np.linspace(*SPAN, MIXTURE)
         nu = self.smoothness
         density = np.exp(nu * log - np.exp(log) * nu + nu * np.log(nu) - gammaln(nu))
-        return np.exp(log) * self.length_m**2, density / density.sum()
+        return np.exp(log) * self.length_m**2, density * (log[1] - log[0])
 
 
 @dataclass(frozen=True)

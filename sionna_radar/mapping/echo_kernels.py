@@ -317,8 +317,8 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, residual):
-    """Write the score of an echo, the rows of its factor, and its whitened residuals, all free of the level."""
+def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight_of):
+    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level."""
     level, shape, mean, weight = echo
     of_level = 0.0
     for c in range(len(shape)):
@@ -333,6 +333,7 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, residual):
         root = np.sqrt(looks * weight[c])
         rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
         residual[row] = rest
+        weight_of[row] = weight[c]
         for node in range(len(own)):
             whitened = root * (jacobian[row, node] - part * own[node])
             factor[row, node] = whitened
@@ -375,7 +376,7 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
 @compiled
 @no_type_check
 def linearise(low, high, data, clutter, geometry, antenna, results):
-    """Write score, rows of the factor, whitened residuals, and the number of rows, of some pulses.
+    """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
@@ -383,7 +384,7 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     results: the rows of a pulse begin where its cells do.
     """
     _, start, profile_power, profile_noise, looks, _ = data
-    score, factor, residual, count = results
+    score, factor, residual, weight_of, count = results
     nodes, half = score.shape[1], len(antenna[3]) // 2
     samples = np.empty(len(antenna[0])), np.empty(len(antenna[0])), np.empty(nodes)
     scale, own = np.empty(nodes), np.empty(nodes)
@@ -413,5 +414,5 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         rows = _changes(echo, room, nearest, farthest, antenna[3], scale, in_front, jacobian, own)
         if rows > 0:
             to = slice(start[pulse], start[pulse] + rows)
-            _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to])
+            _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to], weight_of[to])
         count[pulse] = rows

@@ -96,6 +96,7 @@ class Linearised:
     factor: rows of F of all pulses, with F^T F the expected curvature of each.
     first, last: where the rows of each pulse begin and end; those between belong to none, and are zero.
     residual: whitened residuals of the data in these rows; the score is F^T residual.
+    weight: of the range cell of each row, from 0 to 1: the variance of a residual in independent looks.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
@@ -104,6 +105,7 @@ class Linearised:
     first: Int[np.ndarray, " pulse"]
     last: Int[np.ndarray, " pulse"]
     residual: Float[np.ndarray, " row"]
+    weight: Float[np.ndarray, " row"]
 
     def rows_of(self, pulse: int) -> slice:
         """Return which rows are those of a pulse."""
@@ -172,7 +174,8 @@ class EchoModel:
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
         # Rooms that are not needed are never touched, and take no memory.
         factor, residual = np.zeros((values, nodes), dtype=np.float32), np.zeros(values)
-        results = score, factor, residual, count
+        weight = np.zeros(values)
+        results = score, factor, residual, weight, count
         list(
             in_threads(
                 lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
@@ -180,4 +183,4 @@ class EchoModel:
             )
         )
         first = profiles.start[:-1]
-        return Linearised(self._feet.place_m, score, factor, first, first + count, residual)
+        return Linearised(self._feet.place_m, score, factor, first, first + count, residual, weight)

@@ -78,12 +78,10 @@ def information_of(
     variance = heights.variance_m2(noise_factor)
     means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
     for pulse in pulses:
-        rows, phase = (
-            linear.factor[linear.rows_of(int(pulse))],
-            (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T,
-        )
-        turned = rows @ np.cos(phase) + 1j * (rows @ np.sin(phase))
-        echoes += _told(turned, looks_per_cell)
+        own = linear.rows_of(int(pulse))
+        phase = (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T
+        turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
+        echoes += _told(turned, linear.weight[own], looks_per_cell)
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)
     prior = np.maximum(covariance.power(wavenumber), np.finfo(float).tiny)
@@ -96,12 +94,17 @@ def information_of(
     )
 
 
-def _told(turned: Complex[np.ndarray, "row wave"], looks_per_cell: float) -> Float[np.ndarray, " wave"]:
+def _told(
+    turned: Complex[np.ndarray, "row wave"], weight: Float[np.ndarray, " row"], looks_per_cell: float
+) -> Float[np.ndarray, " wave"]:
     """Return the information about waves in the weighted residuals of an echo, whose neighbours are correlated."""
     power = np.sum(np.abs(turned) ** 2, axis=0)
+    # A residual of the weight w has the variance w, in units of that of a look: the faint cells, which count for
+    # little, are known better than they count for.
+    turned = np.sqrt(weight)[:, None] * turned
     beside = (1 / looks_per_cell - 1) / 2
     neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
-    noise = (power + neighbours) * looks_per_cell
+    noise = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
     told: Float[np.ndarray, " wave"] = power**2 / np.maximum(noise, np.finfo(float).tiny)
     return told

@@ -100,6 +100,19 @@ def test_the_score_vanishes_on_average_on_the_truth_and_points_back_from_elsewhe
     assert -raised.score.sum() / information == pytest.approx(0.2, rel=0.3)
 
 
+def test_scores_vary_as_the_weights_of_their_cells_say(hilly):
+    """A faint cell counts for little, and its residual is known better than it counts for."""
+    looks = hilly.looks_per_cell
+    truth = EchoModel(hilly, over(WIDE, hills)).linearise(np.full(len(hilly), looks))
+    raised = np.sqrt(truth.weight) * truth.factor.sum(axis=1)
+    beside = np.zeros(len(raised))
+    inside = np.setdiff1d(np.arange(len(raised) - 1), truth.first[1:-1] - 1)
+    beside[inside] = (1 / looks - 1) * raised[inside] * raised[inside + 1]
+    expected = looks * np.sum(raised**2 + beside)
+    # The level of an echo is fitted to its own cells, which takes a part of their scatter.
+    assert 0.7 < np.sum(truth.score.sum(axis=1) ** 2) / expected < 1.15
+
+
 def test_refinement_beats_points_on_the_axis(hilly):
     x, y = np.meshgrid(GRID.x_m, GRID.y_m)
     surface = refine(hilly, GRID).surface

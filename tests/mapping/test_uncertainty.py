@@ -54,6 +54,13 @@ def test_means_over_footprints_have_the_smoothed_covariance(smoothness):
         assert covariance.at(np.array([distance]), spread)[0] == pytest.approx(expected, rel=5e-3)
 
 
+@pytest.mark.parametrize("smoothness", [0.3, 0.45, 1.5])
+def test_a_small_footprint_hardly_smooths_rough_terrain(smoothness):
+    covariance = Covariance(smoothness, 6.0, 3.0)
+    distance = np.array([0.5, 4.0, 15.0])
+    np.testing.assert_allclose(covariance.at(distance, 1e-3), covariance.at(distance), atol=1e-5)
+
+
 @pytest.mark.parametrize("smoothness", [0.5, 1.5, np.inf])
 def test_the_power_of_all_waves_is_the_variance(smoothness):
     covariance = Covariance(smoothness, 6.0, 3.0)
