@@ -96,7 +96,8 @@ class Scatterers:
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
         self._at = np.full(len(self.cells), -1, dtype=np.int64)
-        self._points = Points.room_for(0)
+        # Room that is not written to takes no memory.
+        self._points = Points.room_for(min(int(self._count.sum()), KEPT))
         self._used = 0
 
     def in_beams(
@@ -144,11 +145,8 @@ class Scatterers:
             self._at[:] = -1
             self._used, new = 0, cell
         needed = self._used + int(self._count[new].sum())
-        if needed > len(self._points):
-            grown = Points.room_for(max(needed, min(2 * len(self._points), KEPT)))
-            for field in fields(Points):
-                getattr(grown, field.name)[: self._used] = getattr(self._points, field.name)[: self._used]
-            self._points = grown
+        if needed > len(self._points):  # more than are kept, all of them for this block
+            self._points = Points.room_for(needed)
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
         cells = self.cells
