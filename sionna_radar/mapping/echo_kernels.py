@@ -276,10 +276,10 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
         power, the nodes around each and their weights, and the response of the window.
-    results: the rows of a pulse begin where its cells do.
+    results: and where there is room for the rows of each pulse.
     """
     _, start, profile_power, profile_noise, looks, _ = data
-    score, factor, residual, weight_of, count = results
+    score, factor, residual, weight_of, count, begin = results
     nodes, half = score.shape[1], len(antenna[3]) // 2
     samples = np.empty(len(antenna[0])), np.empty(len(antenna[0])), np.empty(nodes)
     scale, own = np.empty(nodes), np.empty(nodes)
@@ -308,6 +308,6 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         echo = level, shape, mean, weight
         rows = _changes(echo, room, nearest, farthest, antenna[3], scale, in_front, jacobian, own)
         if rows > 0:
-            to = slice(start[pulse], start[pulse] + rows)
+            to = slice(begin[pulse], begin[pulse] + rows)
             _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to], weight_of[to])
         count[pulse] = rows

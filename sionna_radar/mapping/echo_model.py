@@ -170,17 +170,31 @@ class EchoModel:
         )
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
         antenna = beam.share, beam.corner, beam.weight, self._sightings.response
-        pulses, nodes, values = len(profiles), len(beam.direction), len(profiles.power)
+        pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
+        values = int(begin[-1])
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
-        # Rooms that are not needed are never touched, and take no memory.
         factor, residual = np.zeros((values, nodes), dtype=np.float32), np.zeros(values)
         weight = np.zeros(values)
-        results = score, factor, residual, weight, count
+        results = score, factor, residual, weight, count, begin
         list(
             in_threads(
                 lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
                 parts(pulses, PULSES_AT_ONCE),
             )
         )
-        first = profiles.start[:-1]
-        return Linearised(self._feet.place_m, score, factor, first, first + count, residual, weight)
+        return Linearised(self._feet.place_m, score, factor, begin[:-1], begin[:-1] + count, residual, weight)
+
+    def _rooms(self) -> Int[np.ndarray, " edge"]:
+        """Return where there is room for the cells that the beam can light in each pulse, and the end of it."""
+        profiles = self._sightings.profiles
+        cells = np.diff(profiles.start)
+        if profiles.volume is None:
+            # Between the nodes lie all samples, and the window spreads each by half of its length.
+            reached = (self._feet.range_m + self._feet.shift_m) / profiles.cell_m
+            met = np.isfinite(reached)
+            nearest = np.where(met, reached, np.inf).min(axis=1)
+            farthest = np.where(met, reached, -np.inf).max(axis=1)
+            margin = len(self._sightings.response) // 2 + 3
+            spread = np.where(met.any(axis=1), farthest - nearest, 0.0)
+            cells = np.minimum(cells, np.ceil(spread).astype(np.int64) + 2 * margin)
+        return np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cells)])
