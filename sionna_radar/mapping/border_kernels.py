@@ -360,18 +360,21 @@ def gained(columns, views, echoes, level, farthest, row, column, height, slope_x
 
 @compiled
 @no_type_check
-def improve(columns, views, echoes, level, farthest, alike, cells, first, pulses, ground, ground_height, changed):
+def improve(
+    columns, views, echoes, level, farthest, alike, cells, first, pulses, ground, ground_height, changed, margin
+):
     """Give each of some cells, one after the other, to the part under which the profiles are likeliest.
 
     alike: gain for each of the eight neighbours in the same part; first, pulses: which pulses' rays cross each cell;
     ground, ground_height: a further part for each cell and its height there, NOTHING without.
+    margin: by how many nepers each cell's part is likelier than the next.
     """
     count = columns.height.shape[1]
     tried = np.empty(9, dtype=np.int64)
     for cell in cells:
         i, j = cell // count, cell % count
         own = columns.part[i, j]
-        near, most = pulses[first[cell] : first[cell + 1]], 0.0
+        near, most, next_best = pulses[first[cell] : first[cell + 1]], 0.0, -np.inf
         best, best_height, best_x, best_y = own, 0.0, 0.0, 0.0
         beside = candidate(columns, i, j, own)[3]
         known = 0
@@ -394,8 +397,10 @@ def improve(columns, views, echoes, level, farthest, alike, cells, first, pulses
             gain = alike * (number - beside) + gained(
                 columns, views, echoes, level, farthest, i, j, height, a, b, part, near, False
             )
+            next_best = max(next_best, gain)
             if gain > most:
                 most, best, best_height, best_x, best_y = gain, part, height, a, b
+        margin[i, j] = abs(next_best)
         if best != own:
             gained(columns, views, echoes, level, farthest, i, j, best_height, best_x, best_y, best, near, True)
             columns.height[i, j], columns.part[i, j] = best_height, best

@@ -13,7 +13,7 @@ courtyards open that the coarse map has missed.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TypeVar
 
@@ -42,6 +42,9 @@ SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 PRIOR_ECHOES = 5.0
 # A cell that returns less than this share of what its part should may be a hole in it, if so many echoes are expected.
 HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
+# Within so many cells of a border a top is doubtful that sends back less than this share of what it should, or whose
+# part is likelier than another by less than so many nepers: the model of columns makes likelihoods too sure.
+NEAR_CELLS, TOO_LITTLE, SURE_NEPERS = 4, 0.4, 8.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
 GROWTH_CELLS, BEYOND_CELLS = 10, 24
 PULSES_AT_ONCE = 64
@@ -53,19 +56,29 @@ BLOCK_CELLS, MARGIN_CELLS = 200, 24
 class StepMap:
     """Heights of the cells of a map with steps, and the part that each belongs to.
 
-    returned: power that came back from each cell's top, relative to what its part's reflectivity leads to expect; 1
-        where little is expected.
+    expected, returned: power of each cell's top that its part's reflectivity leads to expect, in units of the mean
+        power of its range cells, summed over pulses; and what came back, relative to that.
+    margin: by how many nepers the part of each cell is likelier than the next; infinite away from borders.
     """
 
     height_m: Float[np.ndarray, "row column"]
     part: Int[np.ndarray, "row column"]
+    expected: Float[np.ndarray, "row column"]
     returned: Float[np.ndarray, "row column"]
+    margin: Float[np.ndarray, "row column"]
+
+    def doubtful(self) -> Bool[np.ndarray, "row column"]:
+        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's."""
+        near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
+        unseen = self.expected < FEWEST_EXPECTED
+        return np.asarray(near & (unseen | (self.returned < TOO_LITTLE) | (self.margin < SURE_NEPERS)))
 
 
 def with_borders(
     sightings: Sightings,
     axis_m: Float[np.ndarray, "pulse 3"],
-    given: StepMap,
+    height_m: Float[np.ndarray, "row column"],
+    part: Int[np.ndarray, "row column"],
     low: Bool[np.ndarray, "row column"],
     grid: Grid,
 ) -> StepMap:
@@ -75,15 +88,16 @@ def with_borders(
     ----------
     sightings, axis_m:
         Profiles, measured poses, and where on their axes the echoes of the pulses are.
-    given:
-        The map.
+    height_m, part:
+        The map, and the number of the part that each cell belongs to.
     low:
         Cells of parts that are not raised above those around them: the ground.
     grid:
         Cells of the map.
 
     """
-    result = StepMap(*(each.copy() for each in (given.height_m, given.part, given.returned)))
+    nothing = np.zeros(grid.shape)
+    result = StepMap(height_m.copy(), part.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             window = _span(row, grid.rows), _span(column, grid.columns)
@@ -91,11 +105,12 @@ def with_borders(
             core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
             cells = grid.cut(*window)
             near = _near(axis_m, cells)
-            if near.any() and np.ptp(result.part[window]):
+            if near.any():
                 block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
                 found = block.improved(core[window], low[window])
-                result.height_m[window], result.part[window] = found.height_m, found.part
-                result.returned[window][core[window]] = found.returned[core[window]]
+                inner = core[window]
+                for field in fields(StepMap):
+                    getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
     return result
 
 
@@ -134,22 +149,23 @@ class _Block:
     def improved(self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]) -> StepMap:
         """Return the map with the likeliest parts of the cells in the core."""
         part = self._columns.part
-        returned = self._update(FIRST_UPDATES)
-        hollow = (returned < HOLLOW) & ~low
+        found, expected = self._update(FIRST_UPDATES)
+        hollow = (found < HOLLOW * expected) & (expected > FEWEST_EXPECTED) & ~low
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
-        changed = np.ones(part.shape, dtype=bool)
+        changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
         for _ in range(SWEEPS):
-            wanted = (_beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
+            wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
-            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed)
+            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin)
             if not changed.any():
                 break
-            returned = self._update(UPDATES)
-        return StepMap(self._columns.height, self._numbers[part], returned)
+            found, expected = self._update(UPDATES)
+        returned = found / np.maximum(expected, np.finfo(float).tiny)
+        return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
 
-    def _update(self, rounds: int) -> Float[np.ndarray, "row column"]:
-        """Update the reflectivities; return the power of each cell's top, relative to what is expected of it."""
+    def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
+        """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
         from sionna_radar.mapping.border_kernels import predict, shares
 
         bounds = equal_parts(len(self._echoes.first))
@@ -170,8 +186,7 @@ class _Block:
             found, expected = sums.sum(axis=0)
             self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
             self._over_pulses(foresee)
-        found, expected = cells.sum(axis=0)
-        return np.asarray(np.where(expected > FEWEST_EXPECTED, found / np.maximum(expected, 1e-12), 1.0))
+        return np.asarray(cells.sum(axis=0))
 
     def _ground(
         self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]
@@ -209,6 +224,7 @@ class _Block:
         ground: Int[np.ndarray, " cell"],
         ground_m: Float[np.ndarray, " cell"],
         changed: Bool[np.ndarray, "row column"],
+        margin: Float[np.ndarray, "row column"],
     ) -> None:
         """Give cells to the parts under which the profiles are likeliest, and mark those that changed.
 
@@ -222,7 +238,7 @@ class _Block:
         given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
 
         def one_tile(groups: list[Int[np.ndarray, " some"]], number: int, _: int) -> None:
-            improve(*given, groups[number], first, pulses, ground, ground_m, changed)
+            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
@@ -306,7 +322,8 @@ def _slopes(
     return along(1), along(0)
 
 
-def _beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+def beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another part."""
     return np.asarray(maximum_filter(part, 3, mode="nearest") != minimum_filter(part, 3, mode="nearest"))
 
 
