@@ -23,7 +23,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filte
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
-from sionna_radar.mapping.border_kernels import NOTHING, Columns, Echoes, Views
+from sionna_radar.mapping.border_kernels import Echoes, Views
+from sionna_radar.mapping.column_kernels import NOTHING, Columns
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.lobe_samples import lobe_samples
 from sionna_radar.mapping.mean_ranges import mean_ranges
@@ -40,11 +41,12 @@ ALIKE = 4.0
 SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 # Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
 PRIOR_ECHOES = 5.0
-# A cell that returns less than this share of what its part should may be a hole in it, if so many echoes are expected.
+# A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
 HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
-# Within so many cells of a border a top is doubtful that sends back less than this share of what it should, or whose
-# part is likelier than another by less than so many nepers: the model of columns makes likelihoods too sure.
-NEAR_CELLS, TOO_LITTLE, SURE_NEPERS = 4, 0.4, 8.0
+# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard, or that
+# sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more than
+# so many nepers, as the model of columns makes likelihoods too sure.
+NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS = 4, 0.2, 0.4, 3.0, 8.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
 GROWTH_CELLS, BEYOND_CELLS = 10, 24
 PULSES_AT_ONCE = 64
@@ -58,7 +60,7 @@ class StepMap:
 
     expected, returned: power of each cell's top that its part's reflectivity leads to expect, in units of the mean
         power of its range cells, summed over pulses; and what came back, relative to that.
-    margin: by how many nepers the part of each cell is likelier than the next; infinite away from borders.
+    margin: by how many nepers the part of each cell is likelier than any a step apart; infinite away from borders.
     """
 
     height_m: Float[np.ndarray, "row column"]
@@ -70,8 +72,11 @@ class StepMap:
     def doubtful(self) -> Bool[np.ndarray, "row column"]:
         """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's."""
         near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
-        unseen = self.expected < FEWEST_EXPECTED
-        return np.asarray(near & (unseen | (self.returned < TOO_LITTLE) | (self.margin < SURE_NEPERS)))
+        seen = self.expected > 0
+        typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
+        unseen = self.expected < SELDOM * typical
+        hollow = (self.returned < TOO_LITTLE) & (self.expected > SEVERAL)
+        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS)))
 
 
 def with_borders(
@@ -80,6 +85,7 @@ def with_borders(
     height_m: Float[np.ndarray, "row column"],
     part: Int[np.ndarray, "row column"],
     low: Bool[np.ndarray, "row column"],
+    step_m: float,
     grid: Grid,
 ) -> StepMap:
     """Return a map whose cells at borders belong to the parts that are likeliest given the profiles.
@@ -92,6 +98,8 @@ def with_borders(
         The map, and the number of the part that each cell belongs to.
     low:
         Cells of parts that are not raised above those around them: the ground.
+    step_m:
+        Least difference of heights that is a step.
     grid:
         Cells of the map.
 
@@ -107,7 +115,7 @@ def with_borders(
             near = _near(axis_m, cells)
             if near.any():
                 block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
-                found = block.improved(core[window], low[window])
+                found = block.improved(core[window], low[window], step_m)
                 inner = core[window]
                 for field in fields(StepMap):
                     getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
@@ -146,7 +154,9 @@ class _Block:
         self._level = np.full(2 * len(self._numbers), typical / 10)
         self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
 
-    def improved(self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]) -> StepMap:
+    def improved(
+        self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
+    ) -> StepMap:
         """Return the map with the likeliest parts of the cells in the core."""
         part = self._columns.part
         found, expected = self._update(FIRST_UPDATES)
@@ -157,7 +167,7 @@ class _Block:
         for _ in range(SWEEPS):
             wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
-            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin)
+            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
             found, expected = self._update(UPDATES)
@@ -198,7 +208,7 @@ class _Block:
         part = np.where(hollow, self._columns.part[row, column], NOTHING)
         return part.ravel(), self._columns.height[row, column].ravel()
 
-    def _crossing(self) -> tuple[Int[np.ndarray, " cell+1"], Int[np.ndarray, " entry"]]:
+    def _crossing(self) -> tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]]:
         """Return the pulses whose rays come near each cell, and where those of each cell begin."""
         from sionna_radar.mapping.border_kernels import crossed
 
@@ -225,6 +235,7 @@ class _Block:
         ground_m: Float[np.ndarray, " cell"],
         changed: Bool[np.ndarray, "row column"],
         margin: Float[np.ndarray, "row column"],
+        step_m: float,
     ) -> None:
         """Give cells to the parts under which the profiles are likeliest, and mark those that changed.
 
@@ -237,8 +248,8 @@ class _Block:
         tile = np.stack([cells // count, cells % count]) // self._tile_cells(first, pulses)
         given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
 
-        def one_tile(groups: list[Int[np.ndarray, " some"]], number: int, _: int) -> None:
-            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin)
+        def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
+            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin, step_m)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)

@@ -80,7 +80,7 @@ def step_surface(
         filled[window] |= inside[window] & closed((coarse.supported & inside)[window], gap_m, grid.spacing_m)
     raised, crumbs = raised_parts(height, part, step_m)
     low = ~np.isin(part, [*raised, *crumbs])
-    bordered = with_borders(sightings, axis_m, height, part, low, grid)
+    bordered = with_borders(sightings, axis_m, height, part, low, step_m, grid)
     height = with_outlines(sightings, axis_m, bordered.height_m, bordered.part, filled, grid, step_m, spread_m)
     # Where straight walls and single cells disagree, either may be right.
     margin = np.where(np.abs(height - bordered.height_m) < step_m, bordered.margin, 0.0)
