@@ -43,12 +43,12 @@ SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 PRIOR_ECHOES = 5.0
 # A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
 HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
-# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard, or that
-# sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more than
-# so many nepers, as the model of columns makes likelihoods too sure.
+# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
+# that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
+# than so many nepers, as the model of columns makes likelihoods too sure.
 NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS = 4, 0.2, 0.4, 3.0, 8.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
-GROWTH_CELLS, BEYOND_CELLS = 10, 24
+GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
 # Blocks of cells that are handled one after the other, with the cells around each that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
@@ -132,8 +132,6 @@ class _Block:
         part: Int[np.ndarray, "row column"],
         grid: Grid,
     ) -> None:
-        from sionna_radar.mapping.border_kernels import cast_all
-
         self._numbers, inverse = np.unique(part, return_inverse=True)
         number = inverse.reshape(part.shape).astype(np.int64)
         spacing = grid.spacing_m
@@ -152,7 +150,7 @@ class _Block:
         self._echoes = _echoes(sightings)
         typical = float(np.median(np.add.reduceat(self._echoes.power, self._echoes.start[:-1])))
         self._level = np.full(2 * len(self._numbers), typical / 10)
-        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
+        self._cast()
 
     def improved(
         self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
@@ -170,9 +168,16 @@ class _Block:
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
+            # A ray over a cell that was lowered may meet another that it was not known to cross.
+            self._cast()
             found, expected = self._update(UPDATES)
         returned = found / np.maximum(expected, np.finfo(float).tiny)
         return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
+
+    def _cast(self) -> None:
+        from sionna_radar.mapping.border_kernels import cast_all
+
+        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
         """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
@@ -212,7 +217,7 @@ class _Block:
         """Return the pulses whose rays come near each cell, and where those of each cell begin."""
         from sionna_radar.mapping.border_kernels import crossed
 
-        beyond_m = 3 * self._columns.spacing
+        beyond_m = BEYOND_CELLS * self._columns.spacing
         sides = self._columns.part.shape
 
         def some(low: int, high: int) -> Int[np.ndarray, "2 entry"]:
@@ -266,7 +271,7 @@ class _Block:
             np.minimum.at(least, pulses, place)
             np.maximum.at(most, pulses, place)
             widest = max(widest, int((most - least).max()))
-        return widest + BEYOND_CELLS
+        return widest + 4 * BEYOND_CELLS
 
     def _over_pulses(self, work: Callable[[int, int], Result]) -> list[Result]:
         return list(in_threads(work, parts(len(self._echoes.first), PULSES_AT_ONCE)))
