@@ -24,6 +24,7 @@ from sionna_radar.detection.false_alarm import (
     mean_smaller,
     mean_weights,
 )
+from sionna_radar.foundation.threads import over_rows
 
 ROWS_AT_ONCE = 64
 
@@ -99,42 +100,16 @@ class Cfar:
         both = has_lag & has_lead
         if self.kind == "OS":
             return self._ranked_level(power, has_lag, has_lead), both
-        return self._mean_level(power, reach), both
+        return self._mean_level(power), both
 
-    def _mean_level(self, power: Float[np.ndarray, "pulse bin"], reach: int) -> Float[np.ndarray, "pulse bin"]:
-        lag, lead = self._side_means(power)
-        # Below `reach` no cell has both sides; from `end` on none has the upper side.
-        end = max(0, power.shape[1] - reach)
-        level = np.full(power.shape, np.inf)
-        level[:, : min(reach, end)] = lead[:, : min(reach, end)]
-        level[:, max(reach, end) :] = lag[:, max(reach, end) :]
-        both = slice(reach, max(reach, end))
-        if self.kind == "CA":
-            level[:, both] = (lag[:, both] + lead[:, both]) / 2
-        else:
-            combine = np.maximum if self.kind == "GO" else np.minimum
-            combine(lag[:, both], lead[:, both], out=level[:, both])
+    def _mean_level(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
+        from sionna_radar.detection.cfar_kernels import CELL_AVERAGING, GREATEST_OF, SMALLEST_OF, mean_levels
+
+        kind = {"CA": CELL_AVERAGING, "GO": GREATEST_OF, "SO": SMALLEST_OF}[self.kind]
+        power, level = np.ascontiguousarray(power, dtype=np.float64), np.empty(power.shape)
+        cells = kind, self.guard, self.training, self.stride
+        over_rows(lambda low, high: mean_levels(low, high, power, *cells, level), len(power))
         return level
-
-    def _side_means(
-        self, power: Float[np.ndarray, "pulse bin"]
-    ) -> tuple[Float[np.ndarray, "pulse bin"], Float[np.ndarray, "pulse bin"]]:
-        """Return the means of the training cells below and above each cell; undefined where they do not fit."""
-        rows, bins = power.shape
-        cells = -(-bins // self.stride)
-        padded = np.zeros((rows, cells * self.stride))
-        padded[:, :bins] = power
-        # Cumulative sums over range cells, one for each bin within the cell.
-        running = np.zeros((rows, cells + 1, self.stride))
-        np.cumsum(padded.reshape(rows, cells, self.stride), axis=1, out=running[:, 1:])
-        window = (running[:, self.training :] - running[:, : -self.training]) / self.training
-        window = np.maximum(window, 0.0)
-        side = np.zeros((2, rows, cells, self.stride))
-        count, first = window.shape[1], self.guard + self.training
-        side[0, :, first:] = window[:, : cells - first]
-        side[1, :, : count - self.guard - 1] = window[:, self.guard + 1 :]
-        lag, lead = side.reshape(2, rows, -1)[:, :, :bins]
-        return lag, lead
 
     def _ranked_level(
         self,

@@ -59,6 +59,12 @@ def factor_of_mean(weight: Float[np.ndarray, " n"], sides: int, probability: flo
 
 def factor_of_smaller(weight: Float[np.ndarray, " n"], probability: float) -> float:
     """Return the factor for the smaller mean of two independent sides."""
+    return _smaller_factor(tuple(map(float, weight)), probability)
+
+
+@lru_cache
+def _smaller_factor(weights: tuple[float, ...], probability: float) -> float:
+    weight = np.array(weights)
     return _solve(
         lambda factor: np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_share(weight, factor)),
         probability,
@@ -103,7 +109,12 @@ def mean_ordered(correlation: Float[np.ndarray, " lag"], cells: int, sides: int,
 
 def mean_smaller(correlation: Float[np.ndarray, " lag"], cells: int) -> float:
     """Return the mean of the smaller mean of two independent sides, in noise of unit power."""
-    field = _noise(_mixer(correlation, cells), 2, np.random.default_rng(20170704))
+    return _smaller_mean(tuple(map(float, correlation[:cells])), cells)
+
+
+@lru_cache
+def _smaller_mean(correlation: tuple[float, ...], cells: int) -> float:
+    field = _noise(_mixer(np.array(correlation), cells), 2, np.random.default_rng(20170704))
     side = (field.real**2 + field.imag**2).reshape(POPULATION, 2, cells).mean(axis=2)
     # Both sides have a mean of one, so the smaller is below it by as much as the greater is above.
     return float(1 - np.abs(side[:, 0] - side[:, 1]).mean() / 2)

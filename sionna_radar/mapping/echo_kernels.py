@@ -8,8 +8,8 @@ from typing import no_type_check
 
 import numpy as np
 
-from sionna_radar.elevation.ray_march import first_hit, slope_at
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.mapping.power_kernels import beam_samples, spread_power
 from sionna_radar.mapping.profile_kernels import echo_level
 
 # One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
@@ -18,115 +18,10 @@ HIGHEST_RATIO = 8.0
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 LEAST_WEIGHT = 1e-4
-STEEPEST = 0.05
 LEVEL_ITERATIONS = 12
 # A spread of the volume's drift below this has no effect.
 LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
-
-
-@compiled
-@no_type_check
-def meet(
-    height, west, south, spacing, steepest, highest, position, velocity, R_world_antenna, beam, wanted, doppler, reach,
-    range_m, place, per_height, shift, low, high,
-):  # fmt: skip
-    """Cast the nodes of the pulses from `low` to `high` on a surface.
-
-    wanted: whether a node is; the others count as meeting nothing.
-    doppler: by how much a range rate of 1 m/s lengthens a range.
-    Writes range, place, change of range with the height there, and by how much motion lengthens the range.
-    """
-    ray = np.empty(3)
-    for pulse in range(low, high):
-        origin = position[pulse]
-        for node in range(len(beam)):
-            closing_in = 0.0
-            for k in range(3):
-                ray[k] = 0.0
-                for c in range(3):
-                    ray[k] += R_world_antenna[pulse, k, c] * beam[node, c]
-                closing_in += velocity[pulse, k] * ray[k]
-            shift[pulse, node] = -doppler * closing_in
-            hit = np.nan
-            if wanted[node]:
-                hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
-            there = 0.0 if np.isnan(hit) else hit
-            place[pulse, node, 0] = origin[0] + there * ray[0]
-            place[pulse, node, 1] = origin[1] + there * ray[1]
-            east, north = slope_at(height, west, south, spacing, place[pulse, node, 0], place[pulse, node, 1])
-            # On the ray z + r d_z = h(x + r d_x, y + r d_y): raising h shortens r by 1 / (d_z - slope . d_xy) < 0.
-            closing = min(ray[2] - east * ray[0] - north * ray[1], -STEEPEST)
-            per_height[pulse, node] = 0.0 if np.isnan(hit) else 1 / closing
-            range_m[pulse, node] = hit
-
-
-@compiled
-@no_type_check
-def _samples(range_m, shift, share, corner, weight, cell_m, drift_m, cell, sample_range, inverse):
-    """Write range and range cell of every sample of a beam, NaN off the surface; return the mean range of the nodes."""
-    total, met = 0.0, 0
-    for node in range(len(range_m)):
-        hit = range_m[node]
-        inverse[node] = 0.0
-        if not np.isnan(hit):
-            inverse[node] = 1 / max(hit, 1.0)
-            total += hit
-            met += 1
-    for k in range(len(share)):
-        near, moved, whole = 0.0, 0.0, True
-        for c in range(4):
-            node = corner[k, c]
-            whole &= inverse[node] > 0.0
-            near += weight[k, c] * inverse[node]
-            moved += weight[k, c] * shift[node]
-        sample_range[k] = 1 / max(near, 1e-6)
-        cell[k] = (sample_range[k] + moved + drift_m) / cell_m if whole else np.nan
-    return total / met if met else np.nan
-
-
-@compiled
-@no_type_check
-def centroids(low, high, range_m, shift, share, corner, weight, cell_m, mean):
-    """Write the power-weighted mean range of the echoes from `low` to `high`; NaN without one."""
-    nodes, samples = range_m.shape[1], len(share)
-    cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
-    for pulse in range(low, high):
-        _samples(range_m[pulse], shift[pulse], share, corner, weight, cell_m, 0.0, cell, sample_range, inverse)
-        total, moment = 0.0, 0.0
-        for k in range(samples):
-            if not np.isnan(cell[k]):
-                power = share[k] / sample_range[k] ** 2
-                total += power
-                moment += power * cell[k]
-        mean[pulse] = moment / total * cell_m if total > 0 else np.nan
-
-
-@compiled
-@no_type_check
-def _spread(power, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto, derivative):
-    """Add power of samples to the two cells around each; `onto` collects how raised nodes move it up by a cell."""
-    pad = 2 * half + 1
-    for row in range(len(hit)):
-        hit[row] = 0.0
-        for node in range(onto.shape[1]):
-            onto[row, node] = 0.0
-    low, high = len(hit), -1
-    for k in range(len(power)):
-        place = cell[k]
-        if not first - half < place < first + cells - 1 + half:
-            continue
-        below = int(np.floor(place - first))
-        above_share = place - first - below
-        below += pad
-        hit[below] += power[k] * (1 - above_share)
-        hit[below + 1] += power[k] * above_share
-        low, high = min(low, below), max(high, below)
-        if derivative:
-            moved = power[k] * sample_range[k] ** 2 / cell_m
-            for c in range(4):
-                onto[below, corner[k, c]] += weight[k, c] * moved
-    return low, high
 
 
 @compiled
@@ -211,7 +106,7 @@ def _volume(power, share, before, cell, sample_range, corner, weight, first, hal
     cells, pad, nodes = len(power), 2 * half + 1, len(scale)
     size = cells + 2 * pad
     hit, onto = np.zeros(size), np.zeros((size, nodes))
-    _spread(share, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto, True)
+    spread_power(share, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto)
     both = np.empty((size, nodes + 1))
     for row in range(size):
         both[row, 0] = hit[row]
@@ -273,7 +168,7 @@ def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
     begin, half = float(first[pulse]), len(response) // 2
     if len(volume_power) == 0:
         return np.zeros((start[pulse + 1] - start[pulse], 1))
-    _samples(
+    beam_samples(
         range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, drift[pulse], cell, sample_range, inverse
     )
     before = 0.0
@@ -355,7 +250,7 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
     hit, onto = spread
     half = len(response) // 2
     pad = 2 * half + 1
-    middle = _samples(
+    middle = beam_samples(
         range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
     )
     for node in range(len(scale)):
@@ -363,8 +258,8 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
     power = np.empty(len(share))
     for k in range(len(share)):
         power[k] = share[k] * (middle / sample_range[k]) ** 2
-    nearest, farthest = _spread(
-        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), half, cell_m, hit, onto, True
+    nearest, farthest = spread_power(
+        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), half, cell_m, hit, onto
     )
     for c in range(len(shape)):
         shape[c] = 0.0

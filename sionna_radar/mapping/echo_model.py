@@ -116,7 +116,7 @@ def footprints(
     sightings: Sightings, surface: Heightfield, wanted: Bool[np.ndarray, " node"] | None = None
 ) -> Footprints:
     """Cast the beam's nodes of every pulse, or some of the nodes, on a surface."""
-    from sionna_radar.mapping.echo_kernels import meet
+    from sionna_radar.mapping.power_kernels import meet
 
     pose, beam = sightings.pose, sightings.beam.direction
     shape = len(pose), len(beam)
@@ -146,7 +146,7 @@ class EchoModel:
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
-        from sionna_radar.mapping.echo_kernels import centroids
+        from sionna_radar.mapping.power_kernels import centroids
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)

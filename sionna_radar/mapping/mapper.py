@@ -5,7 +5,7 @@ A mapper knows the measured poses, the antenna and the echoes, but not the truth
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -45,7 +45,7 @@ class MapInputs:
     max_gap_m: largest distance of a filled cell from a measured one.
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     progress: a method that takes long calls it with "mapping", the steps done and their number.
-    looks: footprints of the points, and over how many pulses their speckle repeats; None if the beam is unknown.
+    look: returns `looks`, when a method first asks for them.
     """
 
     points: Points
@@ -54,7 +54,12 @@ class MapInputs:
     max_gap_m: float
     shadow_incidence_rad: float
     progress: Progress = silent
-    looks: Looks | None = None
+    look: Callable[[], Looks | None] = lambda: None
+
+    @cached_property
+    def looks(self) -> Looks | None:
+        """Footprints of the points, and over how many pulses their speckle repeats; None if the beam is unknown."""
+        return self.look()
 
     def heights(self) -> Heights:
         """Return the points as heights over their footprints, with the errors of their ranges."""
@@ -208,8 +213,8 @@ class Mapper:
         if profiles is not None and self.keeps_profiles:
             sightings = self.sightings(profiles, measured(profiles.pulse))
         overheard = Overheard(progress)
-        looks = self._looks(points, measured)
-        made = self.method(self.inputs(points, sightings, overheard, looks))
+        given = self.inputs(points, sightings, overheard, partial(self._looks, points, measured))
+        made = self.method(given)
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
@@ -234,7 +239,7 @@ class Mapper:
         points: Points,
         sightings: Sightings | None = None,
         progress: Progress = silent,
-        looks: Looks | None = None,
+        look: Callable[[], Looks | None] = lambda: None,
     ) -> MapInputs:
         """Return the input of the method."""
         return MapInputs(
@@ -244,7 +249,7 @@ class Mapper:
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
             progress=progress,
-            looks=looks,
+            look=look,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:

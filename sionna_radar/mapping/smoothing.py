@@ -81,8 +81,9 @@ class TerrainModel:
         down, up = self.root * twice, self.root / twice
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            field = scipy.fft.irfft2(up * flat.view(np.complex128).reshape(down.shape), s=shape, overwrite_x=True)
-            informed = scipy.fft.rfft2(information(field.ravel()).reshape(shape))
+            spectrum = up * flat.view(np.complex128).reshape(down.shape)
+            field = scipy.fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
+            informed = scipy.fft.rfft2(information(field.ravel()).reshape(shape), workers=-1)
             informed *= down
             return flat + informed.ravel().view(np.float64)
 

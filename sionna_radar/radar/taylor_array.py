@@ -1,5 +1,7 @@
 """Planar arrays with a Taylor taper, sized from their half-power beamwidths."""
 
+from functools import cache
+
 import numpy as np
 from scipy.optimize import brentq
 from scipy.signal.windows import taylor
@@ -15,6 +17,7 @@ SPACING_WAVELENGTHS = 0.25
 HIGHEST_DESIGN_DB = -3.0
 
 
+@cache
 def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     """Return the cut of a line of elements, half a wavelength apart or closer, with a Taylor taper.
 

@@ -82,10 +82,10 @@ def landscape_of_heights(
     if len(surfaces) == 1 and raster.filled.all():
         surfaces = (replace(surfaces[0], relief=raster),)
     ground_m = _bridged(raster).at
-    top_m = max(float(s.vertices_m[:, 2].max()) for s in surfaces) + 10.0
 
     def standing_m(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         # Between the posts of a coarse raster the bilinear ground is metres above or below the triangles.
+        top_m = max(float(surface.bounds_m[1, 2]) for surface in surfaces) + 10.0
         mesh = RayCaster(surfaces).from_above(place_m, top_m)
         return np.where(np.isnan(mesh), ground_m(place_m), mesh)
 

@@ -28,6 +28,12 @@ class Surface:
     divided: bool = False
     relief: Raster | None = None
 
+    @cached_property
+    def bounds_m(self) -> Float[np.ndarray, "2 3"]:
+        """Lowest and highest corner of the box around it."""
+        # Column by column, which is far faster than over an axis of three.
+        return np.array([[function(column) for column in self.vertices_m.T] for function in (np.min, np.max)])
+
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
@@ -59,6 +65,5 @@ class Scene:
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of the box around all surfaces."""
-        low = np.min([s.vertices_m.min(axis=0) for s in self.surfaces], axis=0)
-        high = np.max([s.vertices_m.max(axis=0) for s in self.surfaces], axis=0)
-        return np.array([low, high])
+        low, high = zip(*(surface.bounds_m for surface in self.surfaces), strict=True)
+        return np.array([np.min(low, axis=0), np.max(high, axis=0)])

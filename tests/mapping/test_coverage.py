@@ -1,12 +1,14 @@
 """Which cells the main beam lit."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sionna_radar.accuracy.main_beam import main_beam_hits
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.main_lobe import LIT
 from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.tracing.paths import Paths
 
@@ -58,3 +60,30 @@ def test_the_main_beam_ends_at_half_power_and_leaves_targets_out():
     found, origin = main_beam_hits(paths, pulses, Antenna(cut, cut))
     np.testing.assert_array_equal(found, hit[[0, 2]])
     np.testing.assert_array_equal(origin, np.broadcast_to(pose.position_m, (2, 3)))
+
+
+def test_hits_of_many_pulses_are_those_within_their_own_beams():
+    rng, antenna = np.random.default_rng(1), Antenna(*2 * (taylor_cut(np.deg2rad(20.0), -20.0),))
+    axes = Rotation.random(5, random_state=2).as_matrix()
+    position = rng.uniform(-5, 5, (5, 3))
+    pose = Pose(position_m=position, velocity_mps=np.zeros((5, 3)), R_world_antenna=axes)
+    pulses = Pulses(index=np.arange(3, 8), time_s=np.zeros(5), scan_rad=np.zeros(5), true=pose, measured=pose)
+    row = np.sort(rng.integers(0, 4, 2000))  # the last pulse has no path
+    toward = np.einsum("nij,nj->ni", axes[row], rng.normal([1.0, 0.0, 0.0], 0.2, (2000, 3)))
+    hit = position[row] + 50 * toward
+    paths = Paths(
+        pulse=row + 3,
+        delay_s=np.zeros(2000),
+        gain=np.ones(2000, dtype=complex),
+        range_rate_mps=np.zeros(2000),
+        incidence_rad=np.zeros(2000),
+        hit_m=hit,
+        surface=rng.integers(-1, 2, 2000),
+    )
+    away = hit - position[row]
+    direction = np.einsum("nij,ni->nj", axes[row], away / np.linalg.norm(away, axis=1, keepdims=True))
+    lit = (antenna.gain(direction) ** 2 >= LIT * antenna.peak_gain**2) & (paths.surface >= 0)
+    assert 0.1 < lit.mean() < 0.9
+    found, origin = main_beam_hits(paths, pulses, antenna)
+    np.testing.assert_array_equal(found, hit[lit])
+    np.testing.assert_array_equal(origin, position[row[lit]])

@@ -100,3 +100,15 @@ def test_a_wall_on_the_ground_is_met_too(ground, casters):
     both = [RayCaster([surface, wall]).cast(*rays(ground, -1)) for surface in surfaces]
     np.testing.assert_array_equal(both[0].surface, both[1].surface)
     assert np.count_nonzero(both[0].surface == 1) > 100
+
+
+def test_the_mesh_of_a_whole_raster_has_two_triangles_for_every_four_cells(ground):
+    vertices, faces = mesh_of(ground)
+    rows, columns = ground.grid.shape
+    expected = [
+        triangle
+        for a in (row * columns + column for row in range(rows - 1) for column in range(columns - 1))
+        for triangle in ((a, a + 1, a + columns + 1), (a, a + columns + 1, a + columns))
+    ]
+    np.testing.assert_array_equal(faces, expected)
+    np.testing.assert_array_equal(vertices, np.column_stack([ground.grid.centres_m, ground.height_m.ravel()]))

@@ -96,7 +96,8 @@ class Scatterers:
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
         self._at = np.full(len(self.cells), -1, dtype=np.int64)
-        self._points = Points.room_for(0)
+        # Room that is not written to takes no memory.
+        self._points = Points.room_for(min(int(self._count.sum()), KEPT))
         self._used = 0
 
     def in_beams(
@@ -144,14 +145,12 @@ class Scatterers:
             self._at[:] = -1
             self._used, new = 0, cell
         needed = self._used + int(self._count[new].sum())
-        if needed > len(self._points):
-            grown = Points.room_for(max(needed, min(2 * len(self._points), KEPT)))
-            for field in fields(Points):
-                getattr(grown, field.name)[: self._used] = getattr(self._points, field.name)[: self._used]
-            self._points = grown
+        if needed > len(self._points):  # more than are kept, all of them for this block
+            self._points = Points.room_for(needed)
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
-        pieces = (self.cells.first, self.cells.face, self.cells.parts, self.cells.part, self.cells.surface)
+        cells = self.cells
+        pieces = (cells.first, cells.face, cells.parts, cells.part, cells.surface, cells.expected)
         meshes, density = (
             (self._triangles.vertices_m, self._triangles.corners, self._triangles.first),
             self.density.columns,
@@ -208,23 +207,18 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
     They are spread by equal steps of their expected number over the pieces of the cell, and inside a piece along an
     additive sequence (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
     """
-    first, face, parts, part, surface = pieces
+    first, face, parts, part, surface, expected = pieces
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = columns
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for cell in chosen:
         count, state = counts[cell], states[cell]
         if count == 0:
             continue
-        total = 0.0
-        for p in range(first[cell], first[cell + 1]):
-            corners_of(face[p], vertices, corners, corner)
-            n, area = expected_of(corner, parts[p], part[p], density, piece)
-            total += n * area
         start_u, start_v = _unit(state, 1), _unit(state, 2)
         p, below, n, done = first[cell] - 1, 0.0, 0.0, 0.0
         for number in range(count):
             stream = 3 + 5 * number
-            target = (number + _unit(state, stream)) * (total / count)
+            target = (number + _unit(state, stream)) * (expected[cell] / count)
             while p < first[cell] or (below + done < target and p < first[cell + 1] - 1):
                 p += 1
                 below += done

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scene.model import Surface
+from sionna_radar.tracing.engines.cell_groups import curve, grouped, numbered, regrouped
 from sionna_radar.tracing.engines.density import DensityMap
 
 # Scatterers that a cell should hold at the median density; the side follows, as a power of two.
@@ -22,8 +23,6 @@ FINEST_CELL_M, COARSEST_CELL_M = 2.0**-6, 2.0**6
 # Longest side of a piece over that of a cell, and into how many parts a side is divided at most.
 LONGEST_SIDE, MOST_PARTS = 2.0, 30_000
 MOST_PIECES = 30_000_000
-# Cells are counted one by one up to this many, whether they hold anything or not.
-MOST_BOXES = 3e7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,12 +107,12 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     face, parts, part, place, expected = found
     several = len(triangles.first) > 2
     surface = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
-    cell, count = _numbered(place, surface)
-    order, edges = _grouped(cell, count)
+    cell, count = numbered(place, surface)
+    order, edges = grouped(cell, count)
     first = order[edges[:-1]]
     # The cells of all surfaces along one curve, so that neighbours are near each other in memory.
-    along = np.argsort(_curve(place[first]), kind="stable")
-    order, edges = _regrouped(order, edges, along)
+    along = np.argsort(curve(place[first]), kind="stable")
+    order, edges = regrouped(order, edges, along)
     first = order[edges[:-1]]
     low, high, total = _boxes(order, edges, face, parts, part, expected, *meshes)
     return SurfaceCells(
@@ -147,61 +146,6 @@ def _all_pieces(
     return [np.concatenate(column) for column in zip(*(parts[low] for low in sorted(parts)), strict=True)]
 
 
-def _numbered(
-    place: Int[np.ndarray, "piece 3"], surface: Int[np.ndarray, " piece"]
-) -> tuple[Int[np.ndarray, " piece"], int]:
-    """Return the number of each piece's cell, the same for one place and surface, and how many numbers there are."""
-    if len(place) == 0:
-        return np.zeros(0, dtype=np.int64), 0
-    columns = np.column_stack([surface, place])
-    low = columns.min(axis=0)
-    size = (columns.max(axis=0) - low + 1).astype(np.int64)
-    if float(np.prod(size.astype(np.float64))) < MOST_BOXES:
-        return np.ravel_multi_index(tuple((columns - low).T), tuple(size)), int(np.prod(size))
-    _, cell = np.unique(columns, axis=0, return_inverse=True)
-    return cell.ravel(), int(cell.max()) + 1
-
-
-@compiled
-@no_type_check
-def _grouped(cell, count):
-    """Return the order that groups pieces by cell, keeping theirs inside it, and where each occupied cell begins."""
-    begin = np.zeros(count + 1, dtype=np.int64)
-    for number in cell:
-        begin[number + 1] += 1
-    some = 0
-    for number in range(count):
-        some += begin[number + 1] > 0
-        begin[number + 1] += begin[number]
-    edges = np.empty(some + 1, dtype=np.int64)
-    some = 0
-    for number in range(count):
-        if begin[number + 1] > begin[number]:
-            edges[some] = begin[number]
-            some += 1
-    edges[some] = len(cell)
-    order = np.empty(len(cell), dtype=np.int64)
-    for piece in range(len(cell)):
-        order[begin[cell[piece]]] = piece
-        begin[cell[piece]] += 1
-    return order, edges
-
-
-@compiled
-@no_type_check
-def _regrouped(order, edges, along):
-    """Return groups in another order."""
-    out, out_edges = np.empty_like(order), np.empty_like(edges)
-    n = 0
-    for number in range(len(along)):
-        out_edges[number] = n
-        for k in range(edges[along[number]], edges[along[number] + 1]):
-            out[n] = order[k]
-            n += 1
-    out_edges[len(along)] = n
-    return out, out_edges
-
-
 @compiled
 @no_type_check
 def _boxes(order, edges, face, parts, part, expected, vertices, corners):
@@ -229,27 +173,6 @@ def corners_of(face, vertices, corners, out):
     for number in range(3):
         for axis in range(3):
             out[number, axis] = vertices[corners[face, number], axis]
-
-
-def _curve(place: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, " n"]:
-    """Return the number of each place along a Morton curve."""
-    if len(place) == 0:
-        return np.zeros(0, dtype=np.int64)
-    return _morton(place - place.min(axis=0))
-
-
-@compiled
-@no_type_check
-def _morton(place):
-    out = np.empty(len(place), dtype=np.int64)
-    for row in range(len(place)):
-        number = np.int64(0)
-        for axis in range(3):
-            value = place[row, axis]
-            for bit in range(21):
-                number |= ((value >> bit) & 1) << (3 * bit + axis)
-        out[row] = number
-    return out
 
 
 @compiled
@@ -296,6 +219,19 @@ def density_at(x, y, density):
 
 @compiled
 @no_type_check
+def _parts(corner, longest):
+    """Return into how many parts the sides of a triangle are divided, so that none is longer."""
+    longest2 = 0.0
+    for k in range(3):
+        d = 0.0
+        for axis in range(3):
+            d += (corner[k, axis] - corner[(k + 1) % 3, axis]) ** 2
+        longest2 = max(longest2, d)
+    return max(int(np.ceil(np.sqrt(longest2) / longest)), 1)
+
+
+@compiled
+@no_type_check
 def _pieces(low, high, vertices, corners, box, density, side, longest, most_parts, most):
     """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
     capacity = min(max(1024, (high - low) // 2), most)
@@ -306,20 +242,16 @@ def _pieces(low, high, vertices, corners, box, density, side, longest, most_part
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for f in range(low, high):
         corners_of(f, vertices, corners, corner)
-        outside = False
+        outside, across2 = False, 0.0
         for axis in range(3):
             least = min(corner[0, axis], corner[1, axis], corner[2, axis])
             greatest = max(corner[0, axis], corner[1, axis], corner[2, axis])
             outside |= least > box[1, axis] or greatest < box[0, axis]
+            across2 += (greatest - least) ** 2
         if outside:
             continue
-        longest2 = 0.0
-        for k in range(3):
-            d = 0.0
-            for axis in range(3):
-                d += (corner[k, axis] - corner[(k + 1) % 3, axis]) ** 2
-            longest2 = max(longest2, d)
-        m = min(max(int(np.ceil(np.sqrt(longest2) / longest)), 1), most_parts)
+        # No side is longer than the box around the triangle.
+        m = 1 if across2 <= longest * longest else min(_parts(corner, longest), most_parts)
         for k in range(m * m):
             n, area = expected_of(corner, m, k, density, piece)
             if n * area <= 0.0:
