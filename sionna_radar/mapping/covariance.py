@@ -36,8 +36,8 @@ NOISE_FACTOR_SPREAD = 0.2
 # Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
 # beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
 ROUGHER, OF_GAUSSIAN = 6.0, 12.0
-# The mixture of Gaussian covariances: how many, and the span of their squared lengths around the mean, in nepers.
-MIXTURE, SPAN = 48, (-14.0, 4.0)
+# The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
+MIXTURE, SHORTEST = 48, -14.0
 TABLE = 400
 ITERATIONS, STEP = 30, 1e-3
 # Where the search for the smoothness begins, and above which Gaussian terrain is tried too.
@@ -98,8 +98,8 @@ class Covariance:
         """
         if np.isinf(self.smoothness):
             return np.array([self.length_m**2]), np.ones(1)
-        log = np.linspace(*SPAN, MIXTURE)
         nu = self.smoothness
+        log = np.linspace(max(SHORTEST, -16 / nu - 2), np.log(1 + 16 / nu + 6 / np.sqrt(nu)), MIXTURE)
         density = np.exp(nu * log - np.exp(log) * nu + nu * np.log(nu) - gammaln(nu))
         return np.exp(log) * self.length_m**2, density * (log[1] - log[0])
 
