@@ -18,17 +18,19 @@ def main_beam_hits(
 
     beams: of an electronic scan, each with its own pattern.
     """
+    from sionna_radar.accuracy.beam_kernels import ahead
+
     pose = pulses.true
-    row = pulses.row_of(paths.pulse)
-    away = paths.hit_m - pose.position_m[row]
-    away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    ahead = np.einsum("nij,ni->nj", pose.R_world_antenna[row], away)
+    first = np.searchsorted(paths.pulse, np.append(pulses.index, pulses.index[-1] + 1))
+    direction = np.empty((len(paths), 3))
+    ahead(first, pose.position_m, np.ascontiguousarray(pose.R_world_antenna), paths.hit_m, direction)
+    row = np.repeat(np.arange(len(pulses)), np.diff(first))
     inside = paths.surface >= 0
     if beams and pulses.beam is not None:
         beam = pulses.beam[row]
         for number in np.unique(beam):
             own = np.flatnonzero(beam == number)
-            inside[own] &= in_main_lobe(beams[int(number)], ahead[own])
+            inside[own] &= in_main_lobe(beams[int(number)], direction[own])
     else:
-        inside &= in_main_lobe(antenna, ahead)
+        inside &= in_main_lobe(antenna, direction)
     return paths.hit_m[inside], pose.position_m[row[inside]]

@@ -1,6 +1,7 @@
 """The motion of the platform, and of an antenna at the end of a lever arm."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -21,13 +22,19 @@ class BodyMotion:
 
     position_m, velocity_mps: world frame.
     euler_rad: roll, pitch, heading.
-    turn_rad_s: turn rate about nose, right and down.
+    trajectory, time_s: what it is the motion of, and when; within the flight.
     """
 
     position_m: Float[np.ndarray, "n 3"]
     velocity_mps: Float[np.ndarray, "n 3"]
     euler_rad: Float[np.ndarray, "n 3"]
-    turn_rad_s: Float[np.ndarray, "n 3"]
+    trajectory: Trajectory
+    time_s: Float[np.ndarray, " n"]
+
+    @cached_property
+    def turn_rad_s(self) -> Float[np.ndarray, "n 3"]:
+        """Turn rate about nose, right and down."""
+        return _turn_rate(self.trajectory, self.time_s)
 
 
 def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> BodyMotion:
@@ -38,7 +45,8 @@ def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Body
         position_m=trajectory.position(inside) + velocity * (time_s - inside)[:, None],
         velocity_mps=velocity,
         euler_rad=trajectory.euler(inside),
-        turn_rad_s=_turn_rate(trajectory, inside),
+        trajectory=trajectory,
+        time_s=inside,
     )
 
 

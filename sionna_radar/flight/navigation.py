@@ -7,7 +7,7 @@ report may have a late time stamp. The antenna pose follows from it through a le
 that have errors as well.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from sionna_radar.flight.body import BodyMotion, Vector3, antenna_place, body_motion
+from sionna_radar.flight.body import Vector3, antenna_place, body_motion
 from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.pulses import Pose, register_navigation
 from sionna_radar.flight.trajectory import Trajectory
@@ -103,11 +103,11 @@ class InertialErrors:
         """Return the pose of the antenna as reported by the INS; see `Navigation`."""
         true = body_motion(trajectory, time_s - self.time_offset_s)
         position, velocity, attitude = self.errors(index, time_s)
-        motion = BodyMotion(
+        motion = replace(
+            true,
             position_m=true.position_m + position,
             velocity_mps=true.velocity_mps + velocity,
             euler_rad=true.euler_rad + attitude,
-            turn_rad_s=true.turn_rad_s,
         )
         place, speed = antenna_place(motion, self.lever_arm_m)
         R_misaligned = Rotation.from_rotvec(self.boresight_rad).as_matrix()

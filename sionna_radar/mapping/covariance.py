@@ -15,13 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
+from scipy.spatial.distance import cdist, pdist
 from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance_table import CovarianceTable
 
 # Bounds of the smoothness; beyond them terrain is Gaussian.
 ROUGHEST, SMOOTHEST = 0.3, 12.0
@@ -64,6 +66,11 @@ class Covariance:
         weight = share * square / widened
         result: Float[np.ndarray, ...] = np.exp(-np.multiply.outer(distance_m**2, 0.5 / widened)) @ weight
         return self.variance_m2 * result
+
+    def table(self, farthest_m: float, spread_m: float, entries: int) -> CovarianceTable:
+        """Return a table of the covariance up to a distance; see `at`."""
+        distance = CovarianceTable.distances(farthest_m, entries)
+        return CovarianceTable(float(distance[1]), self.at(distance, spread_m))
 
     def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""
@@ -178,26 +185,57 @@ def fit_covariance(
 
 @dataclass(frozen=True)
 class _Group:
-    """Neighbouring heights: distances between them, their noise's covariance, heights, and a common footprint."""
+    """Neighbouring heights, a common footprint, and what is the same for all covariances that are tried.
 
-    distance_m: Float[np.ndarray, "n n"]
-    noise_m2: Float[np.ndarray, "n n"]
+    table_m: distances at which a covariance is computed; entry, share: of every two heights, the entry below their
+        distance, and how far it is toward the next; noise_m2: the covariance of their noise. Pairs are those of the
+        lower triangle, row by row.
+    """
+
     height_m: Float[np.ndarray, " n"]
     spread_m: float
     table_m: Float[np.ndarray, " entry"]
+    entry: Int[np.ndarray, " pair"]
+    share: Float[np.ndarray, " pair"]
+    noise_m2: Float[np.ndarray, " pair"]
 
     @classmethod
     def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "_Group":
-        place = measured.place_m[rows]
-        distance = cdist(place, place)
+        from sionna_radar.mapping.covariance_kernels import pairs
+
+        place = np.ascontiguousarray(measured.place_m[rows])
+        table = CovarianceTable.distances(float(pdist(place).max(initial=1e-6)), TABLE)
+        lower = np.tril_indices(len(rows))
+        entry, share = np.empty(len(lower[0]), dtype=np.int32), np.empty(len(lower[0]))
+        pairs(place, table[1], TABLE - 1, entry, share)
         sigma = np.maximum(measured.sigma_m[rows], LEAST_NOISE_M)
         noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
-        table = np.linspace(0.0, np.sqrt(distance.max()), TABLE) ** 2
-        return cls(distance, noise, measured.height_m[rows], float(np.median(measured.spread_m[rows])), table)
+        spread = float(np.median(measured.spread_m[rows]))
+        return cls(measured.height_m[rows], spread, table, entry, share, noise[lower])
 
-    def covariance(self, covariance: Covariance) -> Float[np.ndarray, "n n"]:
-        """Return the covariance of the heights, without noise."""
-        return np.interp(self.distance_m, self.table_m, covariance.at(self.table_m, self.spread_m))
+    def loss(
+        self, tried: Covariance, noise_factor: float, others: Sequence[Covariance]
+    ) -> tuple[float, Float[np.ndarray, " other"], float, float]:
+        """Return the negative log-likelihood, and its growth.
+
+        It grows toward each of other covariances, with the logarithm of the variance, and with that of the noise
+        factor. Raises LinAlgError where the heights' covariance is not positive.
+        """
+        from sionna_radar.mapping.covariance_kernels import fill, sensitivity
+
+        value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
+        fill(value, self.entry, self.share, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
+        # A lower triangle along rows is the upper one of Fortran's order.
+        root, failed = dpotrf(total.T, lower=0, clean=0, overwrite_a=1)
+        if failed:
+            raise LinAlgError
+        solved = dpotrs(root, self.height_m, lower=0)[0]
+        loss = float(self.height_m @ solved / 2 + np.log(np.diag(root)).sum())
+        inverse = dpotri(root, lower=0, overwrite_c=1)[0].T
+        by_entry = np.empty(TABLE)
+        by_noise = sensitivity(inverse, solved, self.entry, self.share, self.noise_m2, by_entry)
+        toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
+        return loss, toward, float(by_entry @ value), noise_factor * float(by_noise)
 
 
 def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
@@ -230,23 +268,15 @@ def _loss(
     gradient[2] = parameters[2] / noise_factor_spread**2
     if len(parameters) > 3:
         gradient[3] = ROUGHER * smoothness / (1 + smoothness)
+    tried = Covariance(smoothness, length, variance)
+    others = [longer, smoother] if len(parameters) > 3 else [longer]
     for group in groups:
-        terrain = group.covariance(Covariance(smoothness, length, variance))
-        noise = factor * group.noise_m2
-        total = terrain + noise
-        total[np.diag_indices_from(total)] += 1e-9 * variance
         try:
-            root = cho_factor(total, lower=True, check_finite=False)
+            own, toward, by_variance, by_noise = group.loss(tried, factor, others)
         except LinAlgError:
             return 1e12, np.zeros(len(parameters))
-        inverse = cho_solve(root, np.eye(len(total)), check_finite=False)
-        solved = inverse @ group.height_m
-        loss += float(group.height_m @ solved / 2 + np.log(np.diag(root[0])).sum())
-        outward = inverse - np.outer(solved, solved)
-        changes = [(group.covariance(longer) - terrain) / STEP, terrain, noise]
-        if len(parameters) > 3:
-            changes.append((group.covariance(smoother) - terrain) / STEP)
-        gradient += [np.vdot(outward, change) / 2 for change in changes]
+        loss += own
+        gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
     return loss, gradient
 
 

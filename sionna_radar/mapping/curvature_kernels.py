@@ -9,21 +9,32 @@ from typing import no_type_check
 
 import numpy as np
 
-from sionna_radar.elevation.ray_march import corner_of
+from sionna_radar.elevation.ray_march import corner_of, height_at
 from sionna_radar.foundation.compiled import compiled
 
 
 @compiled
 @no_type_check
-def curve(factor, first, heights, result, low, high):
-    """Write F^T F applied to the heights under the nodes of the pulses from `low` to `high`."""
+def curve_nodes(factor, first, last, place, west, south, spacing, height, result, low, high):
+    """Add the curvature of the pulses from `low` to `high`, applied to the heights of all cells, to `result`."""
+    rows, columns = height.shape
+    nodes = place.shape[1]
+    under, back = np.empty(nodes, dtype=np.float32), np.empty(nodes, dtype=np.float32)
     for pulse in range(low, high):
-        if first[pulse] == first[pulse + 1]:
-            for node in range(heights.shape[1]):
-                result[pulse, node] = 0.0
-        else:
-            own = factor[first[pulse] : first[pulse + 1]]
-            np.dot(np.dot(own, heights[pulse]), own, result[pulse])
+        if first[pulse] == last[pulse]:
+            continue
+        for node in range(nodes):
+            x, y = place[pulse, node, 0], place[pulse, node, 1]
+            under[node] = height_at(height, west, south, spacing, x, y)
+        own = factor[first[pulse] : last[pulse]]
+        np.dot(np.dot(own, under), own, back)
+        for node in range(nodes):
+            x, y = place[pulse, node, 0], place[pulse, node, 1]
+            i, j, b, a = corner_of(x, y, west, south, spacing, rows, columns)
+            result[i, j] += back[node] * (1 - a) * (1 - b)
+            result[i, j + 1] += back[node] * a * (1 - b)
+            result[i + 1, j] += back[node] * (1 - a) * b
+            result[i + 1, j + 1] += back[node] * a * b
 
 
 @compiled
@@ -54,7 +65,9 @@ def touch(place, west, south, spacing, rows, columns, seen_by, cell, local):
 
 @compiled
 @no_type_check
-def onto_cells(factor, first, place, west, south, spacing, rows, columns, local, count, start, on_cells, low, high):
+def onto_cells(
+    factor, first, last, place, west, south, spacing, rows, columns, local, count, start, on_cells, low, high
+):
     """Write F of the pulses from `low` to `high` as it acts on their cells, row by row, from `start` on."""
     share = np.empty((place.shape[1], 4))
     for pulse in range(low, high):
@@ -63,7 +76,7 @@ def onto_cells(factor, first, place, west, south, spacing, rows, columns, local,
             _, _, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
             share[node, 0], share[node, 1] = (1 - a) * (1 - b), a * (1 - b)
             share[node, 2], share[node, 3] = (1 - a) * b, a * b
-        for row in range(first[pulse + 1] - first[pulse]):
+        for row in range(last[pulse] - first[pulse]):
             at = start[pulse] + row * cells
             for k in range(at, at + cells):
                 on_cells[k] = 0.0

@@ -87,11 +87,11 @@ def _samples(range_m, shift, share, corner, weight, cell_m, drift_m, cell, sampl
 
 @compiled
 @no_type_check
-def centroids(range_m, shift, share, corner, weight, cell_m, mean):
-    """Write the power-weighted mean range of every echo; NaN without one."""
+def centroids(low, high, range_m, shift, share, corner, weight, cell_m, mean):
+    """Write the power-weighted mean range of the echoes from `low` to `high`; NaN without one."""
     nodes, samples = range_m.shape[1], len(share)
     cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
-    for pulse in range(len(mean)):
+    for pulse in range(low, high):
         _samples(range_m[pulse], shift[pulse], share, corner, weight, cell_m, 0.0, cell, sample_range, inverse)
         total, moment = 0.0, 0.0
         for k in range(samples):
@@ -263,121 +263,156 @@ def _doubled(values, begin, end):
 
 @compiled
 @no_type_check
-def linearise(
-    low,
-    high,
-    first,
-    start,
-    profile_power,
-    profile_noise,
-    looks,
-    cell_m,
-    volume_power,
-    drift,
-    volume_sigma,
-    range_m,
-    shift,
-    per_height,
-    share,
-    corner,
-    corner_weight,
-    response,
-    score,
-    factor,
-    residual,
-    weight_of,
-    count,
-):
-    """Write scores, factors, whitened residuals and weights of rows, and rows of each pulse; return how many in all."""
-    nodes, samples, half = range_m.shape[1], len(share), len(response) // 2
-    pad = 2 * half + 1
-    cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
-    power_of, scale = np.empty(samples), np.empty(nodes)
-    used = 0
-    for pulse in range(low, high):
-        number = pulse - low
-        for node in range(nodes):
-            score[number, node] = 0.0
-        count[number] = 0
-        power = _doubled(profile_power, start[pulse], start[pulse + 1])
-        cells, begin, noise = len(power), float(first[pulse]), profile_noise[pulse]
-        size = cells + 2 * pad
-        middle = _samples(
-            range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
-        )
-        for node in range(nodes):
-            scale[node] = inverse[node] ** 2 * per_height[pulse, node]
-        for k in range(samples):
-            power_of[k] = share[k] * (middle / sample_range[k]) ** 2
-        hit, onto = np.empty(size), np.empty((size, nodes))
-        nearest, farthest = _spread(
-            power_of, cell, sample_range, corner, corner_weight, begin, cells, half, cell_m, hit, onto, True
-        )
-        shape, strongest = np.zeros(cells), 0.0
-        for c in range(cells):
-            for tap in range(len(response)):
-                shape[c] += response[tap] * hit[c + pad + half - tap]
-            strongest = max(strongest, shape[c])
-        if strongest == 0.0:
+def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
+    """Return the mean power of the volume in front of an echo and its change with the heights under the nodes."""
+    first, start, _, _, _, cell_m = data
+    volume_power, drift, sigma = clutter
+    range_m, shift, _ = geometry
+    share, corner, corner_weight, response = antenna
+    cell, sample_range, inverse = samples
+    begin, half = float(first[pulse]), len(response) // 2
+    if len(volume_power) == 0:
+        return np.zeros((start[pulse + 1] - start[pulse], 1))
+    _samples(
+        range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, drift[pulse], cell, sample_range, inverse
+    )
+    before = 0.0
+    for k in range(len(share)):
+        if cell[k] <= begin - half:
+            before += share[k]
+    own = _doubled(volume_power, start[pulse], start[pulse + 1])
+    return _volume(
+        own, share, before, cell, sample_range, corner, corner_weight, begin, half, cell_m, response, sigma, scale
+    )
+
+
+@compiled
+@no_type_check
+def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian, own):
+    """Write how log powers change with the heights under the nodes, in the cells that count, and how the level does.
+
+    Returns the number of cells that count; 0 for too few.
+    """
+    level, shape, mean, weight = echo
+    rows = 0
+    for c in range(len(shape)):
+        rows += weight[c] > LEAST_WEIGHT
+    if rows < FEWEST_CELLS:
+        return 0
+    row = 0
+    own[:] = 0.0
+    for c in range(len(shape)):
+        if weight[c] <= LEAST_WEIGHT:
             continue
-        in_front = np.zeros((cells, 1))
-        if len(volume_power):
-            _samples(
-                range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, drift[pulse], cell, sample_range,
-                inverse,
-            )  # fmt: skip
-            before = 0.0
-            for k in range(samples):
-                if cell[k] <= begin - half:
-                    before += share[k]
-            clutter = _doubled(volume_power, start[pulse], start[pulse + 1])
-            in_front = _volume(
-                clutter, share, before, cell, sample_range, corner, corner_weight, begin, half, cell_m, response,
-                volume_sigma, scale,
-            )  # fmt: skip
-        volume = np.empty(cells)
-        for c in range(cells):
-            volume[c] = in_front[c, 0]
+        _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
+        by_level = weight[c] * level * shape[c] / mean[c]
+        for node in range(len(own)):
+            if in_front.shape[1] > 1:
+                jacobian[row, node] += in_front[c, node + 1] / level
+            jacobian[row, node] *= level / mean[c]
+            own[node] += by_level * jacobian[row, node]
+        row += 1
+    return rows
+
+
+@compiled
+@no_type_check
+def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight_of):
+    """Write the score of an echo, its rows, whitened residuals and their weights, all free of the level."""
+    level, shape, mean, weight = echo
+    of_level = 0.0
+    for c in range(len(shape)):
+        if weight[c] > LEAST_WEIGHT:
+            of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
+    row = 0
+    for c in range(len(shape)):
+        if weight[c] <= LEAST_WEIGHT:
+            continue
+        # The part of the change that a change of the echo's level explains is projected out.
+        part = level * shape[c] / mean[c] / of_level
+        root = np.sqrt(looks * weight[c])
+        rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+        residual[row] = rest
+        weight_of[row] = weight[c]
+        for node in range(len(own)):
+            whitened = root * (jacobian[row, node] - part * own[node])
+            factor[row, node] = whitened
+            score[node] += rest * whitened
+        row += 1
+
+
+@compiled
+@no_type_check
+def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
+    """Write the shape of an echo and how its power moves; return the first and the last cell that power leaves.
+
+    spread: room for the power of each cell, and for how raised nodes move it up by a cell.
+    """
+    first, _, _, _, _, cell_m = data
+    range_m, shift, per_height = geometry
+    share, corner, corner_weight, response = antenna
+    cell, sample_range, inverse = samples
+    hit, onto = spread
+    half = len(response) // 2
+    pad = 2 * half + 1
+    middle = _samples(
+        range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
+    )
+    for node in range(len(scale)):
+        scale[node] = inverse[node] ** 2 * per_height[pulse, node]
+    power = np.empty(len(share))
+    for k in range(len(share)):
+        power[k] = share[k] * (middle / sample_range[k]) ** 2
+    nearest, farthest = _spread(
+        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), half, cell_m, hit, onto, True
+    )
+    for c in range(len(shape)):
+        shape[c] = 0.0
+        for tap in range(len(response)):
+            shape[c] += response[tap] * hit[c + pad + half - tap]
+    return nearest, farthest
+
+
+@compiled
+@no_type_check
+def linearise(low, high, data, clutter, geometry, antenna, results):
+    """Write score, rows of the factor, whitened residuals, weights, and the number of rows, of some pulses.
+
+    data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
+    clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
+        power, the nodes around each and their weights, and the response of the window.
+    results: the rows of a pulse begin where its cells do.
+    """
+    _, start, profile_power, profile_noise, looks, _ = data
+    score, factor, residual, weight_of, count = results
+    nodes, half = score.shape[1], len(antenna[3]) // 2
+    samples = np.empty(len(antenna[0])), np.empty(len(antenna[0])), np.empty(nodes)
+    scale, own = np.empty(nodes), np.empty(nodes)
+    most = 1
+    for pulse in range(low, high):
+        most = max(most, start[pulse + 1] - start[pulse])
+    room, all_hit = np.empty((most + 2 * (2 * half + 1), nodes)), np.empty(most + 2 * (2 * half + 1))
+    jacobian, all_shape = np.empty((most, nodes)), np.empty(most)
+    for pulse in range(low, high):
+        score[pulse, :] = 0.0
+        count[pulse] = 0
+        power = _doubled(profile_power, start[pulse], start[pulse + 1])
+        cells, noise = len(power), profile_noise[pulse]
+        size = cells + 2 * (2 * half + 1)
+        spread, shape = (all_hit[:size], room[:size]), all_shape[:cells]
+        nearest, farthest = _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape)
+        if cells == 0 or shape.max() <= 0.0:
+            continue
+        in_front = _in_front(pulse, data, clutter, geometry, scale, antenna, samples)
+        volume = in_front[:, 0].copy()
         top = echo_level(power, noise, volume)
         if top == 0.0:
             continue
         mean, weight = np.empty(cells), np.empty(cells)
         level = _fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
-        rows, of_level = 0.0, 0.0
-        for c in range(cells):
-            if weight[c] > LEAST_WEIGHT:
-                rows += 1
-                of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
-        if rows < FEWEST_CELLS:
-            continue
-        jacobian, own = np.empty((int(rows), nodes)), np.zeros(nodes)
-        row = 0
-        for c in range(cells):
-            if weight[c] <= LEAST_WEIGHT:
-                continue
-            _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
-            by_level = weight[c] * level * shape[c] / mean[c]
-            for node in range(nodes):
-                if len(volume_power):
-                    jacobian[row, node] += in_front[c, node + 1] / level
-                jacobian[row, node] *= level / mean[c]
-                own[node] += by_level * jacobian[row, node]
-            row += 1
-        row = 0
-        for c in range(cells):
-            if weight[c] <= LEAST_WEIGHT:
-                continue
-            # The part of the change that a change of the echo's level explains is projected out.
-            part = level * shape[c] / mean[c] / of_level
-            root = np.sqrt(looks[pulse] * weight[c])
-            rest = root * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
-            residual[used] = rest
-            weight_of[used] = weight[c]
-            for node in range(nodes):
-                whitened = root * (jacobian[row, node] - part * own[node])
-                factor[used, node] = whitened
-                score[number, node] += rest * whitened
-            row += 1
-            used += 1
-        count[number] = row
-    return used
+        echo = level, shape, mean, weight
+        rows = _changes(echo, room, nearest, farthest, antenna[3], scale, in_front, jacobian, own)
+        if rows > 0:
+            to = slice(start[pulse], start[pulse] + rows)
+            _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to], weight_of[to])
+        count[pulse] = rows

@@ -14,7 +14,6 @@ Behind a volume such as rain, mu includes the volume's power, as far as the beam
 own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,12 +22,12 @@ from jaxtyping import Bool, Float, Float32, Int
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.threads import equal_parts, in_threads, parts
+from sionna_radar.foundation.threads import in_threads, over_rows, parts
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.mapping.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
-# Handled by one core at a time; room is made for all of their rows before it is known how many there are.
+# Handled by one core at a time.
 PULSES_AT_ONCE = 64
 
 
@@ -94,27 +93,23 @@ class Linearised:
     """The log-likelihood linearised about a surface, in the heights under the nodes.
 
     score: its gradient.
-    factor: the rows of F of all pulses, with F^T F the expected curvature of each; first: where those of a pulse
-    begin, plus the overall end.
+    factor: rows of F of all pulses, with F^T F the expected curvature of each.
+    first, last: where the rows of each pulse begin and end; those between belong to none, and are zero.
     residual: whitened residuals of the data in these rows; the score is F^T residual.
-    weight: of the range cell of each row, from 0 to 1: the variance of a residual in independent looks.
+    weight: of the range cell of each row, from 0 to 1: the variance of a residual, over the looks in a cell.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
     factor: Float32[np.ndarray, "row node"]
-    first: Int[np.ndarray, " pulse+1"]
+    first: Int[np.ndarray, " pulse"]
+    last: Int[np.ndarray, " pulse"]
     residual: Float[np.ndarray, " row"]
     weight: Float[np.ndarray, " row"]
 
-    def curvature(self, heights: Float[np.ndarray, "pulse node"]) -> Float[np.ndarray, "pulse node"]:
-        """Return F^T F of each pulse applied to heights under its nodes."""
-        from sionna_radar.mapping.curvature_kernels import curve
-
-        result = np.empty(heights.shape, dtype=np.float32)
-        single = heights.astype(np.float32)
-        list(in_threads(lambda *some: curve(self.factor, self.first, single, result, *some), equal_parts(len(heights))))
-        return result.astype(np.float64)
+    def rows_of(self, pulse: int) -> slice:
+        """Return which rows are those of a pulse."""
+        return slice(int(self.first[pulse]), int(self.last[pulse]))
 
 
 def footprints(
@@ -155,7 +150,8 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        centroids(self._feet.range_m, self._feet.shift_m, beam.share, beam.corner, beam.weight, cell_m, mean)
+        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.corner, beam.weight, cell_m, mean
+        over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
     def linearise(self, looks: Float[np.ndarray, " pulse"]) -> Linearised:
@@ -163,13 +159,6 @@ class EchoModel:
 
         looks: independent looks in each range cell of each pulse.
         """
-        some = list(in_threads(self._linearised(looks), parts(len(self._sightings), PULSES_AT_ONCE)))
-        count = np.concatenate([np.zeros(1, dtype=np.int64), *(part[4] for part in some)])
-        score, factor, residual, weight = (np.concatenate([part[k] for part in some]) for k in range(4))
-        return Linearised(self._feet.place_m, score, factor, np.cumsum(count), residual, weight)
-
-    def _linearised(self, looks: Float[np.ndarray, " pulse"]) -> Callable[[int, int], tuple[np.ndarray, ...]]:
-        """Return a function for score, rows of factors, residuals, weights, and numbers of rows of some pulses."""
         from sionna_radar.mapping.echo_kernels import linearise
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
@@ -181,14 +170,17 @@ class EchoModel:
         )
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
         antenna = beam.share, beam.corner, beam.weight, self._sightings.response
-        nodes = beam.direction.shape[0]
-
-        def some(low: int, high: int) -> tuple[np.ndarray, ...]:
-            most = int(profiles.start[high] - profiles.start[low])
-            score, count = np.empty((high - low, nodes)), np.empty(high - low, dtype=np.int64)
-            factor, residual = np.empty((most, nodes), dtype=np.float32), np.empty(most)
-            weight = np.empty(most)
-            used = linearise(low, high, *data, *in_front, *geometry, *antenna, score, factor, residual, weight, count)
-            return score, factor[:used].copy(), residual[:used].copy(), weight[:used].copy(), count
-
-        return some
+        pulses, nodes, values = len(profiles), len(beam.direction), len(profiles.power)
+        score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
+        # Rooms that are not needed are never touched, and take no memory.
+        factor = np.zeros((values, nodes), dtype=np.float32)
+        residual, weight = np.zeros(values), np.zeros(values)
+        results = score, factor, residual, weight, count
+        list(
+            in_threads(
+                lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
+                parts(pulses, PULSES_AT_ONCE),
+            )
+        )
+        first = profiles.start[:-1]
+        return Linearised(self._feet.place_m, score, factor, first, first + count, residual, weight)

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cho_factor, solve_triangular
 from scipy.spatial.distance import cdist
 
+from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.covariance import Covariance
 from sionna_radar.mapping.heights import Heights
 
@@ -42,12 +43,16 @@ class Kriging:
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         sigma = np.full(grid.shape, np.nan)
-        for rows, columns in _blocks(grid):
-            here = wanted[rows, columns]
-            if here.any():
+        blocks = [block for block in _blocks(grid) if wanted[block].any()]
+
+        def some(low: int, high: int) -> None:
+            for rows, columns in blocks[low:high]:
+                here = wanted[rows, columns]
                 cell = np.argwhere(here)
                 place = np.column_stack([grid.x_m[columns][cell[:, 1]], grid.y_m[rows][cell[:, 0]]])
                 sigma[rows, columns][here] = self._of_places(place)
+
+        list(in_threads(some, parts(len(blocks), 1)))
         return sigma
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
@@ -59,7 +64,7 @@ class Kriging:
         if len(near) == 0:
             return float(np.sqrt(before))
         root, between = self._known(near, place_m)
-        told = solve_triangular(root, between.mean(axis=1), lower=True, check_finite=False)
+        told = solve_lower(root, between.mean(axis=1))
         return float(np.sqrt(max(before - told @ told, 0.0)))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
@@ -68,7 +73,7 @@ class Kriging:
         if len(near) == 0:
             return np.full(len(place_m), np.sqrt(before))
         root, between = self._known(near, place_m)
-        told = solve_triangular(root, between, lower=True, check_finite=False, overwrite_b=True)
+        told = solve_lower(root, between)
         return np.sqrt(np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before))
 
     def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
@@ -84,13 +89,13 @@ class Kriging:
         """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places."""
         heights = self.heights.rows(near)
         spread = float(np.median(heights.spread_m))
-        apart, away = cdist(heights.place_m, heights.place_m), cdist(heights.place_m, place_m)
-        table = np.linspace(0.0, np.sqrt(max(apart.max(), away.max()) + 1.0), TABLE) ** 2
-        total = np.interp(apart, table, self.covariance.at(table, spread))
+        farthest = float(np.hypot(*np.ptp(np.concatenate([heights.place_m, place_m]), axis=0))) + 1.0
+        total = self.covariance.table(farthest, spread, TABLE).between(heights.place_m, heights.place_m)
         noise = heights.variance_m2(self.noise_factor)
         total[np.diag_indices_from(total)] += noise + JITTER * self.covariance.variance_m2
-        between = np.interp(away, table, self.covariance.at(table, spread / np.sqrt(2)))
-        return cho_factor(total, lower=True, check_finite=False, overwrite_a=True)[0], between
+        halved = self.covariance.table(farthest, spread / np.sqrt(2), TABLE)
+        between = halved.between(heights.place_m, place_m)
+        return np.linalg.cholesky(total), between
 
 
 def _blocks(grid: Grid) -> Iterator[tuple[slice, slice]]:

@@ -41,9 +41,9 @@ class LinearUncertainty:
         corner = self.heights.place_m[found.corner]
         away = np.linalg.norm(corner - grid.centres_m[found.cell][:, None], axis=2)
         apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
-        table = np.linspace(0.0, np.sqrt(max(away.max(initial=0.0), apart.max(initial=0.0)) + 1.0), TABLE) ** 2
-        to_place = np.interp(away, table, covariance.at(table, spread / np.sqrt(2)))
-        between = np.interp(apart, table, covariance.at(table, spread))
+        farthest = float(max(away.max(initial=0.0), apart.max(initial=0.0))) + 1.0
+        to_place = covariance.table(farthest, spread / np.sqrt(2), TABLE).at(away)
+        between = covariance.table(farthest, spread, TABLE).at(apart)
         alone = float(covariance.at(np.zeros(1), spread)[0])
         noise = self.heights.variance_m2(self.fitted.noise_factor)[found.corner]
         # Corner i and the next one are `apart[:, i]`.

@@ -31,7 +31,14 @@ def lobe_samples(cut: Cut, level: float) -> slice:
 
 def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: float = LIT) -> Bool[np.ndarray, " n"]:
     """Mark the unit vectors, in the antenna's frame, whose two-way gain relative to the peak is at least a level."""
-    return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
+    if not antenna.separable:
+        return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
+    from sionna_radar.radar.lobe_kernels import within
+
+    inside = np.empty(len(direction), dtype=np.bool_)
+    cuts = (np.ascontiguousarray(cut.voltage, dtype=np.float64) for cut in (antenna.azimuth, antenna.elevation))
+    within(np.ascontiguousarray(direction, dtype=np.float64), *cuts, float(level), inside)
+    return inside
 
 
 def reach_of_power(antenna: Antenna, outside: float) -> tuple[float, float]:

@@ -17,6 +17,8 @@ from sionna_radar.foundation.threads import over_rows
 
 # A ray goes at least this far into the next cell, in cells, so that rounding cannot hold it back.
 NUDGE = 1e-9
+# How much faster than the steepest ground a ray must climb to be sure of leaving it behind, for rounding.
+STEEPER = 1.0 + 1e-6
 # Steps along a ray for each row and column, more than any takes.
 MOST_STEPS = 20
 
@@ -27,6 +29,7 @@ class Relief:
     def __init__(self, raster: Raster) -> None:
         height, grid = np.ascontiguousarray(raster.height_m, dtype=np.float64), raster.grid
         pyramid, first, shapes = _pyramid(height)
+        self._steepest = float(_steepest(height, float(grid.spacing_m)))
         self._ground = (height, pyramid, first, shapes, float(grid.west_m), float(grid.south_m), float(grid.spacing_m))
 
     def first_hits(
@@ -51,7 +54,8 @@ class Relief:
         """Return whether the ground is between origins and points, nearer than a share `short` of the way to these."""
         hidden = np.empty(len(origin_m), dtype=np.bool_)
         ends = (np.asarray(origin_m, dtype=np.float64), np.asarray(point_m, dtype=np.float64))
-        over_rows(lambda low, high: _hides(low, high, self._ground, *ends, short, hidden), len(origin_m))
+        ground = (self._ground, self._steepest)
+        over_rows(lambda low, high: _hides(low, high, *ground, *ends, short, hidden), len(origin_m))
         return hidden
 
 
@@ -95,12 +99,34 @@ def _first_hits(low, high, ground, origin, direction, distance, face, cosine):
 
 @compiled
 @no_type_check
-def _hides(low, high, ground, origin, point, short, hidden):
-    _, _, _, _, west, south, step = ground
+def _steepest(height, step):
+    """Return the slope of the steepest triangle."""
+    square = 0.0
+    for i in range(height.shape[0] - 1):
+        for j in range(height.shape[1] - 1):
+            a, b, c, d = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
+            square = max(square, (b - a) ** 2 + (d - b) ** 2, (d - c) ** 2 + (c - a) ** 2)
+    return np.sqrt(square) / step
+
+
+@compiled
+@no_type_check
+def _hides(low, high, ground, steepest, origin, point, short, hidden):
+    height, _, _, _, west, south, step = ground
+    rows, columns = height.shape[0] - 1, height.shape[1] - 1
     for ray in range(low, high):
         # From the point upward: a ray soon leaves the ground behind.
         dx, dy, dz = origin[ray, 0] - point[ray, 0], origin[ray, 1] - point[ray, 1], origin[ray, 2] - point[ray, 2]
         x, y = (point[ray, 0] - west) / step, (point[ray, 1] - south) / step
+        if dz > STEEPER * steepest * np.sqrt(dx * dx + dy * dy):
+            # It climbs faster than any ground: once above, it stays above.
+            u, v = x + short * dx / step, y + short * dy / step
+            i, j = int(v), int(u)
+            if u >= 0.0 and v >= 0.0 and i < rows and j < columns:
+                half = 0 if u - j >= v - i else 1
+                if _gap(height, i, j, half, u, v, point[ray, 2] + short * dz) > 0.0:
+                    hidden[ray] = False
+                    continue
         found = _meet(ground, x, y, point[ray, 2], dx / step, dy / step, dz, short, 1.0, 0)
         hidden[ray] = found[1] >= 0 or found[2] < 0
 

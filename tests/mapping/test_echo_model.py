@@ -10,6 +10,7 @@ from sightings import make_sightings
 from sionna_radar.detection.profiles import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.curvature import _by_nodes, curvature_on_cells
 from sionna_radar.mapping.echo_model import EchoModel
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -56,17 +57,25 @@ def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request)
     looks = LOOKS * np.linspace(1, 2, len(sightings))
     linear = EchoModel(sightings, surface).linearise(looks)
     plain = PlainEchoes(sightings, surface)
-    heights = np.random.default_rng(1).standard_normal(linear.score.shape)
-    curved = linear.curvature(heights)
     for pulse in range(len(sightings)):
         score, factor = plain.pulse(pulse, looks[pulse])
-        own = slice(linear.first[pulse], linear.first[pulse + 1])
+        own = linear.rows_of(pulse)
         assert len(factor) > 10
         np.testing.assert_allclose(linear.factor[own], factor, rtol=1e-5, atol=1e-6 * np.abs(factor).max())
         np.testing.assert_allclose(linear.score[pulse], score, rtol=1e-7, atol=1e-9 * np.abs(score).max())
         np.testing.assert_allclose(linear.residual[own] @ factor, score, rtol=1e-5, atol=1e-7 * np.abs(score).max())
-        expected = factor.T @ (factor @ heights[pulse])
-        np.testing.assert_allclose(curved[pulse], expected, rtol=1e-4, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("operator", [curvature_on_cells, _by_nodes])
+def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface, operator):
+    linear = EchoModel(in_clear_air, surface).linearise(np.ones(len(in_clear_air)))
+    heights = np.random.default_rng(1).standard_normal(surface.height_m.size)
+    expected = np.zeros_like(heights)
+    for pulse in range(len(in_clear_air)):
+        weights = surface.weights(*linear.place_m[pulse].T)
+        factor = linear.factor[linear.rows_of(pulse)].astype(float)
+        expected += weights.T @ (factor.T @ (factor @ (weights @ heights)))
+    np.testing.assert_allclose(operator(linear, surface)(heights), expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_mean_ranges_are_those_of_the_plain_model(in_clear_air, surface):
@@ -80,7 +89,7 @@ def test_a_pulse_alone_gives_the_same_bits_as_among_others(in_rain, surface):
     for pulse in (0, 5):
         alone = EchoModel(in_rain.rows(np.arange(len(in_rain)) == pulse), surface).linearise(looks[:1])
         np.testing.assert_array_equal(alone.score[0], together.score[pulse])
-        np.testing.assert_array_equal(alone.factor, together.factor[together.first[pulse] : together.first[pulse + 1]])
+        np.testing.assert_array_equal(alone.factor[alone.rows_of(0)], together.factor[together.rows_of(pulse)])
 
 
 def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
@@ -88,6 +97,6 @@ def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
     linear = EchoModel(
         replace(in_clear_air, pose=replace(in_clear_air.pose, R_world_antenna=upward)), surface
     ).linearise(np.ones(len(in_clear_air)))
-    assert linear.factor.shape == (0, linear.score.shape[1])
+    np.testing.assert_array_equal(linear.first, linear.last)
     np.testing.assert_array_equal(linear.score, 0.0)
-    np.testing.assert_array_equal(linear.curvature(np.ones_like(linear.score)), 0.0)
+    np.testing.assert_array_equal(curvature_on_cells(linear, surface)(np.ones(surface.height_m.size)), 0.0)

@@ -33,6 +33,17 @@ def test_the_lobe_ends_off_both_axes_together():
     assert not in_main_lobe(antenna, corner, 1 / 15)[0]
 
 
+@pytest.mark.parametrize("level", [LIT, FOLLOWED])
+def test_the_lobe_is_where_the_two_way_gain_says_so(level):
+    antenna = make_antenna(5.0, 3.0)
+    towards = np.random.default_rng(1).normal([1.0, 0.0, 0.0], 0.05, (5000, 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    expected = antenna.gain(towards) ** 2 >= level * antenna.peak_gain**2
+    assert 0.05 < expected.mean() < 0.95
+    np.testing.assert_array_equal(in_main_lobe(antenna, towards, level), expected)
+    assert not in_main_lobe(antenna, -towards, level).any()
+
+
 @pytest.mark.parametrize("level", [LIT, FOLDING, FOLLOWED])
 def test_the_samples_of_a_gaussian_lobe_reach_to_its_level(level):
     """exp(-u^2 / (2 s^2)) to the fourth power falls to a level L at u = s sqrt(ln(1 / L) / 2)."""

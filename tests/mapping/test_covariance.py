@@ -1,0 +1,58 @@
+"""The fit of a covariance against the plain likelihood of a Gaussian."""
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+from scipy.stats import multivariate_normal
+
+from sionna_radar.mapping.covariance import ROUGHER, TABLE, Covariance, Measured, _Group, _loss, repeated
+from sionna_radar.mapping.covariance_table import CovarianceTable
+
+TERRAIN = Covariance(1.5, 8.0, 2.0)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    rng = np.random.default_rng(3)
+    count = 30
+    return Measured(
+        place_m=rng.uniform(0, 40, (count, 2)),
+        height_m=rng.standard_normal(count),
+        sigma_m=rng.uniform(0.1, 0.3, count),
+        spread_m=np.full(count, 1.2),
+        order=np.arange(count, dtype=float),
+        reach=np.full(count, 2.0),
+    )
+
+
+@pytest.mark.parametrize("smoothness", [1.3, np.inf])
+def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, smoothness):
+    logs = np.log([6.0, 1.5, 1.2]) if np.isinf(smoothness) else np.log([6.0, 1.5, 1.2, smoothness])
+    spread = 0.2
+
+    def plain(logs):
+        own = np.exp(logs[3]) if len(logs) > 3 else np.inf
+        away = np.linalg.norm(measured.place_m[:, None] - measured.place_m, axis=2)
+        terrain = Covariance(own, *np.exp(logs[:2])).at(away, 1.2)
+        noise = np.exp(logs[2]) * np.outer(measured.sigma_m, measured.sigma_m)
+        gaussian = multivariate_normal(cov=terrain + noise * repeated(measured.order, measured.reach))
+        prior = logs[2] ** 2 / (2 * spread**2) + ROUGHER * np.log1p(min(own, 12.0))
+        return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
+
+    loss, gradient = _loss(logs, [_Group.of(measured, np.arange(30))], spread)
+    assert loss == pytest.approx(plain(logs), abs=1e-2)
+    np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
+
+
+def test_a_table_gives_the_covariance_between_places(measured):
+    table = TERRAIN.table(60.0, 0.7, 3000)
+    away = np.linalg.norm(measured.place_m[:, None] - measured.place_m[:7], axis=2)
+    np.testing.assert_allclose(table.between(measured.place_m, measured.place_m[:7]), TERRAIN.at(away, 0.7), atol=1e-5)
+    np.testing.assert_allclose(table.at(away), np.interp(away, CovarianceTable.distances(60.0, 3000), table.value_m2))
+
+
+def test_nothing_lies_beyond_a_groups_table(measured):
+    group = _Group.of(measured, np.arange(30))
+    assert group.entry.max() == TABLE - 2
+    assert group.share.min() >= 0
+    assert group.share.max() <= 1
