@@ -32,8 +32,9 @@ GROUP, GROUPS = 260, 3
 LEAST_NOISE_M = 1e-3
 # Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
 NEW_NOISE = 0.03
-# Standard deviation of the logarithm of the noise factor, beforehand.
-NOISE_FACTOR_SPREAD = 0.2
+# Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
+# 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise.
+NOISE_FACTOR_SPREAD = 0.1
 # Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
 # Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
 # beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
