@@ -78,9 +78,8 @@ def test_intervals_hold_what_they_say(grid, method):
     every = shares([check for case in grid[method].values() for check in case])
     mean, worst = every.mean(axis=0), np.abs(every - NOMINAL).max(axis=1)
     spread = np.mean([check.cells.nmad_z for case in grid[method].values() for check in case])
-    print(
-        f"{method}: mean {np.round(100 * mean, 1)} %, NMAD of z {spread:.2f}, beyond 8 points {np.mean(worst > 0.08):.0%}"
-    )
+    print(f"{method}: mean {np.round(100 * mean, 1)} %, NMAD of z {spread:.2f}")
+    print(f"  cases beyond 8 points {np.mean(worst > 0.08):.0%}, the worst by {100 * worst.max():.0f}")
     for (scene, beam), case in grid[method].items():
         print(f"  {scene} {beam:g} deg: {np.round(100 * shares(case).mean(axis=0), 1)}")
     assert np.abs(mean - NOMINAL).max() < MEAN_POINTS[method]
