@@ -60,11 +60,11 @@ def echo_surface(
         Of the last of them; see `smooth`.
 
     """
-    grid = _reaching(grid, sightings, echoes)
+    grid = reaching(grid, sightings, echoes)
     reach = sightings.repeated(echoes.range_m)
     surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach).trend())
     for number in range(SURFACES):
-        heights, fits = _over(surface, sightings, echoes, reach)
+        heights, fits = heights_over(surface, sightings, echoes, reach)
         last = number == SURFACES - 1
         smoothed = smooth(
             heights.rows(fits), grid, tolerance=tolerance if last else ROUGH, groups=GROUPS if last else 1
@@ -74,10 +74,21 @@ def echo_surface(
     return EchoSurface(smoothed, heights, fits)
 
 
-def _over(
+def heights_over(
     surface: Heightfield, sightings: Sightings, echoes: MeanRanges, reach: Float[np.ndarray, " pulse"]
 ) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
-    """Return what the echoes say about a surface, as heights, and which of them fit it."""
+    """Return what the echoes say about a surface, as heights, and which of them fit it.
+
+    Parameters
+    ----------
+    surface:
+        One near the ground, over a grid that reaches all footprints.
+    sightings, echoes:
+        Whole echoes, their measured poses, and their mean ranges.
+    reach:
+        Over how many pulses the speckle of each repeats.
+
+    """
     pose = sightings.pose
     axis = pose.boresight
     predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
@@ -85,7 +96,8 @@ def _over(
     known = np.isfinite(predicted) & np.isfinite(on_axis)
     heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach)
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
-    residual = (echoes.range_m - predicted) / echoes.sigma_m
+    # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
+    residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
     scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
     fits = known & (np.abs(np.nan_to_num(residual)) <= OUTLIER_SIGMAS * scale)
     if fits.mean() < 0.5:
@@ -115,7 +127,7 @@ def on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarra
     return pose.position_m + range_m[:, None] * pose.boresight
 
 
-def _reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
+def reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
     """Return the grid that covers another and all of the footprints."""
     direction = sightings.direction()[:, sightings.beam.corners]
     down = np.minimum(direction[..., 2], -0.1)

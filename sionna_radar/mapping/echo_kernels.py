@@ -318,7 +318,7 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 @compiled
 @no_type_check
 def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight_of):
-    """Write the score of an echo, its rows, whitened residuals and their weights, all free of the level."""
+    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level."""
     level, shape, mean, weight = echo
     of_level = 0.0
     for c in range(len(shape)):
@@ -376,7 +376,7 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
 @compiled
 @no_type_check
 def linearise(low, high, data, clutter, geometry, antenna, results):
-    """Write score, rows of the factor, whitened residuals, weights, and the number of rows, of some pulses.
+    """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's

@@ -96,7 +96,7 @@ class Linearised:
     factor: rows of F of all pulses, with F^T F the expected curvature of each.
     first, last: where the rows of each pulse begin and end; those between belong to none, and are zero.
     residual: whitened residuals of the data in these rows; the score is F^T residual.
-    weight: of the range cell of each row, from 0 to 1: the variance of a residual, over the looks in a cell.
+    weight: of the range cell of each row, from 0 to 1: the variance of a residual in independent looks.
     """
 
     place_m: Float[np.ndarray, "pulse node 2"]
@@ -173,8 +173,8 @@ class EchoModel:
         pulses, nodes, values = len(profiles), len(beam.direction), len(profiles.power)
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
         # Rooms that are not needed are never touched, and take no memory.
-        factor = np.zeros((values, nodes), dtype=np.float32)
-        residual, weight = np.zeros(values), np.zeros(values)
+        factor, residual = np.zeros((values, nodes), dtype=np.float32), np.zeros(values)
+        weight = np.zeros(values)
         results = score, factor, residual, weight, count
         list(
             in_threads(

@@ -24,9 +24,9 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.lobe_samples import lobe_samples
 
 SAMPLES = 1500
-LEAST_GAIN = 3e-3
 # Reflectivity is relative to this range.
 UNIT_M = 50.0
 # Power in a pulse's cells that the body does not explain, relative to its strongest.
@@ -63,7 +63,7 @@ class EdgeLikelihood:
         profiles = sightings.profiles
         self._pulses = pulses
         self._top = top
-        direction, share = _samples(sightings)
+        direction, share = lobe_samples(sightings.beam, SAMPLES)
         length = np.diff(profiles.start)[pulses]
         self._into = np.concatenate([[0], np.cumsum(length)])
         values = np.arange(self._into[-1]) + np.repeat(profiles.start[pulses] - self._into[:-1], length)
@@ -158,19 +158,6 @@ class Fit:
     sigma_m: float
 
 
-def _samples(sightings: Sightings) -> tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"]]:
-    """Return directions across the main lobe, even but on no lattice, so that edges cross few at once; powers."""
-    beam = sightings.beam
-    # The sequence of Roberts (2018): fractional parts of multiples of powers of the plastic number's inverse.
-    even = (np.arange(1, SAMPLES + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
-    u = beam.azimuth[0] + even[:, 0] * np.ptp(beam.azimuth)
-    v = beam.elevation[0] + even[:, 1] * np.ptp(beam.elevation)
-    direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
-    gain = beam.two_way(direction)
-    seen = gain > LEAST_GAIN
-    return direction[seen], gain[seen] / gain.sum()
-
-
 def _ranges(
     sightings: Sightings, surface: Heightfield, direction: Float[np.ndarray, "sample 3"], pulses: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n sample"]:
@@ -241,7 +228,7 @@ def with_outlines(
 
     """
     result = height_m.copy()
-    raised, crumbs = _raised(height_m, part, step_m)
+    raised, crumbs = raised_parts(height_m, part, step_m)
     low = ~np.isin(part, [*raised, *crumbs])
     if not low.any():
         return result
@@ -270,7 +257,7 @@ def with_outlines(
     return result
 
 
-def _raised(
+def raised_parts(
     height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
 ) -> tuple[dict[int, tuple[slice, slice]], list[int]]:
     """Return the parts that stand higher than most of what is around them, and those of them too small to outline.

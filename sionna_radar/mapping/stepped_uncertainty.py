@@ -15,8 +15,6 @@ from sionna_radar.foundation.raster import Grid
 
 # Standard deviation of a border's place, and how far from it the centres of the cells beside it are, in cells.
 BORDER_SIGMA_CELLS, BESIDE_CELLS = 0.5, 0.5
-# Heights of a plane roof, though its coarse heights scatter about it by chance alone, are no better known than this.
-LEAST_SIGMA_M = 0.02
 
 
 @dataclass(frozen=True)

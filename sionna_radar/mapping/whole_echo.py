@@ -79,8 +79,8 @@ def information_of(
     means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
     for pulse in pulses:
         own = linear.rows_of(int(pulse))
-        rows, phase = linear.factor[own], (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T
-        turned = rows @ np.cos(phase) + 1j * (rows @ np.sin(phase))
+        phase = (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T
+        turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
         echoes += _told(turned, linear.weight[own], looks_per_cell)
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)

@@ -1,0 +1,187 @@
+"""Planes through the parts of a map with steps: roofs, and level ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import distance_transform_edt
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
+from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.map_parts import FEWEST_CELLS
+from sionna_radar.mapping.mean_ranges import MeanRanges
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.smoothing import TerrainModel
+from sionna_radar.mapping.speckle import repeats
+
+# Heights of a plane roof are no better known than this, though they scatter about it by chance alone.
+LEAST_SIGMA_M = 0.02
+ROUNDS = 4
+# Heights that scatter about a plane this many times as far as their noise are no plane's.
+ROUGH = 2.0
+# Heights next to a step are biased toward the other side.
+BESIDE_CELLS = 2
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane, and how well it is known.
+
+    middle_m: a place; coefficients: the height there, and the slopes toward east and north; covariance: theirs.
+    """
+
+    middle_m: Float[np.ndarray, "2"]
+    coefficients: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "3 3"]
+
+    def at(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return heights."""
+        return np.asarray(self._design(place_m) @ self.coefficients)
+
+    def sigma_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the standard deviations of heights."""
+        design = self._design(place_m)
+        variance = np.einsum("nk,kl,nl->n", design, self.covariance, design)
+        return np.asarray(np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2)))
+
+    def _design(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        return np.column_stack([np.ones(len(place_m)), place_m - self.middle_m])
+
+
+def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Plane | None:
+    """Return the plane through whole echoes of one part; None if another surface fits them better.
+
+    Parameters
+    ----------
+    sightings, echoes:
+        Profiles and measured poses of the pulses that see nothing but this part, and their mean ranges.
+    grid:
+        Cells of the map.
+
+    """
+    reach = sightings.repeated(echoes.range_m)
+    grid = reaching(grid, sightings, echoes)
+    trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
+    for _ in range(ROUNDS):
+        heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach)
+        if fits.sum() < FEWEST_CELLS:
+            return None
+        found = _robust(heights.rows(fits))
+        plane, rough = found.plane, found.spread
+        trend = np.array([plane.at(np.zeros((1, 2)))[0], *plane.coefficients[1:]])
+    if rough > ROUGH or _curved(heights.rows(fits), plane, rough):
+        return None
+    return plane
+
+
+def plane_of_points(
+    coarse_m: Float[np.ndarray, "row column"],
+    inside: Bool[np.ndarray, "row column"],
+    points: Points,
+    grid: Grid,
+    spread_m: float,
+    step_m: float,
+    beam_rad: float,
+) -> Plane | None:
+    """Return the plane through the located echoes of a part; None if they are not planar.
+
+    Parameters
+    ----------
+    coarse_m, inside:
+        The coarse map, and the cells of the part.
+    points:
+        Located echoes.
+    grid:
+        Cells of the map.
+    spread_m:
+        How far coarse heights scatter about planes; twice as far are no plane's.
+    step_m:
+        Echoes farther above or below are not of this part.
+    beam_rad:
+        Standard deviation of the two-way pattern in elevation: echoes of what fills a part of the beam only are off
+        its axis by as much, on the same side all along a border, which tilts a plane.
+
+    """
+    deep = distance_transform_edt(inside) > BESIDE_CELLS
+    cells = deep if deep.sum() >= FEWEST_CELLS else inside
+    on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
+    rough = _robust(on_cells, spread_m)
+    row, column, on_grid = grid.cell_of(points.position_m)
+    on = on_grid & cells[row, column]
+    on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
+    if on.sum() < FEWEST_CELLS:
+        return rough.plane if rough.spread <= 2 * spread_m else None
+    of = points.rows(np.flatnonzero(on))
+    place, height = of.position_m[:, :2], of.position_m[:, 2]
+    found = _robust(Heights.at_places(place, height, np.ones(len(of))), _off_axis_m(of, beam_rad))
+    return found.plane if found.spread <= 2 * spread_m else None
+
+
+def _off_axis_m(points: Points, beam_rad: float) -> float:
+    """Return by how much the heights of echoes are wrong that are not on the axis."""
+    away = points.origin_m - points.position_m
+    return beam_rad * float(np.median(np.hypot(away[:, 0], away[:, 1])))
+
+
+def spread(values: Float[np.ndarray, " n"]) -> float:
+    """Return a robust standard deviation about zero: that of a normal distribution with the same middle half."""
+    return 1.4826 * float(np.median(np.abs(values))) if len(values) else 0.0
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A plane through most of some heights, and how far they scatter about it, relative to their noise."""
+
+    plane: Plane
+    spread: float
+
+
+def _robust(heights: Heights, least_m: float = 0.0) -> _Fit:
+    """Return the plane through most of some heights: a level one if a tilt explains too little (Schwarz).
+
+    A tilt that moves the heights by no more than `least_m`, in the root mean square, is none.
+    """
+    level, tilted = _fitted(heights, 1), _fitted(heights, 3)
+    unit = max(tilted.spread, 1e-6) * OUTLIER_SIGMAS
+
+    def misfit(fit: _Fit) -> float:
+        rest = (heights.height_m - fit.plane.at(heights.place_m)) / heights.sigma_m
+        return float(np.sum(np.minimum(np.abs(rest) / unit, 1.0) ** 2)) * OUTLIER_SIGMAS**2
+
+    moved = tilted.plane.at(heights.place_m) - level.plane.at(heights.place_m)
+    needed = 2 * np.log(len(heights)) * float(np.mean(repeats(heights.reach)))
+    is_tilted = misfit(level) - misfit(tilted) > needed and np.sqrt(np.mean(moved**2)) > least_m
+    return tilted if is_tilted else level
+
+
+def _fitted(heights: Heights, unknowns: int) -> _Fit:
+    """Return the level plane, of one unknown, or the tilted one, of three, through most of some heights."""
+    middle = heights.place_m.mean(axis=0)
+    full = np.column_stack([np.ones(len(heights)), heights.place_m - middle]) / heights.sigma_m[:, None]
+    design, value = full[:, :unknowns], heights.height_m / heights.sigma_m
+    kept = np.ones(len(heights), dtype=bool)
+    coefficients, covariance = np.zeros(3), np.zeros((3, 3))
+    for _ in range(ROUNDS):
+        fit = np.linalg.lstsq(design[kept], value[kept], rcond=None)[0]
+        rest = value - design @ fit
+        rough = max(spread(rest), 1e-6)
+        kept = np.abs(rest) <= OUTLIER_SIGMAS * rough
+    repeated = float(np.mean(repeats(heights.reach[kept])))
+    coefficients[:unknowns] = fit
+    covariance[:unknowns, :unknowns] = np.linalg.pinv(design[kept].T @ design[kept]) * rough**2 * repeated
+    return _Fit(Plane(middle, coefficients, covariance), rough)
+
+
+def _curved(heights: Heights, plane: Plane, rough: float) -> bool:
+    """Return whether a quadratic surface is likelier by more than its further unknowns explain (Schwarz)."""
+    rest = (heights.height_m - plane.at(heights.place_m)) / heights.sigma_m
+    kept = np.abs(rest) <= OUTLIER_SIGMAS * max(rough, 1.0)
+    x, y = (heights.place_m[kept] - plane.middle_m).T
+    scale = max(float(np.hypot(x, y).max()), 1e-9)
+    x, y = x / scale, y / scale
+    design = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y]) / heights.sigma_m[kept, None]
+    left = rest[kept] - design @ np.linalg.lstsq(design, rest[kept], rcond=None)[0]
+    gain = (rest[kept] @ rest[kept] - left @ left) / float(np.mean(repeats(heights.reach[kept]))) / max(rough, 1.0) ** 2
+    return bool(gain > 3 * np.log(len(x)))
