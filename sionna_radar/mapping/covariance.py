@@ -240,16 +240,27 @@ class _Group:
 
 
 def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
-    """Return the correlation of errors from speckle that neighbouring pulses share; see `Measured`.
+    """Return the correlation of errors from speckle that neighbouring pulses share; see `Measured`."""
+    together = repeated_pairs(order[:, None], order[None], reach[:, None], reach[None])
+    np.fill_diagonal(together, 1.0)
+    return together
+
+
+def repeated_pairs(
+    order: Float[np.ndarray, "..."],
+    other: Float[np.ndarray, "..."],
+    reach: Float[np.ndarray, "..."],
+    other_reach: Float[np.ndarray, "..."],
+) -> Float[np.ndarray, "..."]:
+    """Return that correlation of pairs of different heights.
 
     Two echoes of one pulse lie in different range cells, which share none.
     """
-    apart = np.subtract.outer(order, order) ** 2
-    square = np.maximum(np.add.outer(reach**2, reach**2) / 2, 1e-6)
+    apart = (order - other) ** 2
+    square = np.maximum((reach**2 + other_reach**2) / 2, 1e-6)
     # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
-    alike = np.sqrt(np.outer(reach, reach) / square) * np.exp(-apart / square)
-    together: Float[np.ndarray, "n n"] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
-    np.fill_diagonal(together, 1.0)
+    alike = np.sqrt(reach * other_reach / square) * np.exp(-apart / square)
+    together: Float[np.ndarray, ...] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
     return together
 
 
