@@ -76,7 +76,13 @@ for name, survey in flights.items():
 # Several lines over one area, in one survey: turns at a bank of 30 deg, in which the radar is silent.
 LENGTH_M = 20.0 if small else 190.0
 TABLE = {"count": 2 if small else 3, "spacing_m": 25.0, "length_m": LENGTH_M, "centre_m": [5.0, 0.0]}
-CITY = {"terrain.size_m": [460.0, 460.0], "platform.altitude_m": 40.0, "platform.bank_deg": 30.0, "dem.max_gap_m": 3.0}
+CITY = {
+    "dem.method": "linear",
+    "terrain.size_m": [460.0, 460.0],
+    "platform.altitude_m": 40.0,
+    "platform.bank_deg": 30.0,
+    "dem.max_gap_m": 3.0,
+}
 LINES = {
     "one line": {"platform.lines": TABLE | {"count": 1}},
     "lines to and fro": {"platform.lines": TABLE},

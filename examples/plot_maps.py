@@ -42,8 +42,6 @@ for axes, (name, (heights, reach, maps)) in zip(rows, FLIGHTS.items(), strict=Tr
     scale, off = Normalize(*heights), Normalize(-reach, reach)
     for panel, (method, title) in zip(axes[1:], maps.items(), strict=True):
         changes = {"dem.method": method, "processing.ranging": "centroid"}
-        if method == "stepped":
-            changes["processing.echoes"] = "all"
         survey = run(load_scenario(name, LENGTH | changes))
         print(f"{name}, {method}: {words(survey)} (lit cells); all cells of the DEM {survey.dem_error.rms_m:.3f} m")
         show_raster(panel, survey.error, "RdBu_r", off)

@@ -13,7 +13,7 @@ courtyards open that the coarse map has missed.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TypeVar
 
@@ -23,7 +23,8 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filte
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
-from sionna_radar.mapping.border_kernels import NOTHING, Columns, Echoes, Views
+from sionna_radar.mapping.border_kernels import Echoes, Views
+from sionna_radar.mapping.column_kernels import NOTHING, Columns
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.lobe_samples import lobe_samples
 from sionna_radar.mapping.mean_ranges import mean_ranges
@@ -40,10 +41,14 @@ ALIKE = 4.0
 SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 # Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
 PRIOR_ECHOES = 5.0
-# A cell that returns less than this share of what its part should may be a hole in it, if so many echoes are expected.
+# A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
 HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
+# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
+# that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
+# than so many nepers, as the model of columns makes likelihoods too sure.
+NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS = 4, 0.2, 0.4, 3.0, 8.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
-GROWTH_CELLS, BEYOND_CELLS = 10, 24
+GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
 # Blocks of cells that are handled one after the other, with the cells around each that its pulses reach.
 BLOCK_CELLS, MARGIN_CELLS = 200, 24
@@ -53,20 +58,34 @@ BLOCK_CELLS, MARGIN_CELLS = 200, 24
 class StepMap:
     """Heights of the cells of a map with steps, and the part that each belongs to.
 
-    returned: power that came back from each cell's top, relative to what its part's reflectivity leads to expect; 1
-        where little is expected.
+    expected, returned: power of each cell's top that its part's reflectivity leads to expect, in units of the mean
+        power of its range cells, summed over pulses; and what came back, relative to that.
+    margin: by how many nepers the part of each cell is likelier than any a step apart; infinite away from borders.
     """
 
     height_m: Float[np.ndarray, "row column"]
     part: Int[np.ndarray, "row column"]
+    expected: Float[np.ndarray, "row column"]
     returned: Float[np.ndarray, "row column"]
+    margin: Float[np.ndarray, "row column"]
+
+    def doubtful(self) -> Bool[np.ndarray, "row column"]:
+        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's."""
+        near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
+        seen = self.expected > 0
+        typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
+        unseen = self.expected < SELDOM * typical
+        hollow = (self.returned < TOO_LITTLE) & (self.expected > SEVERAL)
+        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS)))
 
 
 def with_borders(
     sightings: Sightings,
     axis_m: Float[np.ndarray, "pulse 3"],
-    given: StepMap,
+    height_m: Float[np.ndarray, "row column"],
+    part: Int[np.ndarray, "row column"],
     low: Bool[np.ndarray, "row column"],
+    step_m: float,
     grid: Grid,
 ) -> StepMap:
     """Return a map whose cells at borders belong to the parts that are likeliest given the profiles.
@@ -75,15 +94,18 @@ def with_borders(
     ----------
     sightings, axis_m:
         Profiles, measured poses, and where on their axes the echoes of the pulses are.
-    given:
-        The map.
+    height_m, part:
+        The map, and the number of the part that each cell belongs to.
     low:
         Cells of parts that are not raised above those around them: the ground.
+    step_m:
+        Least difference of heights that is a step.
     grid:
         Cells of the map.
 
     """
-    result = StepMap(*(each.copy() for each in (given.height_m, given.part, given.returned)))
+    nothing = np.zeros(grid.shape)
+    result = StepMap(height_m.copy(), part.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))
     for row in range(0, grid.rows, BLOCK_CELLS):
         for column in range(0, grid.columns, BLOCK_CELLS):
             window = _span(row, grid.rows), _span(column, grid.columns)
@@ -91,11 +113,12 @@ def with_borders(
             core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
             cells = grid.cut(*window)
             near = _near(axis_m, cells)
-            if near.any() and np.ptp(result.part[window]):
+            if near.any():
                 block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
-                found = block.improved(core[window], low[window])
-                result.height_m[window], result.part[window] = found.height_m, found.part
-                result.returned[window][core[window]] = found.returned[core[window]]
+                found = block.improved(core[window], low[window], step_m)
+                inner = core[window]
+                for field in fields(StepMap):
+                    getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
     return result
 
 
@@ -109,8 +132,6 @@ class _Block:
         part: Int[np.ndarray, "row column"],
         grid: Grid,
     ) -> None:
-        from sionna_radar.mapping.border_kernels import cast_all
-
         self._numbers, inverse = np.unique(part, return_inverse=True)
         number = inverse.reshape(part.shape).astype(np.int64)
         spacing = grid.spacing_m
@@ -129,27 +150,37 @@ class _Block:
         self._echoes = _echoes(sightings)
         typical = float(np.median(np.add.reduceat(self._echoes.power, self._echoes.start[:-1])))
         self._level = np.full(2 * len(self._numbers), typical / 10)
-        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
+        self._cast()
 
-    def improved(self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]) -> StepMap:
+    def improved(
+        self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
+    ) -> StepMap:
         """Return the map with the likeliest parts of the cells in the core."""
         part = self._columns.part
-        returned = self._update(FIRST_UPDATES)
-        hollow = (returned < HOLLOW) & ~low
+        found, expected = self._update(FIRST_UPDATES)
+        hollow = (found < HOLLOW * expected) & (expected > FEWEST_EXPECTED) & ~low
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
-        changed = np.ones(part.shape, dtype=bool)
+        changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
         for _ in range(SWEEPS):
-            wanted = (_beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
+            wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
-            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed)
+            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break
-            returned = self._update(UPDATES)
-        return StepMap(self._columns.height, self._numbers[part], returned)
+            # A ray over a cell that was lowered may meet another that it was not known to cross.
+            self._cast()
+            found, expected = self._update(UPDATES)
+        returned = found / np.maximum(expected, np.finfo(float).tiny)
+        return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
 
-    def _update(self, rounds: int) -> Float[np.ndarray, "row column"]:
-        """Update the reflectivities; return the power of each cell's top, relative to what is expected of it."""
+    def _cast(self) -> None:
+        from sionna_radar.mapping.border_kernels import cast_all
+
+        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
+
+    def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
+        """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
         from sionna_radar.mapping.border_kernels import predict, shares
 
         bounds = equal_parts(len(self._echoes.first))
@@ -170,8 +201,7 @@ class _Block:
             found, expected = sums.sum(axis=0)
             self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
             self._over_pulses(foresee)
-        found, expected = cells.sum(axis=0)
-        return np.asarray(np.where(expected > FEWEST_EXPECTED, found / np.maximum(expected, 1e-12), 1.0))
+        return np.asarray(cells.sum(axis=0))
 
     def _ground(
         self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]
@@ -183,11 +213,11 @@ class _Block:
         part = np.where(hollow, self._columns.part[row, column], NOTHING)
         return part.ravel(), self._columns.height[row, column].ravel()
 
-    def _crossing(self) -> tuple[Int[np.ndarray, " cell+1"], Int[np.ndarray, " entry"]]:
+    def _crossing(self) -> tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]]:
         """Return the pulses whose rays come near each cell, and where those of each cell begin."""
         from sionna_radar.mapping.border_kernels import crossed
 
-        beyond_m = 3 * self._columns.spacing
+        beyond_m = BEYOND_CELLS * self._columns.spacing
         sides = self._columns.part.shape
 
         def some(low: int, high: int) -> Int[np.ndarray, "2 entry"]:
@@ -209,6 +239,8 @@ class _Block:
         ground: Int[np.ndarray, " cell"],
         ground_m: Float[np.ndarray, " cell"],
         changed: Bool[np.ndarray, "row column"],
+        margin: Float[np.ndarray, "row column"],
+        step_m: float,
     ) -> None:
         """Give cells to the parts under which the profiles are likeliest, and mark those that changed.
 
@@ -221,8 +253,8 @@ class _Block:
         tile = np.stack([cells // count, cells % count]) // self._tile_cells(first, pulses)
         given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
 
-        def one_tile(groups: list[Int[np.ndarray, " some"]], number: int, _: int) -> None:
-            improve(*given, groups[number], first, pulses, ground, ground_m, changed)
+        def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
+            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin, step_m)
 
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
@@ -239,7 +271,7 @@ class _Block:
             np.minimum.at(least, pulses, place)
             np.maximum.at(most, pulses, place)
             widest = max(widest, int((most - least).max()))
-        return widest + BEYOND_CELLS
+        return widest + 4 * BEYOND_CELLS
 
     def _over_pulses(self, work: Callable[[int, int], Result]) -> list[Result]:
         return list(in_threads(work, parts(len(self._echoes.first), PULSES_AT_ONCE)))
@@ -306,7 +338,8 @@ def _slopes(
     return along(1), along(0)
 
 
-def _beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+def beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another part."""
     return np.asarray(maximum_filter(part, 3, mode="nearest") != minimum_filter(part, 3, mode="nearest"))
 
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.sparse import csr_matrix
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.covariance import LEAST_NOISE_M, Measured
+from sionna_radar.mapping.covariance import LEAST_NOISE_M, Measured, repeated_pairs
 from sionna_radar.mapping.speckle import repeats
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
@@ -57,6 +57,15 @@ class Heights(Columns):
     def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
         """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""
         return factor * repeats(self.reach) * np.maximum(self.sigma_m, LEAST_NOISE_M) ** 2
+
+    def noise_m2(
+        self, one: Int[np.ndarray, "..."], other: Int[np.ndarray, "..."], factor: float
+    ) -> Float[np.ndarray, "..."]:
+        """Return the covariance of the noise of pairs of heights; their variance where both are the same."""
+        sigma = np.maximum(self.sigma_m, LEAST_NOISE_M)
+        repeated = repeated_pairs(self.order[one], self.order[other], self.reach[one], self.reach[other])
+        shared: Float[np.ndarray, ...] = np.where(one == other, 1.0, repeated)
+        return factor * sigma[one] * sigma[other] * shared
 
     def above(self, trend: Float[np.ndarray, "3"]) -> Measured:
         """Return what a covariance is learned from: the heights above a trend."""

@@ -3,11 +3,12 @@
 The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
 terrain the variance
 
-    C(0) - 2 sum w_i C(z, y_i) + sum w_i w_j C(y_i, y_j) + sum w_i^2 n_i,
+    C(0) - 2 sum w_i C(z, y_i) + sum w_i w_j (C(y_i, y_j) + n_ij),
 
-whether or not the weights are the best ones. The covariances C are those of means over footprints, so that what a wide
-beam smooths away counts; what a range estimator reads wrong on a slope does not. The distances are short, so that a
-terrain model from one part of the map serves all of it.
+whether or not the weights are the best ones. The noise n_ij of two heights is correlated as far as their speckle is the
+same; over three of them that is worked out, not taken as in a mean of many. The covariances C are those of means over
+footprints, so that what a wide beam smooths away counts; what a range estimator reads wrong on a slope does not. The
+distances are short, so that a terrain model from one part of the map serves all of it.
 """
 
 from dataclasses import dataclass
@@ -45,12 +46,13 @@ class LinearUncertainty:
         to_place = covariance.table(farthest, spread / np.sqrt(2), TABLE).at(away)
         between = covariance.table(farthest, spread, TABLE).at(apart)
         alone = float(covariance.at(np.zeros(1), spread)[0])
-        noise = self.heights.variance_m2(self.fitted.noise_factor)[found.corner]
+        after = np.roll(found.corner, -1, axis=1)
+        noise = self.heights.noise_m2(found.corner, found.corner, self.fitted.noise_factor)
+        shared = self.heights.noise_m2(found.corner, after, self.fitted.noise_factor)
         # Corner i and the next one are `apart[:, i]`.
-        both = alone * np.sum(share**2, axis=1) + 2 * np.sum(share * np.roll(share, -1, axis=1) * between, axis=1)
-        variance = (
-            covariance.variance_m2 - 2 * np.sum(share * to_place, axis=1) + both + np.sum(share**2 * noise, axis=1)
-        )
+        pair = share * np.roll(share, -1, axis=1)
+        both = np.sum(share**2 * (alone + noise), axis=1) + 2 * np.sum(pair * (between + shared), axis=1)
+        variance = covariance.variance_m2 - 2 * np.sum(share * to_place, axis=1) + both
         sigma = np.full(grid.rows * grid.columns, np.nan)
         sigma[found.cell] = np.sqrt(np.maximum(variance, 0.0))
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)

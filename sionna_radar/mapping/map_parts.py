@@ -50,7 +50,7 @@ def to_border_m(part: Int[np.ndarray, "row column"], spacing_m: float) -> Float[
 
 
 def _amid_links(
-    along: Bool[np.ndarray, "row link"], across: Bool[np.ndarray, "link column"]
+    along: Bool[np.ndarray, "row beside"], across: Bool[np.ndarray, "above column"]
 ) -> Bool[np.ndarray, "row column"]:
     """Return the cells around which, in three by three cells, all neighbours are linked."""
     right = np.pad(along, ((0, 0), (0, 1)), constant_values=True)

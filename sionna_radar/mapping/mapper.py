@@ -146,8 +146,8 @@ def register_dem_method(name: str, parameters: type[Table] | None = None) -> Cal
 
 def build_dem_method(table: DemTable) -> DemMethod:
     """Return the DEM method of a scenario."""
-    method: DemMethod = DEM_METHODS.entry(table.method)(table.method_parameters)
-    require(method, DemMethod, str(DEM_METHODS.entry(table.method)))
+    method: DemMethod = DEM_METHODS.entry(table.map_method)(table.method_parameters)
+    require(method, DemMethod, str(DEM_METHODS.entry(table.map_method)))
     return method
 
 

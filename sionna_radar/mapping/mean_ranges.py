@@ -31,7 +31,8 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     shift_m = sightings.shift_m(sightings.pose.boresight[:, None])[:, 0]
     if profiles.volume is not None:
         return MeanRanges(range_m=profiles.volume.echo_m - shift_m, sigma_m=profiles.volume.echo_sigma_m)
-    mean, spread = np.empty(len(profiles)), np.empty(len(profiles))
-    mean_cells(profiles.start, profiles.power, profiles.noise, CELLS_BELOW_PEAK, mean, spread)
-    sigma = np.maximum(spread / np.sqrt(sightings.looks_per_cell), LEAST_SIGMA_CELLS) * profiles.cell_m
+    mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
+    looks = float(sightings.looks_per_cell)
+    mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
+    sigma = np.maximum(sigma, LEAST_SIGMA_CELLS) * profiles.cell_m
     return MeanRanges(range_m=(profiles.first + mean) * profiles.cell_m - shift_m, sigma_m=sigma)

@@ -36,8 +36,12 @@ def echo_levels(start, power, noise, volume, level):
 
 @compiled
 @no_type_check
-def mean_cells(start, power, noise, below_peak, mean, spread):
-    """Write the mean cell of each profile's power and its standard deviation for one look per cell, in cells."""
+def mean_cells(start, power, noise, looks, below_peak, mean, sigma):
+    """Write the mean cell of each profile's power and its standard deviation, in cells.
+
+    Of an echo of few looks the mean follows the strong ones, and the scatter about it comes out too small, as that of
+    any sample does: by the share of one look in all, to first order.
+    """
     for pulse in range(len(mean)):
         peak = 0.0
         for k in range(start[pulse], start[pulse + 1]):
@@ -48,11 +52,14 @@ def mean_cells(start, power, noise, below_peak, mean, spread):
                 total += power[k]
                 moment += power[k] * float(k - start[pulse])
         total = max(total, TINY)
-        centre, square = moment / total, 0.0
+        centre, square, alone = moment / total, 0.0, 0.0
         for k in range(start[pulse], start[pulse + 1]):
             if power[k] >= least:
                 square += (float(power[k]) * (k - start[pulse] - centre)) ** 2
-        mean[pulse], spread[pulse] = centre, np.sqrt(square / 2) / total
+                alone += float(power[k]) ** 2
+        # The mean square of an exponential power is twice the square of its mean.
+        share = alone / total / total / (2 * looks)
+        mean[pulse], sigma[pulse] = centre, np.sqrt(square / 2 / looks * (1 + share)) / total
 
 
 @compiled

@@ -6,7 +6,8 @@
    them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 3. Cells beside borders join the part under which whole profiles are likeliest (`borders`), and raised parts end at
-   straight walls if profiles fit those better (`outlines`).
+   straight walls if profiles fit those better (`outlines`). Cells near borders that no pulse really saw, or that may
+   as well be of the other side, as where a wall crosses them, are left empty.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from scipy.ndimage import median_filter
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Progress, Step, Steps, silent
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.borders import StepMap, with_borders
+from sionna_radar.mapping.borders import with_borders
 from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_heights import on_axis
@@ -79,10 +80,12 @@ def step_surface(
         filled[window] |= inside[window] & closed((coarse.supported & inside)[window], gap_m, grid.spacing_m)
     raised, crumbs = raised_parts(height, part, step_m)
     low = ~np.isin(part, [*raised, *crumbs])
-    bordered = with_borders(sightings, axis_m, StepMap(height, part, np.ones(grid.shape)), low, grid)
+    bordered = with_borders(sightings, axis_m, height, part, low, step_m, grid)
     height = with_outlines(sightings, axis_m, bordered.height_m, bordered.part, filled, grid, step_m, spread_m)
-    uncertainty = beside_borders(sigma, height, bordered.part)
-    return SteppedMap(Heightfield(grid=grid, height_m=height), filled, uncertainty)
+    # Where straight walls and single cells disagree, either may be right.
+    margin = np.where(np.abs(height - bordered.height_m) < step_m, bordered.margin, 0.0)
+    uncertainty = beside_borders(sigma, height, margin)
+    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~bordered.doubtful(), uncertainty)
 
 
 @dataclass(frozen=True)

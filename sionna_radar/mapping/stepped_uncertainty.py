@@ -1,20 +1,20 @@
 """How well a map with steps is known: within its parts, and beside their borders.
 
-A cell beside a border belongs to the other side with the chance that the border, known to a part of a cell, runs beyond
-its centre. Then it is wrong by the whole step: the variance of the cell rises by step^2 p (1 - p).
+A cell beside a border belongs to the other side with a chance p that falls with the margin by which its part is
+likelier than the next. Then it is wrong by the whole step: the variance of the cell rises by step^2 p (1 - p).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.stats import norm
 
 from sionna_radar.foundation.raster import Grid
 
-# Standard deviation of a border's place, and how far from it the centres of the cells beside it are, in cells.
-BORDER_SIGMA_CELLS, BESIDE_CELLS = 0.5, 0.5
+# Margin over which the chance of the other side falls by e. The columns of the model are not the walls of the world,
+# and echoes of overlapping pulses are not independent, so that it takes more than one neper.
+NEPERS = 16.0
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,21 @@ class SteppedUncertainty:
 def beside_borders(
     sigma_m: Float[np.ndarray, "row column"],
     height_m: Float[np.ndarray, "row column"],
-    part: Int[np.ndarray, "row column"],
+    margin: Float[np.ndarray, "row column"],
 ) -> SteppedUncertainty:
-    """Return the uncertainty of a map from that within its parts, their numbers, and its heights."""
+    """Return the uncertainty of a map from that within its parts, its heights, and the margins beside its borders.
+
+    Parameters
+    ----------
+    sigma_m:
+        Standard deviations within the parts.
+    height_m:
+        The map.
+    margin:
+        By how many nepers the part of each cell is likelier than the next; infinite away from borders.
+
+    """
     highest, lowest = maximum_filter(height_m, 3, mode="nearest"), minimum_filter(height_m, 3, mode="nearest")
-    border = maximum_filter(part, 3, mode="nearest") != minimum_filter(part, 3, mode="nearest")
-    step_m = np.where(border, np.maximum(highest - height_m, height_m - lowest), 0.0)
-    beyond = float(norm.cdf(-BESIDE_CELLS / BORDER_SIGMA_CELLS))
+    step_m = np.maximum(highest - height_m, height_m - lowest)
+    beyond = 0.5 * np.exp(-margin / NEPERS)
     return SteppedUncertainty(np.hypot(sigma_m, step_m * np.sqrt(beyond * (1 - beyond))))

@@ -74,26 +74,27 @@ class ChosenBy:
 
 @dataclass(frozen=True)
 class NameIn:
-    """Validation of a key that names a registered part."""
+    """Validation of a key that names a registered part, or is one of some other words."""
 
     registry: Registry
+    also: tuple[str, ...] = ()
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         # Text besides: a script may register more.
-        return {"anyOf": [{"enum": list(self.registry.known())}, {"type": "string"}]}
+        return {"anyOf": [{"enum": [*self.also, *self.registry.known()]}, {"type": "string"}]}
 
     def _check(self, name: str) -> str:
-        if name not in self.registry:
+        if name not in self.registry and name not in self.also:
             raise refuse("", self.registry.unknown(name))
         return name
 
 
-def name_in(registry: Registry) -> NameIn:
-    """Return the check of a key that names a registered part."""
-    return NameIn(registry)
+def name_in(registry: Registry, *also: str) -> NameIn:
+    """Return the check of a key that names a registered part, or is one of some other words."""
+    return NameIn(registry, also)
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,10 @@ class ParametersOf:
 
     def _check(self, value: Any, info: Any) -> Table | None:
         name = info.data.get(self.name)
-        if name is None:  # it is refused already
+        if name is None or (value is None and name not in self.registry):  # it is refused already, or chosen later
             return None
+        if name not in self.registry:
+            raise refuse("", f"{name!r} has no parameters; remove them, or name the {self.registry.kind}")
         entry = self.registry.entry(name)
         if entry.parameters is None and value is not None:
             raise refuse("", f"{self.registry.kind} {name!r} has no parameters; remove them")

@@ -63,7 +63,7 @@ class ProcessingTable(Table):
     window: of `scipy.signal.get_window`.
     zero_padding: bins of the spectrum in a range cell.
     cfar: detection.
-    echoes: which echoes of a pulse are kept.
+    echoes: which echoes of a pulse are kept; without it "all" where dem.method is "stepped".
     merge_gap_m: detected cells no farther apart are one echo.
     dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
     min_range_m: nothing nearer is detected.

@@ -6,7 +6,7 @@ or the flight to judge is checked when the survey is prepared (`sionna_radar.sur
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,6 +16,7 @@ from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.lidar import LidarTable
+from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
 from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
@@ -149,6 +150,11 @@ class Scenario(Table):
                 f"{self.radar.carrier_hz:g}; remove the fog or lower the carrier",
             )
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _map_is_chosen(cls, given: Any) -> Any:
+        return with_map(given) if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _snow_and_dust_are_known(self) -> Scenario:

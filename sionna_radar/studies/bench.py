@@ -25,8 +25,8 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("hills", {"dem.method": "smooth"}, 10.0),
     ("hills", {"dem.method": "refined"}, 5.0),
     ("hills", {"dem.method": "refined", "radar.antenna.beamwidth_deg": 8.0}, 5.0),
-    ("buildings", {"dem.method": "stepped", "processing.echoes": "all"}, 2.0),
-    ("san_francisco", {"dem.method": "stepped", "processing.echoes": "all"}, 1.0),
+    ("buildings", {"dem.method": "stepped"}, 2.0),
+    ("san_francisco", {"dem.method": "stepped"}, 1.0),
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
 RATIOS = 8 + len(BEAMS_DEG) + len(METHODS)

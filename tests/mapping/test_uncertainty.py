@@ -1,11 +1,13 @@
 """Stated uncertainties against plain formulas, and against the errors of many drawn terrains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance, repeated
 from sionna_radar.mapping.gridding import Interpolated
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
@@ -108,6 +110,14 @@ def test_a_linear_interpolation_errs_as_it_says(heights, drawn):
     np.testing.assert_allclose(sigma, error.std(axis=1), rtol=0.2)
     assert np.mean((error / sigma[:, None]) ** 2) == pytest.approx(1.0, abs=0.05)
     assert np.isnan(linear.mean_sigma_m(GRID.centres_m, 10.0))
+
+
+def test_pairs_of_heights_share_noise_as_all_of_them_do(heights):
+    shared = replace(heights, reach=np.linspace(0.0, 3.0, len(heights)))
+    one, other = np.meshgrid(np.arange(40), np.arange(40), indexing="ij")
+    sigma = np.maximum(shared.sigma_m, 1e-3)
+    expected = 1.5 * np.outer(sigma, sigma) * repeated(shared.order, shared.reach)
+    np.testing.assert_allclose(shared.noise_m2(one, other, 1.5), expected)
 
 
 def test_whole_echoes_explain_no_more_than_where_echoes_lie():

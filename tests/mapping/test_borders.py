@@ -1,0 +1,161 @@
+"""Maps with steps: parts without ramps, planes of parts, and borders by the likelihood of whole profiles."""
+
+import numpy as np
+import pytest
+
+from sightings import make_sightings
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.border_kernels import predict
+from sionna_radar.mapping.borders import _Block, beside_borders, with_borders
+from sionna_radar.mapping.column_kernels import NOTHING, Columns, approach, cast
+from sionna_radar.mapping.echo_heights import on_axis
+from sionna_radar.mapping.map_parts import parts_of, to_border_m
+from sionna_radar.mapping.mean_ranges import mean_ranges
+from sionna_radar.mapping.planes import plane_of_echoes
+
+ROOF_M = 8.0
+
+
+def columns_of(height: np.ndarray, spacing: float = 1.0) -> Columns:
+    flat = np.zeros(height.shape)
+    return Columns(height, flat, flat, np.arange(height.size).reshape(height.shape), height + 50.0, 0.0, 0.0, spacing)
+
+
+def plainly(columns: Columns, origin: np.ndarray, ray: np.ndarray, farthest: float) -> tuple[float, int]:
+    """Step along a ray until it is below the top of the column there."""
+    for at in np.arange(0.0, farthest, 1e-3):
+        x, y, z = origin + at * ray
+        row, column = int(np.floor(y / columns.spacing)), int(np.floor(x / columns.spacing))
+        inside = 0 <= row < columns.height.shape[0] and 0 <= column < columns.height.shape[1]
+        if inside and z <= columns.height[row, column]:
+            on_wall = columns.height[row, column] - z > 2e-3
+            return float(at), 2 * int(columns.part[row, column]) + int(on_wall)
+    return np.inf, NOTHING
+
+
+def test_rays_meet_columns_where_a_plain_march_meets_them():
+    rng = np.random.default_rng(3)
+    columns = columns_of(rng.uniform(0.0, 6.0, (9, 12)))
+    for _ in range(60):
+        origin = np.array([*rng.uniform(-8.0, 16.0, 2), 20.0])
+        toward = np.array([*rng.uniform(2.0, 8.0, 2), 0.0]) - origin
+        ray = toward / np.linalg.norm(toward)
+        far, what = cast(columns, *origin, *ray, 0.0, 60.0, NOTHING, 0, 0.0, 0.0, 0.0, 0)
+        expected, on = plainly(columns, origin, ray, 60.0)
+        assert far == pytest.approx(expected, abs=3e-3)
+        assert what == on
+        assert approach(columns, *origin, *ray, 60.0) <= far
+
+
+def test_another_column_is_as_if_it_stood_in_the_map():
+    height = np.random.default_rng(1).uniform(0.0, 3.0, (6, 6))
+    changed = height.copy()
+    changed[2, 3] = 9.0
+    ray = np.array([0.55, 0.4, -0.4]) / np.linalg.norm([0.55, 0.4, -0.4])
+    other = cast(columns_of(height), -8.0, -4.0, 12.0, *ray, 0.0, 60.0, 2, 3, 9.0, 0.0, 0.0, 15)
+    assert other == cast(columns_of(changed), -8.0, -4.0, 12.0, *ray, 0.0, 60.0, NOTHING, 0, 0.0, 0.0, 0.0, 0)
+
+
+def test_a_ramp_across_a_wall_does_not_join_roof_and_ground():
+    height = np.zeros((30, 40))
+    height[8:20, 10:28] = ROOF_M
+    height[14, 7:10] = [2.0, 4.0, 6.0]  # as steep as a step of 2.5 m a cell
+    part = parts_of(height, 2.5)
+    assert len(np.unique(part)) == 2
+    assert part[10, 15] != part[2, 2]
+    np.testing.assert_array_equal(part[8:20, 10:28], part[10, 15])
+
+
+def test_gentle_ground_is_one_part():
+    x, y = np.meshgrid(np.arange(50.0), np.arange(40.0))
+    assert np.all(parts_of(0.3 * x + 2 * np.sin(y / 6), 1.0) == 0)
+
+
+def test_distances_to_borders_are_euclidean():
+    part = np.zeros((21, 21), dtype=np.int64)
+    part[:, 12:] = 1
+    found = to_border_m(part, 0.5)
+    np.testing.assert_allclose(found[5], 0.5 * np.minimum(np.abs(np.arange(21) - 11), np.abs(np.arange(21) - 12)))
+    assert np.all(np.isinf(to_border_m(np.zeros((4, 4), dtype=np.int64), 1.0)))
+
+
+WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
+MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)
+WEST, EAST, SOUTH, NORTH, TOP = 62.3, 78.3, -7.7, 8.3, 6.0
+
+
+def on_box(grid: Grid, grown: float = 0.0) -> np.ndarray:
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    return (x > WEST - grown) & (x < EAST + grown) & (y > SOUTH - grown) & (y < NORTH + grown)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A box 18 dB brighter than the ground."""
+    surface = Heightfield(grid=WIDE, height_m=np.where(on_box(WIDE), TOP, 0.0))
+    return make_sightings(surface, 2.0, bright=lambda hit_m: np.where(hit_m[:, 2] > 0.5, 60.0, 1.0))
+
+
+@pytest.fixture(scope="module")
+def block(seen):
+    """A map whose box is a cell too large on every side."""
+    roof = on_box(MAP, 1.0)
+    return _Block(seen, np.where(roof, TOP, 0.0), roof.astype(np.int64), MAP)
+
+
+def test_cells_on_the_wrong_side_of_a_wall_go_over(seen):
+    roof, true = on_box(MAP, 1.0), on_box(MAP)
+    axis_m = on_axis(seen.pose, mean_ranges(seen).range_m)
+    found = with_borders(seen, axis_m, np.where(roof, TOP, 0.0), roof.astype(np.int64), ~roof, 1.0, MAP)
+    in_view = found.expected > 0
+    wrong_before, wrong_after = (in_view & (part != true) for part in (roof, found.part == 1))
+    assert wrong_after.sum() < 0.65 * wrong_before.sum()
+    np.testing.assert_array_equal(found.height_m[in_view], np.where(found.part == 1, TOP, 0.0)[in_view])
+    kept = in_view & ~found.doubtful()
+    assert (wrong_after & kept).sum() <= 0.3 * wrong_before.sum()
+
+
+def test_profiles_changed_ray_by_ray_are_those_predicted_anew(block):
+    wanted = np.flatnonzero(beside_borders(block._columns.part))
+    ground, height = np.full(MAP.rows * MAP.columns, NOTHING), np.zeros(MAP.rows * MAP.columns)
+    changed, margin = np.zeros(MAP.shape, dtype=bool), np.full(MAP.shape, np.inf)
+    block._update(5)
+    block._sweep(wanted, block._crossing(), ground, height, changed, margin, 1.0)
+    assert changed.any()
+    kept, met = block._echoes.mean.copy(), block._views.meets.copy()
+    block._cast()
+    same = np.all(np.isclose(block._views.meets, met, rtol=1e-12), axis=1)
+    assert same.mean() > 0.97  # a few rays over lowered cells meet others than they were known to cross
+    predict(block._views, block._echoes, block._level, 0, len(same))
+    rows = np.repeat(same, np.diff(block._echoes.start))
+    np.testing.assert_allclose(block._echoes.mean[rows], kept[rows], rtol=1e-9)
+
+
+def test_a_bright_roof_is_found_as_bright_as_it_is(seen):
+    true = on_box(MAP)
+    block = _Block(seen, np.where(true, TOP, 0.0), true.astype(np.int64), MAP)
+    block._update(40)
+    ground, _, roof, roof_wall = 10 * np.log10(block._level)
+    assert roof - ground == pytest.approx(10 * np.log10(60.0), abs=3.0)
+    assert roof_wall - ground == pytest.approx(10 * np.log10(60.0), abs=3.0)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_a_plane_through_whole_echoes_is_known_as_well_as_it_says(slope):
+    x, _ = np.meshgrid(WIDE.x_m, WIDE.y_m)
+    sightings = make_sightings(Heightfield(grid=WIDE, height_m=1.0 + slope * (x - 60.0)), 2.0)
+    found = plane_of_echoes(sightings, mean_ranges(sightings), MAP)
+    assert found is not None
+    place = np.array([[60.0, 0.0], [80.0, 10.0]])
+    error = found.at(place) - (1.0 + slope * (place[:, 0] - 60.0))
+    assert np.all(np.abs(error) < 4 * found.sigma_m(place))
+    assert np.all(found.sigma_m(place) < 0.15)
+    assert (found.coefficients[1] == 0) == (slope == 0)
+
+
+def test_a_hill_is_no_plane():
+    x, y = np.meshgrid(WIDE.x_m, WIDE.y_m)
+    hill = Heightfield(grid=WIDE, height_m=3 * np.exp(-((x - 65) ** 2 + y**2) / 2 / 15**2))
+    sightings = make_sightings(hill, 2.0)
+    assert plane_of_echoes(sightings, mean_ranges(sightings), MAP) is None
