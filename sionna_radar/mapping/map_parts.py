@@ -7,9 +7,11 @@ take in what they touch. What no such part touches, narrower than three cells, j
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_erosion, distance_transform_edt, find_objects, label
+from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, find_objects, label
 
 FEWEST_CELLS = 6
+# A raised part is a step above this share of the cells beside it.
+BESIDE_CELLS, MOST_OF_RING = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
 
@@ -35,6 +37,20 @@ def window_of(inside: Bool[np.ndarray, "row column"]) -> tuple[slice, slice]:
     """Return the rows and columns that contain the given cells."""
     rows, columns = find_objects(inside.astype(np.int8))[0]
     return rows, columns
+
+
+def raised_cells(
+    height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], step_m: float
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells of parts that stand higher than most of what is around them, by a step."""
+    raised = np.zeros(part.shape, dtype=bool)
+    for number, found in enumerate(find_objects(part + 1)):
+        window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)
+        cells, height = part[window] == number, height_m[window]
+        ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MOST_OF_RING:
+            raised[window] |= cells
+    return raised
 
 
 def to_border_m(part: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:

@@ -5,9 +5,8 @@
 2. A part that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface fits
    them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
-3. Cells beside borders join the part under which whole profiles are likeliest (`borders`), and raised parts end at
-   straight walls if profiles fit those better (`outlines`). Cells near borders that no pulse really saw, or that may
-   as well be of the other side, as where a wall crosses them, are left empty.
+3. Cells beside borders join the part under which whole profiles are likeliest (`borders`). Cells near borders that no
+   pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty.
 """
 
 from dataclasses import dataclass
@@ -24,9 +23,8 @@ from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_heights import on_axis
 from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.map_parts import parts_of, to_border_m, window_of
+from sionna_radar.mapping.map_parts import parts_of, raised_cells, to_border_m, window_of
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
-from sionna_radar.mapping.outlines import raised_parts, with_outlines
 from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
@@ -72,20 +70,15 @@ def step_surface(
     step_m = max(STEP_LEVELS * coarse.level_m, grid.spacing_m)
     part = parts_of(coarse.height_m, step_m)
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
-    height, sigma, spread_m = surfaces.of(part, progress)
+    height, sigma = surfaces.of(part, progress)
     filled = coarse.supported.copy()
     for number in range(part.max() + 1):
         inside = part == number
         window = window_of(inside)
         filled[window] |= inside[window] & closed((coarse.supported & inside)[window], gap_m, grid.spacing_m)
-    raised, crumbs = raised_parts(height, part, step_m)
-    low = ~np.isin(part, [*raised, *crumbs])
-    bordered = with_borders(sightings, axis_m, height, part, low, step_m, grid)
-    height = with_outlines(sightings, axis_m, bordered.height_m, bordered.part, filled, grid, step_m, spread_m)
-    # Where straight walls and single cells disagree, either may be right.
-    margin = np.where(np.abs(height - bordered.height_m) < step_m, bordered.margin, 0.0)
-    uncertainty = beside_borders(sigma, height, margin)
-    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~bordered.doubtful(), uncertainty)
+    bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
+    uncertainty = beside_borders(sigma, bordered.height_m, bordered.margin)
+    return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~bordered.doubtful(), uncertainty)
 
 
 @dataclass(frozen=True)
@@ -101,8 +94,8 @@ class _Surfaces:
 
     def of(
         self, part: Int[np.ndarray, "row column"], progress: Progress
-    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], float]:
-        """Return the heights of all cells, their standard deviations, and how far coarse heights scatter."""
+    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+        """Return the heights of all cells, and their standard deviations."""
         whole, grid = self._whole_part(part), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         numbers = range(part.max() + 1)
@@ -123,7 +116,7 @@ class _Surfaces:
             if plane is not None:
                 place = grid.centres_m[inside.ravel()]
                 height[inside], sigma[inside] = plane.at(place), plane.sigma_m(place)
-        return height, np.where(np.isfinite(sigma), sigma, spread_m), spread_m
+        return height, np.where(np.isfinite(sigma), sigma, spread_m)
 
     def _from_echoes(
         self,
