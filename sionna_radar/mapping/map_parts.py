@@ -33,10 +33,9 @@ def parts_of(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np
     return _without_crumbs(found)
 
 
-def window_of(inside: Bool[np.ndarray, "row column"]) -> tuple[slice, slice]:
-    """Return the rows and columns that contain the given cells."""
-    rows, columns = find_objects(inside.astype(np.int8))[0]
-    return rows, columns
+def windows_of(part: Int[np.ndarray, "row column"]) -> list[tuple[slice, slice]]:
+    """Return the rows and columns that contain each part, by their numbers."""
+    return [(rows, columns) for rows, columns in find_objects(part + 1)]
 
 
 def raised_cells(
@@ -44,7 +43,7 @@ def raised_cells(
 ) -> Bool[np.ndarray, "row column"]:
     """Return the cells of parts that stand higher than most of what is around them, by a step."""
     raised = np.zeros(part.shape, dtype=bool)
-    for number, found in enumerate(find_objects(part + 1)):
+    for number, found in enumerate(windows_of(part)):
         window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)
         cells, height = part[window] == number, height_m[window]
         ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells

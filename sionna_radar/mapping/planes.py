@@ -104,7 +104,8 @@ def plane_of_points(
         its axis by as much, on the same side all along a border, which tilts a plane.
 
     """
-    deep = distance_transform_edt(inside) > BESIDE_CELLS
+    # Beyond the window is another part.
+    deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] > BESIDE_CELLS
     cells = deep if deep.sum() >= FEWEST_CELLS else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
     rough = _robust(on_cells, spread_m)

@@ -23,7 +23,7 @@ from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_heights import on_axis
 from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.map_parts import parts_of, raised_cells, to_border_m, window_of
+from sionna_radar.mapping.map_parts import parts_of, raised_cells, to_border_m, windows_of
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
@@ -72,10 +72,9 @@ def step_surface(
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
     height, sigma = surfaces.of(part, progress)
     filled = coarse.supported.copy()
-    for number in range(part.max() + 1):
-        inside = part == number
-        window = window_of(inside)
-        filled[window] |= inside[window] & closed((coarse.supported & inside)[window], gap_m, grid.spacing_m)
+    for number, window in enumerate(windows_of(part)):
+        inside = part[window] == number
+        filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
     uncertainty = beside_borders(sigma, bordered.height_m, bordered.margin)
     return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~bordered.doubtful(), uncertainty)
@@ -98,11 +97,12 @@ class _Surfaces:
         """Return the heights of all cells, and their standard deviations."""
         whole, grid = self._whole_part(part), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
-        numbers = range(part.max() + 1)
-        alone = [number for number in numbers if (whole == number).sum() >= FEWEST_PULSES]
-        windows = {number: window_of(part == number) for number in alone}
-        step = Steps(progress, "mapping", sum(refinement_steps(grid.cut(*window)) for window in windows.values()))
-        for number, window in windows.items():
+        windows = windows_of(part)
+        alone = np.bincount(whole[whole >= 0], minlength=len(windows)) >= FEWEST_PULSES
+        many = sum(refinement_steps(grid.cut(*windows[number])) for number in np.flatnonzero(alone))
+        step = Steps(progress, "mapping", many)
+        for number in np.flatnonzero(alone):
+            window = windows[number]
             inside, own = part[window] == number, whole == number
             found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside, step)
             height[window][inside], sigma[window][inside] = found[inside], known[inside]
@@ -110,12 +110,13 @@ class _Surfaces:
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
         beam_rad = self.sightings.beam.spread[1]
-        for number in (number for number in numbers if number not in windows):
-            inside = part == number
-            plane = plane_of_points(self.coarse.height_m, inside, self.points, grid, spread_m, self.step_m, beam_rad)
+        for number in np.flatnonzero(~alone):
+            window = windows[number]
+            inside, cells, coarse_m = part[window] == number, grid.cut(*window), self.coarse.height_m[window]
+            plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad)
             if plane is not None:
-                place = grid.centres_m[inside.ravel()]
-                height[inside], sigma[inside] = plane.at(place), plane.sigma_m(place)
+                place = cells.centres_m[inside.ravel()]
+                height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
         return height, np.where(np.isfinite(sigma), sigma, spread_m)
 
     def _from_echoes(
