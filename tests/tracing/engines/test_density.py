@@ -98,7 +98,7 @@ def test_the_mean_echo_is_the_radar_equation_and_so_are_its_side_lobes(beam_deg,
     engine = PersistentEngine(plane, antenna, chirp, 1, density)
     pulses = make_pulses(300, incidence_deg=40.0, position_m=np.tile([0.0, 0.0, 50.0], (300, 1)))
     paths = engine.trace(pulses)
-    kept = engine._scatterers._points
+    kept = engine._scatterers._points.rows(np.arange(engine._scatterers._used))
     place = {tuple(p): abs(q) for p, q in zip(kept.position_m.astype(np.float32), kept.reflectivity, strict=True)}
     own = np.array([place.get(tuple(p), 1.0) for p in paths.hit_m])
     power = np.abs(paths.gain / own) ** 2
