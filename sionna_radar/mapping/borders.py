@@ -148,8 +148,8 @@ class _Block:
         self._farthest = float(sightings.reach_m)
         self._views = _views(sightings, spacing)
         self._echoes = _echoes(sightings)
-        typical = float(np.median(np.add.reduceat(self._echoes.power, self._echoes.start[:-1])))
-        self._level = np.full(2 * len(self._numbers), typical / 10)
+        until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
+        self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
         self._cast()
 
     def improved(
@@ -165,6 +165,8 @@ class _Block:
         for _ in range(SWEEPS):
             wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
             changed[:] = False
+            if not wanted.any():
+                break
             self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
             if not changed.any():
                 break

@@ -28,7 +28,7 @@ from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
-from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, beside_borders
+from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, with_steps
 
 # A step is more than this many levels, and steeper than 45 deg.
 STEP_LEVELS = 4
@@ -76,7 +76,7 @@ def step_surface(
         inside = part[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
-    uncertainty = beside_borders(sigma, bordered.height_m, bordered.margin)
+    uncertainty = with_steps(sigma, bordered.height_m, bordered.margin)
     return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~bordered.doubtful(), uncertainty)
 
 

@@ -32,7 +32,7 @@ class SteppedUncertainty:
         return float("nan")
 
 
-def beside_borders(
+def with_steps(
     sigma_m: Float[np.ndarray, "row column"],
     height_m: Float[np.ndarray, "row column"],
     margin: Float[np.ndarray, "row column"],

@@ -159,3 +159,11 @@ def test_a_hill_is_no_plane():
     hill = Heightfield(grid=WIDE, height_m=3 * np.exp(-((x - 65) ** 2 + y**2) / 2 / 15**2))
     sightings = make_sightings(hill, 2.0)
     assert plane_of_echoes(sightings, mean_ranges(sightings), MAP) is None
+
+
+def test_a_map_without_borders_stays_as_it_is(seen):
+    axis_m = on_axis(seen.pose, mean_ranges(seen).range_m)
+    height, part = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
+    found = with_borders(seen, axis_m, height, part, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
+    np.testing.assert_array_equal(found.height_m, height)
+    assert not found.doubtful().any()
