@@ -120,7 +120,7 @@ def _in_tiles(
             total[window] += core[window] * height.reshape(len(rows), -1)
             weight[window] += core[window]
             kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), first.smoothed.noise_factor)
-            known.append(TileUncertainty((west, east, south, north), kriging, information))
+            known.append(TileUncertainty.of((west, east, south, north), kriging, information))
     covered = weight > 0
     fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
     surface = Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
@@ -135,10 +135,7 @@ def _refined(sightings: Sightings, first: EchoSurface, step: Step) -> _Tile:
         linear = EchoModel(sightings, fitted.surface).linearise(looks)
         fitted = _moved(fitted, linear)
         step()
-    information = information_of(
-        linear, sightings.looks_per_cell, first.heights, fitted.noise_factor, fitted.model.covariance
-    )
-    return fitted, first, information
+    return fitted, first, information_of(first.heights, linear, sightings.looks_per_cell)
 
 
 def _moved(fitted: Smoothed, linear: Linearised) -> Smoothed:
