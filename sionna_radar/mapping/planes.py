@@ -16,8 +16,11 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.smoothing import TerrainModel
 from sionna_radar.mapping.speckle import repeats
 
-# Heights of a plane roof are no better known than this, though they scatter about it by chance alone.
-LEAST_SIGMA_M = 0.02
+# An error that all echoes of a plane share, so that their number does not lessen it: what the mean range of a window of
+# whole cells, and of the power that is no echo in it, is off by. Not derived: the levels of the ground of `buildings`,
+# which echoes know to 8 mm, were 0, 25, 16, 9 and 9 mm off (seeds 1-5), those of flat ground in Munich, Florence and
+# around the Etoile 3 to 30 mm.
+LEVEL_SIGMA_M = 0.02
 ROUNDS = 4
 # Heights that scatter about a plane this many times as far as their noise are no plane's.
 ROUGH = 2.0
@@ -44,7 +47,7 @@ class Plane:
         """Return the standard deviations of heights."""
         design = self._design(place_m)
         variance = np.einsum("nk,kl,nl->n", design, self.covariance, design)
-        return np.asarray(np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2)))
+        return np.asarray(np.sqrt(variance + LEVEL_SIGMA_M**2))
 
     def _design(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
         return np.column_stack([np.ones(len(place_m)), place_m - self.middle_m])
