@@ -19,7 +19,8 @@ HIGHEST_RATIO = 8.0
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 LEAST_WEIGHT = 1e-4
-LEVEL_ITERATIONS = 12
+# A level is found to so many nepers, so that the number of iterations, which rounding may decide, moves no surface.
+LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
 # A spread of the volume's drift below this has no effect.
 LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
@@ -54,7 +55,7 @@ def _fit_level(power, shape, volume, noise, top, mean, weight):
             total += part
         step = pull / max(total, 2.2e-308)
         level *= np.exp(min(max(step, -1.0), 1.0))
-        if abs(step) < 1e-4:
+        if abs(step) < LEVEL_TOLERANCE:
             break
     _weigh(level, shape, volume, noise, top, mean, weight)
     return level
@@ -268,6 +269,8 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
         shape[c] = 0.0
         for tap in range(len(response)):
             shape[c] += response[tap] * hit[c + pad + half - tap]
+        # Beside a sharp edge splines swing a little below zero.
+        shape[c] = max(shape[c], 0.0)
     return nearest, farthest
 
 
