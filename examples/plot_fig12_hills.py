@@ -53,7 +53,7 @@ for axes, survey, name in zip(rows, surveys, ("Hills", "Steeper hills"), strict=
     axes[1].plot(*survey.points.position_m[:, :2].T, ls="", marker="o", ms=1.6, mew=0, color="white", alpha=0.8)
     finish_map(axes[1], bounds, f"{name}: DEM and its {len(survey.points):,} points")
     show_raster(axes[2], survey.error, "RdBu_r", Normalize(-reach, reach))
-    finish_map(axes[2], bounds, f"{name}: DEM minus truth, RMS {survey.dem_error.rms_m:.2f} m")
+    finish_map(axes[2], bounds, f"{name}: DEM minus truth, RMS {survey.lit_error.rms_m:.2f} m")
     for one in axes:
         one.imshow(np.ma.masked_equal(shadow, 0), origin="lower", extent=bounds, cmap=SHADOW, interpolation="nearest")
     for one in axes[1:]:
@@ -61,7 +61,7 @@ for axes, survey, name in zip(rows, surveys, ("Hills", "Steeper hills"), strict=
     for one in axes[:2]:
         colour_bar(one, ScalarMappable(limits, "viridis"), "Height (m)", width_in)
     colour_bar(axes[2], ScalarMappable(Normalize(-reach, reach), "RdBu_r"), "Height error (m)", width_in, extend="both")
-    error = survey.dem_error
+    error = survey.lit_error
     mapped = survey.dem.filled[shadow].mean() if shadow.any() else 0.0
     print(
         f"{name}: RMS {error.rms_m:.3f} m, mean {error.mean_m:+.3f} m, NMAD {error.nmad_m:.3f} m, coverage "

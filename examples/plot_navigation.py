@@ -23,7 +23,7 @@ steps, draws = (3, 1) if small else (9, 4)
 scenario = load_scenario("hills", size)
 survey = record_survey(scenario)
 exact = survey.lit_error(None).rms_m
-lidar = run(scenario.model_copy(update={"sensor": "lidar"})).dem_error.rms_m
+lidar = run(scenario.model_copy(update={"sensor": "lidar"})).lit_error.rms_m
 print(f"exact pose: radar {exact:.3f} m, lidar {lidar:.3f} m RMS")
 
 

@@ -62,6 +62,7 @@ WIDTH_IN = 4.0
 figure = Figure(figsize=(10.6, 9.6), layout="constrained")
 for row, name in zip(figure.subplots(2, 2), plans, strict=True):
     plan, check, survey = plans[name], checks[name], surveys[name]
+    found = survey.lit_error
     show_raster(row[0], survey.dem, "viridis", heights)
     row[0].plot(*np.array(plan.waypoints_m).T, color="white", lw=1.6, path_effects=EDGE, label="Planned flight")
     inside = row[1].pcolormesh(
@@ -69,7 +70,11 @@ for row, name in zip(figure.subplots(2, 2), plans, strict=True):
     )
     for axes in row:
         axes.plot(*outline.T, color="black", lw=1.6, ls="--", label="Area wanted")
-    finish_map(row[0], bounds, f"{plan.lines} lines, {name}\nDEM, RMS error {survey.dem_error.rms_m:.2f} m")
+    finish_map(
+        row[0],
+        bounds,
+        f"{plan.lines} lines, {name}\nDEM, RMS error {found.rms_m:.2f} m, {found.coverage:.0%} of lit cells",
+    )
     share = f"{check.coverage:.1%} of the area at 3 m or finer"
     finish_map(row[1], bounds, f"Sampling by the beam axes\n{share}, coarsest {check.coarsest_m:.1f} m")
     row[1].set_ylabel("")

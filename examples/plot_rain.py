@@ -91,5 +91,6 @@ figure.suptitle("Rolling hills from 50 m, 2 deg beam at 77 GHz: what one turn of
 # %%
 # The same flight without looking for the rain.
 blind = run(in_rain(RATES[-1], **{"processing.volume_clutter": "off"}))
-print(f"{RATES[-1]:g} mm/h, processing.volume_clutter = 'off': RMS {blind.dem_error.rms_m:.1f} m")
+lit = blind.lit_error
+print(f"{RATES[-1]:g} mm/h, processing.volume_clutter = 'off': RMS {lit.rms_m:.1f} m, {lit.coverage:.0%} covered")
 figure.savefig("rain.png", dpi=110, bbox_inches="tight")

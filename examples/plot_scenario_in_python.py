@@ -26,13 +26,13 @@ def hills(beamwidth_deg: float, length_m: float = 60.0):
 
 # %%
 beamwidths_deg = [1.0, 2.0, 4.0]
-errors = [run(hills(width)).dem_error for width in beamwidths_deg]
+errors = [run(hills(width)).lit_error for width in beamwidths_deg]
 for width, error in zip(beamwidths_deg, errors, strict=True):
-    print(f"beam {width:g} deg: RMS {error.rms_m:.2f} m, mean {error.mean_m:+.2f} m")
+    print(f"beam {width:g} deg: RMS {error.rms_m:.2f} m, mean {error.mean_m:+.2f} m, {error.coverage:.1%} of lit cells")
 
 # %%
 figure = Figure(figsize=(5, 3.5), layout="constrained")
 axes = figure.add_subplot()
 axes.plot(beamwidths_deg, [error.rms_m for error in errors], "o-")
-axes.set(xlabel="Half-power beamwidth (deg)", ylabel="Elevation error, RMS (m)", ylim=(0, None))
+axes.set(xlabel="Half-power beamwidth (deg)", ylabel="Elevation error of lit cells, RMS (m)", ylim=(0, None))
 figure.savefig("beamwidths.png")

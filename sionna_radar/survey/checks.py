@@ -18,7 +18,7 @@ LOST_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class Looks:
+class BoresightHits:
     """Boresights of pulses spread over the survey: where they start, how far they reach, what they hit."""
 
     origin_m: Float[np.ndarray, "look 3"]
@@ -40,11 +40,11 @@ class Looks:
         return float(west), float(south), float(east), float(north)
 
 
-def look(schedule: PulseSchedule, built: BuiltScene) -> Looks:
+def boresight_hits(schedule: PulseSchedule, built: BuiltScene) -> BoresightHits:
     """Return the boresights of pulses spread over a survey."""
     pose = schedule.sample(SAMPLED_PULSES).true
     hits = built.caster.cast(pose.position_m, pose.boresight)
-    return Looks(pose.position_m, pose.boresight, hits.distance_m)
+    return BoresightHits(pose.position_m, pose.boresight, hits.distance_m)
 
 
 def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:
@@ -73,7 +73,7 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
         raise ScenarioError([Problem("radar.scan", message)])
 
 
-def check_geometry(looks: Looks, schedule: PulseSchedule, built: BuiltScene, chirp: Chirp) -> None:
+def check_geometry(hits: BoresightHits, schedule: PulseSchedule, built: BuiltScene, chirp: Chirp) -> None:
     """Refuse a flight through the terrain, beams that leave it, and ground beyond the sampled ranges."""
     low, high = built.scene.bounds_m
     problems = []
@@ -88,7 +88,7 @@ def check_geometry(looks: Looks, schedule: PulseSchedule, built: BuiltScene, chi
             "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("platform.altitude_m", message))
-    missed = np.isinf(looks.range_m) & ~_over_hole(looks, low, high)
+    missed = np.isinf(hits.range_m) & ~_over_hole(hits, low, high)
     if missed.any():
         message = (
             f"{missed.mean():.0%} of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m east "
@@ -96,13 +96,13 @@ def check_geometry(looks: Looks, schedule: PulseSchedule, built: BuiltScene, chi
             "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
         )
         problems.append(Problem("radar.scan", message))
-    elif np.isinf(looks.range_m).mean() > 0.5:
+    elif np.isinf(hits.range_m).mean() > 0.5:
         message = (
-            f"{np.isinf(looks.range_m).mean():.0%} of the beams fall into holes of the terrain, where it has no data; "
+            f"{np.isinf(hits.range_m).mean():.0%} of the beams fall into holes of the terrain, where it has no data; "
             "move the track, or terrain.centre_lonlat_deg, to where it has"
         )
         problems.append(Problem("terrain", message))
-    lost = np.isfinite(looks.range_m) & (looks.range_m > chirp.max_range_m)
+    lost = np.isfinite(hits.range_m) & (hits.range_m > chirp.max_range_m)
     if lost.mean() > LOST_SHARE:
         message = (
             f"{lost.mean():.0%} of the beams meet the ground beyond the {chirp.max_range_m:.1f} m of "
@@ -113,9 +113,11 @@ def check_geometry(looks: Looks, schedule: PulseSchedule, built: BuiltScene, chi
         raise ScenarioError(problems)
 
 
-def _over_hole(looks: Looks, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " look"]:
+def _over_hole(
+    hits: BoresightHits, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
+) -> Bool[np.ndarray, " look"]:
     """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
-    down = np.minimum(looks.direction[:, 2], -1e-6)
-    reach = (low[2] - looks.origin_m[:, 2]) / down
-    foot = looks.origin_m[:, :2] + reach[:, None] * looks.direction[:, :2]
+    down = np.minimum(hits.direction[:, 2], -1e-6)
+    reach = (low[2] - hits.origin_m[:, 2]) / down
+    foot = hits.origin_m[:, :2] + reach[:, None] * hits.direction[:, :2]
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)

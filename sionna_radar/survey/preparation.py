@@ -40,10 +40,10 @@ from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.checks import (
     SAMPLED_PULSES,
+    boresight_hits,
     check_geometry,
     check_nominal_range,
     check_pulses,
-    look,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
@@ -266,10 +266,10 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     flight = _schedule(local, flown.trajectory, scan, custom.navigation)
     check_pulses(flight, local)
     step()
-    looks = look(flight, scene)
-    check_geometry(looks, flight, scene, chirp)
+    hits = boresight_hits(flight, scene)
+    check_geometry(hits, flight, scene, chirp)
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
-    grid = dem_grid(local.dem.spacing_m, looks.extent_m, max_gap_m, place)
+    grid = dem_grid(local.dem.spacing_m, hits.extent_m, max_gap_m, place)
     mapper = build_mapper(
         local.dem,
         grid,
@@ -302,7 +302,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),
         mapper=mapper,
         custom=custom,
-        ground_extent_m=looks.extent_m,
+        ground_extent_m=hits.extent_m,
     )
 
 

@@ -36,8 +36,9 @@ def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.
     other = replace(survey.lit_error, rms_m=0.125, count=survey.lit_error.count - 7)
     print_survey(replace(survey, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
     printed = capsys.readouterr().out
-    lit, off_wall, everywhere = (printed.index(text) for text in ("0.125 m", "0.062 m", "RMSE of all cells"))
-    assert lit < off_wall < everywhere
+    covered, lit, off_wall = (printed.index(text) for text in ("coverage", "0.125 m", "0.062 m"))
+    assert covered < lit < off_wall
+    assert f"{survey.dem_error.count:,}" not in printed  # the cells that no beam reached are not spoken of
     assert "LE68, 90, 95: percentiles of |error|" in printed
 
 

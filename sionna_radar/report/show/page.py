@@ -25,7 +25,7 @@ from sionna_radar.report.page.world import (
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.survey.checks import Looks, look
+from sionna_radar.survey.checks import BoresightHits, boresight_hits
 from sionna_radar.survey.preparation import Prepared
 
 PULSES, FOOTPRINTS = 240, 60
@@ -52,17 +52,17 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
     """
     frame, pack = frame_of(prepared.scene.scene.georeference, coordinates), Pack()
     index = spread_pulses(len(prepared), PULSES)
-    beams, looks = cast_beams(prepared, index), look(prepared.flight, prepared.scene)
+    beams, hits = cast_beams(prepared, index), boresight_hits(prepared.flight, prepared.scene)
     solids = solids_within(prepared.scene.scene, prepared.scenario.terrain.kind, box_of(prepared))
     ground = _ground(prepared, solids)
     numbers = {
         "frame": frame_of_page(frame),
         "scales": colour_scales(),
         "chosen": len(index) // 2,
-        "world": _world(prepared, pack, frame, ground, solids, beams, looks),
+        "world": _world(prepared, pack, frame, ground, solids, beams, hits),
     }
     title = prepared.scenario.description or name
-    body = _body(prepared, title, len(index), beams, looks, solids)
+    body = _body(prepared, title, len(index), beams, hits, solids)
     return document(title, body, pack.text(numbers), ("world.js",))
 
 
@@ -82,7 +82,7 @@ def _world(
     ground: Surroundings,
     solids: Solids | None,
     beams: Beams,
-    looks: Looks,
+    hits: BoresightHits,
 ) -> dict[str, Any]:
     """Return the view in three dimensions."""
     height, track = ground.height_m[np.isfinite(ground.height_m)], track_of(prepared.flight)
@@ -97,7 +97,7 @@ def _world(
         "solids": solids.packed(pack) if solids else None,
         "rim": pack.exact(_rim(prepared)),
         "footprints": pack.exact(_rings(beams)) if beams.outline_m.shape[1] else None,
-        "hits": pack.exact(looks.hit_m),
+        "hits": pack.exact(hits.hit_m),
         "track": packed_track(pack, prepared.flight),
         "beams": beams.packed(pack),
         "bounds": [[west, south, low - pad], [east, north, top + pad]],
@@ -120,9 +120,9 @@ def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
     return (closed + above).reshape(-1, 3)
 
 
-def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, looks: Looks, solids: Solids | None) -> str:
-    heard = np.isfinite(looks.range_m)
-    range_m = looks.range_m[heard]
+def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, hits: BoresightHits, solids: Solids | None) -> str:
+    heard = np.isfinite(hits.range_m)
+    range_m = hits.range_m[heard]
     rings = beams.outline_m
     wide = np.linalg.norm(np.ptp(rings, axis=1), axis=-1) if rings.shape[1] else np.zeros(0)
     wide = wide[np.isfinite(wide)]

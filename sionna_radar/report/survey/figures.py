@@ -191,11 +191,10 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
     colours = colormaps[ERRORS](Normalize(-limit, limit)(middle))
     axes.bar(middle, share, width=edges[1] - edges[0], color=colours, edgecolor="0.4", lw=0.3)
     axes.axvline(0.0, ymax=0.5, color="black", lw=0.8)
-    e, off_wall, everywhere = survey.lit_error, survey.off_wall_error, survey.dem_error
+    e, off_wall = survey.lit_error, survey.off_wall_error
     rows = {"RMS": e.rms_m, "Mean": e.mean_m, "NMAD": e.nmad_m, "LE90*": e.le90_m}
     if off_wall is not None:
         rows["RMS off walls"] = off_wall.rms_m
-    rows["RMS all cells"] = everywhere.rms_m
     lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
     lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
     # The space above the tallest bar is for the box of numbers.

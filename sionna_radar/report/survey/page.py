@@ -99,6 +99,12 @@ def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tu
             ("Error of the DEM", survey.error.height_m, errors),
         )
     ]
+    sigma = survey.dem_sigma
+    if sigma is not None and sigma.filled.any():
+        look = {"low": 0.0, "high": limit_of(sigma.height_m), "scale": "level", "unit": "Standard deviation (m)"}
+        look["hover"] = "stated sigma"
+        placed = packed_map(pack, thin.cells, thin.of(sigma.height_m), HEIGHT_STEP_M, frame.origin_m)
+        maps.append({"name": "Stated uncertainty of the DEM", **look, **placed})
     if np.isfinite(survey.points.snr_db).any():
         grid, level = _echo_power(survey)
         low, high = _span(level, share=1.0)

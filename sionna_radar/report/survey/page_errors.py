@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from sionna_radar.accuracy.classes import ErrorClass
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration
 from sionna_radar.report.page import markup
 from sionna_radar.report.survey.reference_paper import reference_for
 from sionna_radar.report.terminal import number
@@ -49,7 +50,32 @@ def errors_section(survey: Survey) -> str:
     )
     table = markup.table(["DEM minus truth (m)", *ERRORS, "Cells", "Coverage"], rows, note)
     charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
-    return markup.section("errors", "Errors of the elevation model", table, charts, _where(survey))
+    return markup.section("errors", "Errors of the elevation model", table, charts, _where(survey), _stated(survey))
+
+
+def _stated(survey: Survey) -> str:
+    """Return how the errors compare with the uncertainty that the map states for each cell."""
+    check = survey.dem_uncertainty
+    if check is None:
+        return ""
+    rows = [["all", *_calibration_row(check.cells)]]
+    for title, classes in (
+        ("slope of the truth, deg", check.by_slope),
+        ("distance from the nearest echo, m", check.by_echo_distance),
+    ):
+        rows += [[f"{title}: {one.low:g} to {one.high:g}", *_calibration_row(one.calibration)] for one in classes]
+    note = (
+        "Share of lit cells whose truth lies in the interval that the DEM states around their height (dem_sigma.tif); "
+        "z is the error over the stated standard deviation."
+    )
+    heads = ["Lit cells", *(f"in {p} %" for p in INTERVALS_PERCENT), "NMAD of z", "RMS of z", "sigma, RMS (m)", "Cells"]
+    return markup.table(heads, rows, note)
+
+
+def _calibration_row(found: Calibration) -> list[str]:
+    inside = [number(share, ".1%") for share in found.coverage.values()]
+    spread = [number(found.nmad_z, ".2f"), number(found.rms_z, ".2f"), number(found.sigma_rms_m, ".3f")]
+    return [*inside, *spread, f"{found.count:,}"]
 
 
 def _where(survey: Survey) -> str:

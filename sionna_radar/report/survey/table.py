@@ -34,7 +34,7 @@ def _flown(survey: Survey) -> dict[str, str]:
 
 
 def _errors(survey: Survey) -> dict[str, str]:
-    lit, everywhere, off_wall = survey.lit_error, survey.dem_error, survey.off_wall_error
+    lit, off_wall = survey.lit_error, survey.off_wall_error
     rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
     if lit.count:
         rows |= {
@@ -45,8 +45,9 @@ def _errors(survey: Survey) -> dict[str, str]:
         }
     if off_wall is not None and off_wall.count:
         rows["RMSE of lit cells off walls"] = f"{off_wall.rms_m:.3f} m"
-    if everywhere.count > lit.count:
-        rows["RMSE of all cells"] = f"{everywhere.rms_m:.3f} m ({everywhere.count:,} cells)"
+    if survey.dem_uncertainty is not None:
+        shares = survey.dem_uncertainty.cells.coverage
+        rows["in stated 68, 90, 95 % intervals"] = ", ".join(f"{shares[p]:.0%}" for p in ("68", "90", "95"))
     test = survey.breakdown.checkpoints
     if test.class_cm is not None:
         rows["ASPRS 2023"] = f"{test.class_cm}-cm class, {test.rms_m:.3f} m at {test.count} checkpoints"
