@@ -1,7 +1,8 @@
 """The forward model of echoes as machine code, pulse by pulse; `echo_model` says what it computes.
 
 Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
-profile, with a margin of `pad` cells on both sides for the response of the window.
+profile, with a margin of `pad` cells on both sides for the response of the window. The response is that of cells over
+which power is spread as by a cubic B-spline; see `echo_model.taps`.
 """
 
 from typing import no_type_check
@@ -18,10 +19,13 @@ HIGHEST_RATIO = 8.0
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 LEAST_WEIGHT = 1e-4
-LEVEL_ITERATIONS = 12
+# A level is found to so many nepers, so that the number of iterations, which rounding may decide, moves no surface.
+LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
 # A spread of the volume's drift below this has no effect.
 LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
+# Cells beyond a profile, more than the response of the window reaches, from which samples still reach into it.
+BEYOND = 3
 
 
 @compiled
@@ -51,7 +55,7 @@ def _fit_level(power, shape, volume, noise, top, mean, weight):
             total += part
         step = pull / max(total, 2.2e-308)
         level *= np.exp(min(max(step, -1.0), 1.0))
-        if abs(step) < 1e-4:
+        if abs(step) < LEVEL_TOLERANCE:
             break
     _weigh(level, shape, volume, noise, top, mean, weight)
     return level
@@ -103,10 +107,10 @@ def _volume(power, share, before, cell, sample_range, corner, weight, first, hal
 
     The columns are first the beam that has met the surface, less all of it, which is the beam still in the air.
     """
-    cells, pad, nodes = len(power), 2 * half + 1, len(scale)
+    cells, pad, nodes = len(power), half + BEYOND, len(scale)
     size = cells + 2 * pad
     hit, onto = np.zeros(size), np.zeros((size, nodes))
-    spread_power(share, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto)
+    spread_power(share, cell, sample_range, corner, weight, first, cells, pad, cell_m, hit, onto)
     both = np.empty((size, nodes + 1))
     for row in range(size):
         both[row, 0] = hit[row]
@@ -133,7 +137,7 @@ def _volume(power, share, before, cell, sample_range, corner, weight, first, hal
 def _jacobian(onto, low, high, response, scale, row, result):
     """Write how the power of one cell changes with the heights under the nodes: moved power, spread by the window."""
     half = len(response) // 2
-    pad = 2 * half + 1
+    pad = half + BEYOND
     for node in range(len(result)):
         result[node] = 0.0
     for source in range(max(row + pad - half - 1, low), min(row + pad + half, high) + 1):
@@ -173,7 +177,7 @@ def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
     )
     before = 0.0
     for k in range(len(share)):
-        if cell[k] <= begin - half:
+        if cell[k] <= begin - (half + BEYOND - 1):
             before += share[k]
     own = _doubled(volume_power, start[pulse], start[pulse + 1])
     return _volume(
@@ -249,7 +253,7 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
     cell, sample_range, inverse = samples
     hit, onto = spread
     half = len(response) // 2
-    pad = 2 * half + 1
+    pad = half + BEYOND
     middle = beam_samples(
         range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
     )
@@ -259,12 +263,14 @@ def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
     for k in range(len(share)):
         power[k] = share[k] * (middle / sample_range[k]) ** 2
     nearest, farthest = spread_power(
-        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), half, cell_m, hit, onto
+        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), pad, cell_m, hit, onto
     )
     for c in range(len(shape)):
         shape[c] = 0.0
         for tap in range(len(response)):
             shape[c] += response[tap] * hit[c + pad + half - tap]
+        # Beside a sharp edge splines swing a little below zero.
+        shape[c] = max(shape[c], 0.0)
     return nearest, farthest
 
 
@@ -286,14 +292,14 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     most = 1
     for pulse in range(low, high):
         most = max(most, start[pulse + 1] - start[pulse])
-    room, all_hit = np.empty((most + 2 * (2 * half + 1), nodes)), np.empty(most + 2 * (2 * half + 1))
+    room, all_hit = np.empty((most + 2 * (half + BEYOND), nodes)), np.empty(most + 2 * (half + BEYOND))
     jacobian, all_shape = np.empty((most, nodes)), np.empty(most)
     for pulse in range(low, high):
         score[pulse, :] = 0.0
         count[pulse] = 0
         power = _doubled(profile_power, start[pulse], start[pulse + 1])
         cells, noise = len(power), profile_noise[pulse]
-        size = cells + 2 * (2 * half + 1)
+        size = cells + 2 * (half + BEYOND)
         spread, shape = (all_hit[:size], room[:size]), all_shape[:cells]
         nearest, farthest = _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape)
         if cells == 0 or shape.max() <= 0.0:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.linalg import solve_banded
 
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
@@ -29,6 +30,8 @@ from sionna_radar.radar.chirp import Chirp
 
 # Handled by one core at a time.
 PULSES_AT_ONCE = 64
+# Of the largest: what is left of the response of a window where samples leave off.
+LEAST_TAP = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +115,21 @@ class Linearised:
         return slice(int(self.first[pulse]), int(self.last[pulse]))
 
 
+def spline_taps(response: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " tap"]:
+    """Return the factors of cubic B-splines, a cell apart, whose sum is a response at the cells and smooth between.
+
+    A Hann window's power response nearly is such a spline.
+    """
+    ends = 8
+    padded = np.pad(response, ends)
+    bands = np.outer([1 / 6, 2 / 3, 1 / 6], np.ones(len(padded)))
+    factor = solve_banded((1, 1), bands, padded)
+    counts = np.flatnonzero(np.abs(factor) > LEAST_TAP * factor.max())
+    half = max(len(padded) // 2 - int(counts[0]), int(counts[-1]) - len(padded) // 2)
+    kept = factor[len(padded) // 2 - half : len(padded) // 2 + half + 1]
+    return kept * (response.sum() / kept.sum())
+
+
 def footprints(
     sightings: Sightings, surface: Heightfield, wanted: Bool[np.ndarray, " node"] | None = None
 ) -> Footprints:
@@ -169,7 +187,7 @@ class EchoModel:
             else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
         )
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
-        antenna = beam.share, beam.corner, beam.weight, self._sightings.response
+        antenna = beam.share, beam.corner, beam.weight, spline_taps(self._sightings.response)
         pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
         values = int(begin[-1])
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)

@@ -93,29 +93,39 @@ def centroids(low, high, range_m, shift, share, corner, weight, cell_m, mean):
 
 @compiled
 @no_type_check
-def spread_power(power, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto):
-    """Write what power of samples falls on the two cells around each, and how raised nodes move it up by a cell.
+def spread_power(power, cell, sample_range, corner, weight, first, cells, pad, cell_m, hit, onto):
+    """Write what power of samples falls on the cells around each, and how raised nodes move it up by a cell.
 
+    Each sample is spread as a cubic B-spline is, whose growth is a quadratic one less the same a cell beyond: so the
+    likelihood of an echo has no kinks where samples pass from cell to cell, and its maximum can be found.
+    pad: cells on both sides of the profile; samples count as far as one less beyond it.
     Returns the first and the last cell that power leaves; `onto` is written there and between only.
     """
-    pad = 2 * half + 1
     hit[:] = 0.0
-    low, high = len(hit), -1
+    nearest, farthest = len(hit), -1
     for k in range(len(power)):
-        if first - half < cell[k] < first + cells - 1 + half:
+        if first - pad + 1 < cell[k] < first + cells + pad - 2:
             below = int(np.floor(cell[k] - first)) + pad
-            low, high = min(low, below), max(high, below)
-    onto[low : high + 1] = 0.0
+            nearest, farthest = min(nearest, below - 1), max(farthest, below + 1)
+    onto[nearest : farthest + 1] = 0.0
     for k in range(len(power)):
         place = cell[k]
-        if not first - half < place < first + cells - 1 + half:
+        if not first - pad + 1 < place < first + cells + pad - 2:
             continue
         below = int(np.floor(place - first))
-        above_share = place - first - below
+        a = place - first - below
+        b = 1 - a
         below += pad
-        hit[below] += power[k] * (1 - above_share)
-        hit[below + 1] += power[k] * above_share
+        hit[below - 1] += power[k] * (b * b * b / 6)
+        hit[below] += power[k] * (2 / 3 - a * a * (1 - a / 2))
+        hit[below + 1] += power[k] * (2 / 3 - b * b * (1 - b / 2))
+        hit[below + 2] += power[k] * (a * a * a / 6)
         moved = power[k] * sample_range[k] ** 2 / cell_m
+        from_before, from_beyond = moved * (b * b / 2), moved * (a * a / 2)
+        from_below = moved - from_before - from_beyond
         for c in range(4):
-            onto[below, corner[k, c]] += weight[k, c] * moved
-    return low, high
+            node, share = corner[k, c], weight[k, c]
+            onto[below - 1, node] += share * from_before
+            onto[below, node] += share * from_below
+            onto[below + 1, node] += share * from_beyond
+    return nearest, farthest

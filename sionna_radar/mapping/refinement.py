@@ -2,7 +2,7 @@
 
 1. The mean range of each echo gives a first surface, the covariance of the terrain, and the noise (`echo_heights`).
 2. The forward model (`echo_model`) predicts every echo from the current surface. Fisher scoring moves the
-   surface to the maximum of the posterior of measured profiles and terrain model.
+   surface to the maximum of the posterior of measured profiles and terrain model, until it rests (`settling`).
 
 A range cell of a pulse counts as many looks as its speckle is new in it: neighbouring cells overlap, and so do the
 footprints of neighbouring pulses (`speckle`).
@@ -12,7 +12,7 @@ overlapping tiles; each has its own terrain model, and their surfaces are blende
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,7 @@ from sionna_radar.mapping.echo_heights import ROUGH, SURFACES, EchoSurface, echo
 from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
+from sionna_radar.mapping.settling import Mixing
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Smoothed
 from sionna_radar.mapping.speckle import repeats
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
@@ -34,8 +35,10 @@ from sionna_radar.mapping.whole_echo import Information, information_of
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
-# A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
-SCORING_STEPS = 4
+# The iteration ends with a step that moves the surface by no more than this, RMS over the middles of the footprints:
+# what then remains, of which rounding may decide, is as little.
+SETTLED_M = 5e-4
+MOST_SCORING_STEPS = 12
 # Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
 STEP_TOLERANCE = 2e-2
 
@@ -54,7 +57,7 @@ _Tile = tuple[Smoothed, EchoSurface, Information | None]
 
 def refinement_steps(grid: Grid) -> int:
     """Return how many steps `refine` takes over a grid."""
-    return (SURFACES + SCORING_STEPS) * _tile_count(grid)
+    return (SURFACES + MOST_SCORING_STEPS) * _tile_count(grid)
 
 
 def smoothing_steps(grid: Grid) -> int:
@@ -79,7 +82,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
     def tile(sightings: Sightings, echoes: MeanRanges, part: Grid) -> _Tile:
         return _refined(sightings, echo_surface(sightings, echoes, part, step, ROUGH), step)
 
-    return _in_tiles(sightings, grid, tile, step, SURFACES + SCORING_STEPS)
+    return _in_tiles(sightings, grid, tile, step, SURFACES + MOST_SCORING_STEPS)
 
 
 def smooth_echoes(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
@@ -130,21 +133,33 @@ def _in_tiles(
 def _refined(sightings: Sightings, first: EchoSurface, step: Step) -> _Tile:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     looks = sightings.looks_per_cell / repeats(first.heights.reach)
-    fitted = first.smoothed
-    for _ in range(SCORING_STEPS):
-        linear = EchoModel(sightings, fitted.surface).linearise(looks)
-        fitted = _moved(fitted, linear)
+    fitted, mixing, settled = first.smoothed, Mixing(), False
+    middle = fitted.surface.weights(*first.heights.place_m.T)
+    least_m = np.inf
+    for _ in range(MOST_SCORING_STEPS):
         step()
+        if settled:
+            continue
+        linear = EchoModel(sightings, fitted.surface).linearise(looks)
+        white = _scoring_step(fitted, linear)
+        seen_m = middle @ fitted.model.coloured(white)
+        by_m = float(np.sqrt(np.mean(seen_m**2)))
+        if by_m < least_m:
+            nearest, least_m = (fitted, linear), by_m
+        fitted = replace(fitted, white=mixing.next(fitted.white, white, seen_m))
+        settled = by_m <= SETTLED_M
+    if not settled:
+        # Echoes that the terrain model does not fit: the place is taken from which the least remained to go.
+        fitted, linear = nearest
     return fitted, first, information_of(first.heights, linear, sightings.looks_per_cell)
 
 
-def _moved(fitted: Smoothed, linear: Linearised) -> Smoothed:
-    """Return the surface after one step of Fisher scoring."""
-    model, white = fitted.model, fitted.white
+def _scoring_step(fitted: Smoothed, linear: Linearised) -> Float[np.ndarray, " cell"]:
+    """Return the change of the white field that one step of Fisher scoring proposes."""
     weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
-    right = model.coloured(weights.T @ linear.score.ravel()) - white
-    step = model.solve(curvature_on_cells(linear, fitted.surface), right, MOST_ITERATIONS, STEP_TOLERANCE)
-    return Smoothed(model, white + step, fitted.noise_factor)
+    right = fitted.model.coloured(weights.T @ linear.score.ravel()) - fitted.white
+    curvature = curvature_on_cells(linear, fitted.surface)
+    return fitted.model.solve(curvature, right, MOST_ITERATIONS, STEP_TOLERANCE)
 
 
 def _tile_count(grid: Grid) -> int:
