@@ -101,6 +101,11 @@ def write_study(
     return write_folder(directory, marker, fill)
 
 
+def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
+    """Return what a run took, the text of `COSTS`."""
+    return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})
+
+
 def write_text(path: Path, text: str) -> None:
     """Write text as UTF-8 with line feeds on every system."""
     path.write_text(text, encoding="utf-8", newline="\n")
