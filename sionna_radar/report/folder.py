@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
+from sionna_radar.foundation.kept_parts import FOLDER as PARTS
 from sionna_radar.foundation.staging import abandoned, in_use, staged
 from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
 
@@ -176,7 +177,7 @@ def _clear_abandoned(directory: Path) -> None:
 
 def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
     """Return what prevents a result in an existing folder, apart from this run's staging folder."""
-    entries = [path for path in directory.iterdir() if path != own]
+    entries = [path for path in directory.iterdir() if path != own and path.name != PARTS]
     if not entries:
         return ""
     if any(map(in_use, entries)):
