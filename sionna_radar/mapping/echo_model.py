@@ -168,7 +168,7 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.corner, beam.weight, cell_m, mean
+        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
@@ -187,7 +187,7 @@ class EchoModel:
             else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
         )
         geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
-        antenna = beam.share, beam.corner, beam.weight, spline_taps(self._sightings.response)
+        antenna = beam.share, beam.lattice, spline_taps(self._sightings.response)
         pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
         values = int(begin[-1])
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
