@@ -39,19 +39,24 @@ def _weigh(level, shape, volume, noise, top, mean, weight):
 
 @compiled
 @no_type_check
-def _fit_level(power, shape, volume, noise, top, mean, weight):
+def fit_level(power, shape, volume, noise, top, mean, weight):
     """Return the most likely level of an echo; write the mean powers and weights of the cells at that level."""
     level, unit = 0.0, 0.0
+    low, high = len(shape), 0
     for c in range(len(shape)):
         level += power[c]
         unit += shape[c]
+        if shape[c] > 0.0:
+            low, high = min(low, c), c + 1
     level /= unit
     for _ in range(LEVEL_ITERATIONS):
-        _weigh(level, shape, volume, noise, top, mean, weight)
         pull, total = 0.0, 0.0
-        for c in range(len(shape)):
-            part = weight[c] * level * shape[c] / mean[c]
-            pull += part * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+        for c in range(low, high):
+            own = level * shape[c]
+            signal = own + volume[c]
+            inverse, share = 1 / (signal + noise), signal / (signal + FADING_LEVEL * top)
+            part = share * share * own * inverse
+            pull += part * (min(power[c] * inverse, HIGHEST_RATIO) - 1)
             total += part
         step = pull / max(total, 2.2e-308)
         level *= np.exp(min(max(step, -1.0), 1.0))
@@ -154,7 +159,7 @@ def _jacobian(onto, low, high, response, scale, row, result):
 
 @compiled
 @no_type_check
-def _doubled(values, begin, end):
+def in_double(values, begin, end):
     result = np.empty(end - begin)
     for k in range(begin, end):
         result[k - begin] = values[k]
@@ -178,7 +183,7 @@ def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
     for k in range(len(share)):
         if cell[k] <= begin - (half + BEYOND - 1):
             before += share[k]
-    own = _doubled(volume_power, start[pulse], start[pulse + 1])
+    own = in_double(volume_power, start[pulse], start[pulse + 1])
     return _volume(own, share, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale)
 
 
@@ -290,7 +295,7 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     for pulse in range(low, high):
         score[pulse, :] = 0.0
         count[pulse] = 0
-        power = _doubled(profile_power, start[pulse], start[pulse + 1])
+        power = in_double(profile_power, start[pulse], start[pulse + 1])
         cells, noise = len(power), profile_noise[pulse]
         size = cells + 2 * (half + BEYOND)
         shape = all_shape[:cells]
@@ -309,7 +314,7 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         if top == 0.0:
             continue
         mean, weight = np.empty(cells), np.empty(cells)
-        level = _fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
+        level = fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
         echo = level, shape, mean, weight
         rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
         if rows > 0:

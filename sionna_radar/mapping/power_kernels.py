@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from sionna_radar.elevation.ray_march import first_hit, slope_at
+from sionna_radar.elevation.ray_march import first_hit, hit_near, slope_at
 from sionna_radar.foundation.compiled import compiled
 
 STEEPEST = 0.05
@@ -18,11 +18,12 @@ STEEPEST = 0.05
 @no_type_check
 def meet(
     height, west, south, spacing, steepest, highest, position, velocity, R_world_antenna, beam, wanted, doppler, reach,
-    range_m, place, per_height, shift, low, high,
+    guess, range_m, place, per_height, shift, low, high,
 ):  # fmt: skip
     """Cast the nodes of the pulses from `low` to `high` on a surface.
 
     wanted: whether a node is; the others count as meeting nothing.
+    guess: ranges at which they met a surface that was nearly the same, or none.
     doppler: by how much a range rate of 1 m/s lengthens a range.
     Writes range, place, change of range with the height there, and by how much motion lengthens the range.
     """
@@ -38,7 +39,9 @@ def meet(
                 closing_in += velocity[pulse, k] * ray[k]
             shift[pulse, node] = -doppler * closing_in
             hit = np.nan
-            if wanted[node]:
+            if len(guess) > 0 and not np.isnan(guess[pulse, node]):
+                hit = hit_near(height, west, south, spacing, origin, ray, guess[pulse, node])
+            if wanted[node] and np.isnan(hit):
                 hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
             there = 0.0 if np.isnan(hit) else hit
             place[pulse, node, 0] = origin[0] + there * ray[0]
