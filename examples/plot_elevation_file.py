@@ -16,9 +16,7 @@ own = sys.argv[1] if len(sys.argv) > 1 else None
 scenario = load_scenario("own_dem", {"terrain.path": own}) if own else load_scenario("jacksboro")
 survey = run(scenario)
 lit = survey.lit_error
-print(
-    f"{len(survey.points)} echoes, {lit.coverage:.1%} of lit cells mapped, elevation error {lit.rms_m:.2f} m RMS"
-)
+print(f"{len(survey.points)} echoes, {lit.coverage:.1%} of lit cells mapped, elevation error {lit.rms_m:.2f} m RMS")
 
 # %%
 draw_dem(survey).savefig("elevation_file.png")

@@ -16,9 +16,7 @@ from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 NODES = 12, 16
 SAMPLES_PER_STEP = 2, 8
 
-Lattice = tuple[
-    Int[np.ndarray, " u"], Float[np.ndarray, " u"], Int[np.ndarray, " v"], Float[np.ndarray, " v"]
-]
+Lattice = tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"], Int[np.ndarray, " v"], Float[np.ndarray, " v"]]
 
 
 @dataclass(frozen=True)

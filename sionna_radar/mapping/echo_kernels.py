@@ -160,6 +160,7 @@ def _jacobian(onto, low, high, response, scale, row, result):
 @compiled
 @no_type_check
 def in_double(values, begin, end):
+    """Return some of the values in double precision."""
     result = np.empty(end - begin)
     for k in range(begin, end):
         result[k - begin] = values[k]
@@ -305,9 +306,7 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         if cells == 0 or shape.max() <= 0.0:
             continue
         pad = half + BEYOND
-        moved_power(
-            moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size]
-        )
+        moved_power(moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size])
         in_front = _in_front(pulse, data, clutter, geometry, scale, antenna, samples)
         volume = in_front[:, 0].copy()
         top = echo_level(power, noise, volume)

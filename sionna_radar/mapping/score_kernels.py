@@ -66,7 +66,12 @@ def scores(low, high, data, geometry, antenna, score):
         power = in_double(profile_power, start[pulse], start[pulse + 1])
         cells = len(power)
         hit, gained = all_hit[: cells + 2 * pad], all_gained[: cells + 2 * pad]
-        shape, mean, weight, gain = all_cells[0, :cells], all_cells[1, :cells], all_cells[2, :cells], all_cells[3, :cells]
+        shape, mean, weight, gain = (
+            all_cells[0, :cells],
+            all_cells[1, :cells],
+            all_cells[2, :cells],
+            all_cells[3, :cells],
+        )
         predicted(pulse, data, geometry, antenna, samples, strength, moved, scale, hit, shape)
         if cells == 0 or shape.max() <= 0.0:
             continue

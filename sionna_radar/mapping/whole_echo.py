@@ -9,10 +9,11 @@ really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f 
 What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from sionna_radar.mapping.covariance import Covariance
 from sionna_radar.mapping.echo_model import Linearised
@@ -49,7 +50,7 @@ class Information:
 
 
 def information_of(
-    linear: Linearised,
+    linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised],
     looks_per_cell: float,
     heights: Heights,
     noise_factor: float,
@@ -59,8 +60,8 @@ def information_of(
 
     Parameters
     ----------
-    linear:
-        The echoes' model, linearised about the surface.
+    linearised:
+        Returns the model of the echoes of some pulses, by their rows, linearised about the surface.
     looks_per_cell:
         Independent looks in a range cell, from the overlap of neighbouring cells.
     heights, noise_factor:
@@ -77,9 +78,10 @@ def information_of(
     pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
     variance = heights.variance_m2(noise_factor)
     means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
-    for pulse in pulses:
-        own = linear.rows_of(int(pulse))
-        phase = (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T
+    linear = linearised(pulses)
+    for row, pulse in enumerate(pulses):
+        own = linear.rows_of(row)
+        phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
         turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
         echoes += _told(turned, linear.weight[own], looks_per_cell)
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]

@@ -75,7 +75,7 @@ def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface
         weights = surface.weights(*linear.place_m[pulse].T)
         factor = linear.factor[linear.rows_of(pulse)].astype(float)
         expected += weights.T @ (factor.T @ (factor @ (weights @ heights)))
-    np.testing.assert_allclose(operator(linear, surface)(heights), expected, atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(operator(linear, surface.grid)(heights), expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_mean_ranges_are_those_of_the_plain_model(in_clear_air, surface):
@@ -99,7 +99,7 @@ def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
     ).linearise(np.ones(len(in_clear_air)))
     np.testing.assert_array_equal(linear.first, linear.last)
     np.testing.assert_array_equal(linear.score, 0.0)
-    np.testing.assert_array_equal(curvature_on_cells(linear, surface)(np.ones(surface.height_m.size)), 0.0)
+    np.testing.assert_array_equal(curvature_on_cells(linear, surface.grid)(np.ones(surface.height_m.size)), 0.0)
 
 
 @pytest.mark.parametrize("air", ["in_clear_air", "in_rain"])
