@@ -1,13 +1,12 @@
 """The information of all echoes about the heights of a grid's cells: A in the normal equations of a surface."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import equal_parts, in_threads, over_rows
+from sionna_radar.foundation.threads import equal_parts, in_threads
 from sionna_radar.mapping.echo_model import Linearised
 
 Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
@@ -33,23 +32,6 @@ def curvature_on_cells(linear: Linearised, grid: Grid) -> Information:
         curve_cells(on_cells, start, cell, begin, height_m, result, low, high)
 
     return _summed(some, len(place))
-
-
-def merged(linear: Linearised, rows: int) -> Linearised:
-    """Return fewer rows that say nearly the same of a surface as smooth as a few range cells are long.
-
-    rows: each of which takes the place of so many.
-    """
-    from sionna_radar.mapping.curvature_kernels import merge_rows
-
-    if rows == 1:
-        return linear
-    count = -(-(linear.last - linear.first) // rows)
-    last = np.cumsum(count)
-    factor = np.zeros((int(last[-1]), linear.factor.shape[1]), dtype=np.float32)
-    of = linear.factor, linear.first, linear.last, rows, last - count, factor
-    over_rows(lambda low, high: merge_rows(*of, low, high), len(count))
-    return replace(linear, factor=factor, first=last - count, last=last)
 
 
 def _by_nodes(linear: Linearised, grid: Grid) -> Information:

@@ -111,21 +111,6 @@ def curve_cells(on_cells, start, cell, begin, height, result, low, high):
 
 @compiled
 @no_type_check
-def merge_rows(factor, first, last, together, begin, merged, low, high):
-    """Write sums of so many rows each of the pulses from `low` to `high`, as certain as these are together."""
-    for pulse in range(low, high):
-        for row in range(last[pulse] - first[pulse]):
-            to = begin[pulse] + row // together
-            for node in range(factor.shape[1]):
-                merged[to, node] += factor[first[pulse] + row, node]
-    scale = 1 / np.sqrt(together)
-    for row in range(begin[low], begin[high - 1] + -(-(last[high - 1] - first[high - 1]) // together)):
-        for node in range(factor.shape[1]):
-            merged[row, node] *= scale
-
-
-@compiled
-@no_type_check
 def add_to_cells(place, value, west, south, spacing, result, low, high):
     """Add values under the nodes of the pulses from `low` to `high` to the cells around them."""
     rows, columns = result.shape

@@ -219,14 +219,17 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight_of):
-    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level."""
+def _whitened(echo, power, looks, jacobian, own, score, factor, together, residual, weight_of):
+    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level.
+
+    together: rows of which the factor keeps the sums, as certain as these are.
+    """
     level, shape, mean, weight = echo
     of_level = 0.0
     for c in range(len(shape)):
         if weight[c] > LEAST_WEIGHT:
             of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
-    row = 0
+    row, scale = 0, 1 / np.sqrt(together)
     for c in range(len(shape)):
         if weight[c] <= LEAST_WEIGHT:
             continue
@@ -238,7 +241,7 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight
         weight_of[row] = weight[c]
         for node in range(len(own)):
             whitened = root * (jacobian[row, node] - part * own[node])
-            factor[row, node] = whitened
+            factor[row // together, node] += whitened * scale
             score[node] += rest * whitened
         row += 1
 
@@ -281,10 +284,11 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
         power, the nodes around each and their weights, and the response of the window.
-    results: and where there is room for the rows of each pulse.
+    results: and of how many rows the factor keeps the sum, where there is room for the rows of each pulse, and for
+        those that the factor keeps. The factor must be zero.
     """
     _, start, profile_power, profile_noise, looks, _ = data
-    score, factor, residual, weight_of, count, begin = results
+    score, factor, together, residual, weight_of, count, begin, begin_factor = results
     nodes, half, number = score.shape[1], len(antenna[2]) // 2, len(antenna[0])
     samples, strength, moved = (np.empty(number), np.empty(number), np.empty(nodes)), np.empty(number), np.empty(number)
     scale, own = np.empty(nodes), np.empty(nodes)
@@ -317,6 +321,9 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         echo = level, shape, mean, weight
         rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
         if rows > 0:
-            to = slice(begin[pulse], begin[pulse] + rows)
-            _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to], weight_of[to])
+            to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
+            _whitened(
+                echo, power, looks[pulse], jacobian, own, score[pulse], factor[kept], together, residual[to],
+                weight_of[to],
+            )  # fmt: skip
         count[pulse] = rows

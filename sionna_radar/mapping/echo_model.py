@@ -184,10 +184,12 @@ class EchoModel:
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
-    def linearise(self, looks: Float[np.ndarray, " pulse"]) -> Linearised:
+    def linearise(self, looks: Float[np.ndarray, " pulse"], fewest_rows: int | None = None) -> Linearised:
         """Return score and curvature of the likelihood of the profiles.
 
         looks: independent looks in each range cell of each pulse.
+        fewest_rows: neighbouring rows are taken together as long as the median pulse keeps about so many: they say
+            nearly the same of a surface as smooth as a few range cells are long. Residuals and weights are not.
         """
         from sionna_radar.mapping.echo_kernels import linearise
 
@@ -199,18 +201,21 @@ class EchoModel:
         )
         data, geometry, antenna = self._inputs(looks)
         pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
-        values = int(begin[-1])
+        values, room = int(begin[-1]), np.diff(begin)
+        together = 1 if fewest_rows is None else max(1, int(np.median(room) / fewest_rows))
+        begin_factor = np.concatenate([[0], np.cumsum(-(-room // together))])
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
-        factor, residual = np.zeros((values, nodes), dtype=np.float32), np.zeros(values)
+        factor, residual = np.zeros((int(begin_factor[-1]), nodes), dtype=np.float32), np.zeros(values)
         weight = np.zeros(values)
-        results = score, factor, residual, weight, count, begin
+        results = score, factor, together, residual, weight, count, begin, begin_factor
         list(
             in_threads(
                 lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
                 parts(pulses, PULSES_AT_ONCE),
             )
         )
-        return Linearised(self._feet.place_m, score, factor, begin[:-1], begin[:-1] + count, residual, weight)
+        first = begin_factor[:-1]
+        return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
 
     def score(self, looks: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse node"]:
         """Return the score alone; see `linearise`."""

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step
 from sionna_radar.foundation.threads import equal_parts, in_threads
-from sionna_radar.mapping.curvature import Information, curvature_on_cells, merged
+from sionna_radar.mapping.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.echo_model import EchoModel, Footprints, Sightings
 from sionna_radar.mapping.settling import Mixing
 from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Smoothed, TerrainModel
@@ -29,7 +29,7 @@ MOST_SCORING_STEPS = 12
 STEP_TOLERANCE = 2e-2
 # Surfaces on which the curvature is computed.
 CURVED = 2
-# Rows that the curvature of a pulse keeps, at least, and how many times coarser the grid of the steps may be, with the
+# Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
 # most that echoes may tell of a wave that it leaves out, over what is known of it beforehand.
 ROWS, COARSER, LEFT_OUT = 48, (4, 2, 1), 0.02
 
@@ -80,9 +80,7 @@ def most_probable(
 
 def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: TerrainModel) -> tuple[int, Information]:
     """Return the expected curvature on the cells of a coarser grid, and how much coarser it is."""
-    linear = model.linearise(looks)
-    rows = float(np.median(linear.last - linear.first))
-    linear = merged(linear, max(1, int(rows / ROWS)))
+    linear = model.linearise(looks, ROWS)
     for times in COARSER:
         grid = terrain.coarser(times)
         curvature = curvature_on_cells(linear, grid)
