@@ -12,22 +12,22 @@ overlapping tiles; each has its own terrain model, and their surfaces are blende
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.curvature import curvature_on_cells
 from sionna_radar.mapping.echo_heights import ROUGH, SURFACES, EchoSurface, echo_surface, on_axis
 from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
-from sionna_radar.mapping.settling import Mixing
-from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Smoothed
+from sionna_radar.mapping.scoring import MOST_SCORING_STEPS, most_probable
+from sionna_radar.mapping.smoothing import Smoothed
 from sionna_radar.mapping.speckle import repeats
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
 from sionna_radar.mapping.whole_echo import Information, information_of
@@ -35,12 +35,6 @@ from sionna_radar.mapping.whole_echo import Information, information_of
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
-# The iteration ends with a step that moves the surface by no more than this, RMS over the middles of the footprints:
-# what then remains, of which rounding may decide, is as little.
-SETTLED_M = 5e-4
-MOST_SCORING_STEPS = 12
-# Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
-STEP_TOLERANCE = 2e-2
 
 
 @dataclass(frozen=True)
@@ -133,33 +127,19 @@ def _in_tiles(
 def _refined(sightings: Sightings, first: EchoSurface, step: Step) -> _Tile:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     looks = sightings.looks_per_cell / repeats(first.heights.reach)
-    fitted, mixing, settled = first.smoothed, Mixing(), False
-    middle = fitted.surface.weights(*first.heights.place_m.T)
-    least_m = np.inf
-    for _ in range(MOST_SCORING_STEPS):
-        step()
-        if settled:
-            continue
-        linear = EchoModel(sightings, fitted.surface).linearise(looks)
-        white = _scoring_step(fitted, linear)
-        seen_m = middle @ fitted.model.coloured(white)
-        by_m = float(np.sqrt(np.mean(seen_m**2)))
-        if by_m < least_m:
-            nearest, least_m = (fitted, linear), by_m
-        fitted = replace(fitted, white=mixing.next(fitted.white, white, seen_m))
-        settled = by_m <= SETTLED_M
-    if not settled:
-        # Echoes that the terrain model does not fit: the place is taken from which the least remained to go.
-        fitted, linear = nearest
-    return fitted, first, information_of(first.heights, linear, sightings.looks_per_cell)
+    fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m, step)
+    linearised = partial(_some_linearised, sightings, fitted.surface, looks)
+    return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)
 
 
-def _scoring_step(fitted: Smoothed, linear: Linearised) -> Float[np.ndarray, " cell"]:
-    """Return the change of the white field that one step of Fisher scoring proposes."""
-    weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
-    right = fitted.model.coloured(weights.T @ linear.score.ravel()) - fitted.white
-    curvature = curvature_on_cells(linear, fitted.surface)
-    return fitted.model.solve(curvature, right, MOST_ITERATIONS, STEP_TOLERANCE)
+def _some_linearised(
+    sightings: Sightings,
+    surface: Heightfield,
+    looks: Float[np.ndarray, " pulse"],
+    chosen: Int[np.ndarray, " chosen"],
+) -> Linearised:
+    keep = np.isin(np.arange(len(sightings)), chosen)
+    return EchoModel(sightings.rows(keep), surface).linearise(looks[keep])
 
 
 def _tile_count(grid: Grid) -> int:

@@ -9,7 +9,8 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model import EchoModel, spline_taps
-from sionna_radar.mapping.refinement import SETTLED_M, refine
+from sionna_radar.mapping.refinement import refine
+from sionna_radar.mapping.scoring import SETTLED_M
 from sionna_radar.mapping.settling import Mixing
 from sionna_radar.radar.chirp import Chirp
 
