@@ -44,7 +44,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
     app.command()(demo)
     app.command(name="run")(run_command)
-    for command in (crosscheck, budget, image, sweep):
+    for command in (crosscheck, budget, image, sweep, merge):
         app.command()(command)
 
 
@@ -229,6 +229,10 @@ def sweep(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    shard: Annotated[
+        str | None,
+        typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
+    ] = None,
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -236,16 +240,45 @@ def sweep(
     from sionna_radar.report.sweep.products import MARKER, write_sweep
     from sionna_radar.report.sweep.table import print_sweep
     from sionna_radar.studies.sweep import fly_sweep
-    from sionna_radar.studies.sweep_plan import parse_axes, plan_sweep
+    from sionna_radar.studies.sweep_plan import Shard, parse_axes, plan_sweep
 
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
-    axes = parse_axes(vary)
+    axes, part = parse_axes(vary), Shard.parse(shard) if shard else None
 
     def fly(progress: "Progress", keep: "Keep") -> "Sweep":
         plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
-        return fly_sweep(plan, progress=progress, parts=keep(plan.identity()))
+        parts = keep({**plan.identity(), "shard": str(part or "")})
+        return fly_sweep(plan, progress=progress, parts=parts, shard=part)
 
-    result: Sweep = session.produce(fly, suffix="_sweep", marker=MARKER, write=write_sweep, show=print_sweep)
+    suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
+    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write_sweep, show=print_sweep)
+    _tell_failures(result)
+
+
+def merge(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a study.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where the whole study goes.")],
+    quiet: QuietOption = False,
+) -> None:
+    """Put the shards of a sweep together: the same files as if it had been flown at once."""
+    from sionna_radar.report.sweep.products import MARKER, write_sweep
+    from sionna_radar.report.sweep.reading import read_sweep
+    from sionna_radar.report.sweep.table import print_sweep
+    from sionna_radar.studies.shards import merge_shards
+
+    session = Session.of("merge", output, None, None, None, quiet)
+    result: Sweep = session.produce(
+        lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
+        suffix="",
+        marker=MARKER,
+        write=write_sweep,
+        show=print_sweep,
+    )
+    _tell_failures(result)
+
+
+def _tell_failures(result: "Sweep") -> None:
+    """Say how many combinations failed, and end with the exit code 1 if any did."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)

@@ -6,6 +6,7 @@ that cannot be flown, or that fails in flight, keeps its place with the reason; 
 """
 
 import logging
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,7 +21,7 @@ from sionna_radar.foundation.interrupts import Interrupted, raise_received
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Axis, SweepPlan, label, one_line
+from sionna_radar.studies.sweep_plan import Axis, Shard, SweepPlan, label, one_line
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.recording import BLOCK_SIZE
 
@@ -88,6 +89,7 @@ class Sweep(Brief):
     source, axes, repeat: what was varied of which scenario, with how many seeds.
     cases: one for each combination of values, the last axis fastest.
     interrupted: whether an interrupt ended it.
+    shard: which part of the study it is, as I/N; "" for the whole.
 
     Examples
     --------
@@ -104,6 +106,7 @@ class Sweep(Brief):
     repeat: int
     cases: tuple[Case, ...]
     interrupted: bool = False
+    shard: str = ""
 
     @property
     def failed(self) -> bool:
@@ -124,8 +127,9 @@ def fly_sweep(
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
     parts: KeptParts | None = None,
+    shard: Shard | None = None,
 ) -> Sweep:
-    """Fly all trials of a study one after another.
+    """Fly all trials of a study one after another, or those of a shard of it.
 
     A trial that fails ends its case, which says why. An interrupt ends the study, which keeps the trials done: those
     of `parts` in their folder, from where it goes on.
@@ -140,6 +144,8 @@ def fly_sweep(
         Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
     parts:
         Where finished trials are kept, and those that are there already are taken from.
+    shard:
+        Which of them are flown; see `Shard`. Without it all.
 
     Raises
     ------
@@ -157,11 +163,13 @@ def fly_sweep(
     trials: list[list[Trial]] = [[] for _ in plan.cells]
     reasons = [cell.refusal for cell in plan.cells]
     interrupted = False
+    flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
+    wanted = Counter(number for number, _, _ in flights)
     try:
-        for number, scenario, repeat in plan.flights():
+        for number, scenario, repeat in flights:
             if reasons[number]:
                 continue
-            progress("surveys", sum(map(len, trials)), plan.trials)
+            progress("surveys", sum(map(len, trials)), len(flights))
             try:
                 trials[number].append(_flown(scenario, repeat, block_size, progress, parts))
             except BackendError:
@@ -171,7 +179,7 @@ def fly_sweep(
                 raise_received()
                 logger.debug("a trial failed", exc_info=True)
                 reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {one_line(error)}"
-        progress("surveys", sum(map(len, trials)), plan.trials)
+        progress("surveys", sum(map(len, trials)), len(flights))
     except (KeyboardInterrupt, Interrupted):
         if parts is not None:
             raise
@@ -181,11 +189,18 @@ def fly_sweep(
             setting=cell.setting,
             scenario=cell.scenario,
             trials=tuple(flown),
-            reason=reason or ("" if len(flown) == plan.repeat else "interrupted"),
+            reason=reason or ("" if len(flown) == wanted[number] else "interrupted"),
         )
-        for cell, flown, reason in zip(plan.cells, trials, reasons, strict=True)
+        for number, (cell, flown, reason) in enumerate(zip(plan.cells, trials, reasons, strict=True))
     ]
-    return Sweep(source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted)
+    return Sweep(
+        source=plan.source,
+        axes=plan.axes,
+        repeat=plan.repeat,
+        cases=tuple(cases),
+        interrupted=interrupted,
+        shard=str(shard or ""),
+    )
 
 
 def _flown(scenario: Scenario, repeat: int, block_size: int, progress: Progress, parts: KeptParts | None) -> Trial:

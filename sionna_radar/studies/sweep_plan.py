@@ -77,6 +77,31 @@ class SweepPlan:
                 yield from ((number, cell.scenario, repeat) for repeat in range(self.repeat))
 
 
+@dataclass(frozen=True)
+class Shard:
+    """One of `count` equal parts of a study, counted from 1: every survey belongs to one."""
+
+    number: int
+    count: int
+
+    @staticmethod
+    def parse(text: str) -> "Shard":
+        """Return the shard that `I/N` names; raises ScenarioError for anything else."""
+        found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
+        shard = Shard(*map(int, found.groups())) if found else Shard(0, 0)
+        if not 1 <= shard.number <= shard.count:
+            message = f"{text!r} is no shard; give I/N with I from 1 to N, such as 2/8"
+            _refuse(message, "--shard")
+        return shard
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def holds(self, survey: int) -> bool:
+        """Return whether a survey belongs to it, by its running number in the study."""
+        return survey % self.count == self.number - 1
+
+
 def parse_axes(assignments: Iterable[str]) -> tuple[Axis, ...]:
     """Read `KEY=V1,V2,...` assignments; values are TOML, and bare words are strings.
 

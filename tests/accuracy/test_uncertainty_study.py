@@ -159,7 +159,9 @@ def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
     """
     bounds_m = {"refined": (0.1, 0.05), "linear": (0.2, 0.1)}[method]
     scenario = {"terrain.path": str(creased), "dem.method": method}
-    found = [run(load_scenario("own_dem", scenario | {"dem.min_confidence_m": b})).lit_error for b in (100.0, *bounds_m)]
+    found = [
+        run(load_scenario("own_dem", scenario | {"dem.min_confidence_m": b})).lit_error for b in (100.0, *bounds_m)
+    ]
     for wide, narrow in pairwise(found):
         said = f"{wide.rms_m:.3f} m over {wide.coverage:.1%}, {narrow.rms_m:.3f} over {narrow.coverage:.1%}"
         print(f"creased {method}: {said}")
