@@ -20,6 +20,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter, minimum_filter
+from scipy.spatial import KDTree
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
@@ -45,8 +46,9 @@ PRIOR_ECHOES = 5.0
 HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
 # Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
 # that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
-# than so many nepers, as the model of columns makes likelihoods too sure.
-NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS = 4, 0.2, 0.4, 3.0, 8.0
+# than so many nepers, as the model of columns makes likelihoods too sure; by far more, if an echo is nearer that lies a
+# step away.
+NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS, FAR_SURER_NEPERS = 4, 0.2, 0.4, 3.0, 8.0, 64.0
 # Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
 PULSES_AT_ONCE = 64
@@ -69,14 +71,18 @@ class StepMap:
     returned: Float[np.ndarray, "row column"]
     margin: Float[np.ndarray, "row column"]
 
-    def doubtful(self) -> Bool[np.ndarray, "row column"]:
-        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's."""
+    def doubtful(self, elsewhere: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's.
+
+        elsewhere: cells that echoes of other levels are nearer to; see `nearer_elsewhere`.
+        """
         near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
         seen = self.expected > 0
         typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
         unseen = self.expected < SELDOM * typical
         hollow = (self.returned < TOO_LITTLE) & (self.expected > SEVERAL)
-        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS)))
+        checked = np.isfinite(self.margin) & (self.margin >= FAR_SURER_NEPERS)
+        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS) | (elsewhere & ~checked)))
 
 
 def with_borders(
@@ -120,6 +126,16 @@ def with_borders(
                 for field in fields(StepMap):
                     getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
     return result
+
+
+def nearer_elsewhere(
+    height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells whose nearest located echo lies a step above or below them."""
+    if len(point_m) == 0:
+        return np.zeros(grid.shape, dtype=bool)
+    nearest = KDTree(point_m[:, :2]).query(grid.centres_m)[1]
+    return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
 
 
 class _Block:

@@ -6,7 +6,8 @@
    them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
 3. Cells beside borders join the part under which whole profiles are likeliest (`borders`). Cells near borders that no
-   pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty.
+   pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
+   those whose nearest echo is a step away, unless the profiles clearly say otherwise.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from scipy.ndimage import median_filter
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Progress, Step, Steps, silent
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.borders import with_borders
+from sionna_radar.mapping.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_heights import on_axis
@@ -28,7 +29,7 @@ from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
-from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, with_steps
+from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, moved_with, with_steps
 
 # A step is more than this many levels, and steeper than 45 deg.
 STEP_LEVELS = 4
@@ -76,8 +77,10 @@ def step_surface(
         inside = part[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
-    uncertainty = with_steps(sigma, bordered.height_m, bordered.margin)
-    return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~bordered.doubtful(), uncertainty)
+    own_sigma = moved_with(sigma, part, bordered.part)
+    uncertainty = with_steps(own_sigma, bordered.height_m, bordered.margin)
+    doubtful = bordered.doubtful(nearer_elsewhere(bordered.height_m, points.position_m, step_m, grid))
+    return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~doubtful, uncertainty)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ likelier than the next. Then it is wrong by the whole step: the variance of the 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.spatial import KDTree
 
 from sionna_radar.foundation.raster import Grid
 
@@ -30,6 +31,30 @@ class SteppedUncertainty:
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
         """Return NaN: errors of borders are shared in ways that are not worked out."""
         return float("nan")
+
+
+def moved_with(
+    sigma_m: Float[np.ndarray, "row column"],
+    before: Int[np.ndarray, "row column"],
+    after: Int[np.ndarray, "row column"],
+) -> Float[np.ndarray, "row column"]:
+    """Return standard deviations with those of cells that changed their part taken from the nearest cell that did not.
+
+    Parameters
+    ----------
+    sigma_m:
+        Standard deviations within the parts that the cells belonged to before.
+    before, after:
+        Numbers of the parts of the cells.
+
+    """
+    result, moved = sigma_m.copy(), before != after
+    for number in np.unique(after[moved]):
+        stayed, came = np.argwhere((after == number) & ~moved), np.argwhere((after == number) & moved)
+        if len(stayed):
+            nearest = stayed[KDTree(stayed).query(came)[1]]
+            result[came[:, 0], came[:, 1]] = sigma_m[nearest[:, 0], nearest[:, 1]]
+    return result
 
 
 def with_steps(

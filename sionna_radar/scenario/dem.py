@@ -12,8 +12,9 @@ from sionna_radar.scenario.table import Positive, Real, Table
 class DemTable(Table):
     """The elevation model: its grid, and how the echoes become heights.
 
-    method: "auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles and the air holds
-        nothing that would be taken for walls, and "linear" elsewhere. "linear" interpolates between the located
+    method: "auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air holds
+        nothing that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two
+        footprints, and "linear" elsewhere. "linear" interpolates between the located
         echoes. "smooth" lays the most probable surface through the mean ranges of the whole echoes (or through the
         points, without range profiles), each weighted by its uncertainty, under a covariance that is learned from
         them. "refined" goes on from there: it predicts every echo from the surface and the known beam, and moves the

@@ -1,25 +1,31 @@
 """The DEM method that a scenario gets without naming one, and the echoes that go with it."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel
 
 from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.radar import AntennaTable, ScanTable
 
 # Beside precipitation, whose echo fills the beam, parts of it would be taken for roofs.
 FALLING = ("rain_rate_mm_per_h", "rain_cell", "rain_field", "snowfall_mm_per_h")
+# A two-way main lobe is hardly wider than two half-power widths. Between lines farther apart are strips that no main
+# lobe reaches, and a wall there is seen from one of its sides at most.
+FARTHEST_FOOTPRINTS = 2.0
 
 
 def with_map(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a scenario with `dem.method` chosen if it is "auto" or missing, and `processing.echoes`.
 
-    Over buildings it is "stepped", with all echoes of a pulse, if whole echoes are to be had; elsewhere "linear".
+    Over buildings it is "stepped", with all echoes of a pulse, if whole echoes are to be had and the lines of the scan
+    are near enough to each other; elsewhere "linear".
     """
     tables = dict(given)
     method = _value(tables, "dem", "method")
     if method in (None, "auto"):
-        method = "stepped" if _built_up(tables) and _whole_echoes(tables) else "linear"
+        method = "stepped" if _built_up(tables) and _whole_echoes(tables) and _dense(tables) else "linear"
         tables = _with(tables, "dem", "method", method)
     if method == "stepped" and not _has(tables, "processing", "echoes"):
         tables = _with(tables, "processing", "echoes", "all")
@@ -36,6 +42,32 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
     if sensor not in SENSORS or not SENSORS.entry(sensor).provides_profiles:
         return False
     return _value(tables, "radar", "sweep") != "triangular" and not any(_value(tables, "weather", k) for k in FALLING)
+
+
+def _dense(tables: Mapping[str, Any]) -> bool:
+    """Return whether the lines of a whisk-broom scan are no farther apart than two footprints, as far as is known.
+
+    A footprint is as long along the track as the beam in elevation makes it on level ground in the middle of the scan.
+    """
+    radar = {key: _value(tables, "radar", key) for key in ("scan", "antenna")}
+    scan = ScanTable.model_fields
+    if (_value(radar, "scan", "mode") or scan["mode"].default) != "whisk_broom":
+        return True
+    if (_value(radar, "antenna", "kind") or "taylor") != "taylor":
+        return True
+    beam_deg = _value(radar, "antenna", "beamwidth_deg") or AntennaTable.model_fields["beamwidth_deg"].default
+    known = (
+        _value(tables, "platform", "speed_mps"),
+        _value(tables, "platform", "altitude_m"),
+        _value(radar, "scan", "rotation_rpm") or scan["rotation_rpm"].default,
+        _value(radar, "scan", "incidence_deg") or scan["incidence_deg"].default,
+        beam_deg[-1] if isinstance(beam_deg, (list, tuple)) and beam_deg else beam_deg,
+    )
+    if not all(isinstance(value, (int, float)) and 0 < value < math.inf for value in known):
+        return True
+    speed_mps, altitude_m, rotation_rpm, incidence_deg, elevation_deg = known
+    footprint_m = math.radians(elevation_deg) * altitude_m / math.cos(math.radians(min(incidence_deg, 89.0))) ** 2
+    return bool(speed_mps * 60 / rotation_rpm <= FARTHEST_FOOTPRINTS * footprint_m)
 
 
 def _value(tables: Mapping[str, Any], table: str, key: str) -> Any:

@@ -7,12 +7,13 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.border_kernels import predict
-from sionna_radar.mapping.borders import _Block, beside_borders, with_borders
+from sionna_radar.mapping.borders import StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
 from sionna_radar.mapping.column_kernels import NOTHING, Columns, approach, cast
 from sionna_radar.mapping.echo_heights import on_axis
 from sionna_radar.mapping.map_parts import parts_of, to_border_m
 from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.planes import plane_of_echoes
+from sionna_radar.mapping.stepped_uncertainty import moved_with
 
 ROOF_M = 8.0
 
@@ -112,7 +113,7 @@ def test_cells_on_the_wrong_side_of_a_wall_go_over(seen):
     wrong_before, wrong_after = (in_view & (part != true) for part in (roof, found.part == 1))
     assert wrong_after.sum() < 0.65 * wrong_before.sum()
     np.testing.assert_array_equal(found.height_m[in_view], np.where(found.part == 1, TOP, 0.0)[in_view])
-    kept = in_view & ~found.doubtful()
+    kept = in_view & ~found.doubtful(np.zeros(MAP.shape, dtype=bool))
     assert (wrong_after & kept).sum() <= 0.3 * wrong_before.sum()
 
 
@@ -166,4 +167,24 @@ def test_a_map_without_borders_stays_as_it_is(seen):
     height, part = np.full(MAP.shape, 1.5), np.zeros(MAP.shape, dtype=np.int64)
     found = with_borders(seen, axis_m, height, part, np.ones(MAP.shape, dtype=bool), 1.0, MAP)
     np.testing.assert_array_equal(found.height_m, height)
-    assert not found.doubtful().any()
+    assert not found.doubtful(np.zeros(MAP.shape, dtype=bool)).any()
+
+
+def test_cells_whose_nearest_echo_is_a_step_away_are_doubtful_unless_profiles_are_sure():
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=3)
+    x, _ = np.meshgrid(grid.x_m, grid.y_m)
+    roof = x > 5.5
+    # The ground is heard up to x = 7, the roof from x = 10 on.
+    echoes = np.array([[0.0, 1.0, 0.0], [3.0, 1.0, 0.1], [7.0, 1.0, 0.0], [10.0, 1.0, 6.0]])
+    elsewhere = nearer_elsewhere(np.where(roof, 6.0, 0.0), echoes, 1.0, grid)
+    np.testing.assert_array_equal(elsewhere, (x > 5.5) & (x < 8.5))
+    margin = np.where(x == 7.0, 100.0, np.inf)
+    found = StepMap(np.where(roof, 6.0, 0.0), roof.astype(int), np.ones(grid.shape), np.ones(grid.shape), margin)
+    np.testing.assert_array_equal(found.doubtful(elsewhere), (x == 6.0) | (x == 8.0))
+    assert not nearer_elsewhere(np.zeros(grid.shape), np.zeros((0, 3)), 1.0, grid).any()
+
+
+def test_a_cell_that_changes_its_part_is_known_as_well_as_its_new_neighbours():
+    before, after = np.array([[0, 0, 0, 1, 1]]), np.array([[0, 0, 1, 1, 1]])
+    sigma = moved_with(np.array([[0.1, 0.1, 0.1, 0.4, 0.5]]), before, after)
+    np.testing.assert_array_equal(sigma, [[0.1, 0.1, 0.4, 0.4, 0.5]])
