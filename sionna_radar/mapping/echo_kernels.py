@@ -219,12 +219,13 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, together, offset, residual, weight_of):
+def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual, weight_of):
     """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level.
 
-    together, offset: the factor keeps one of so many rows, from the given on, in place of all of these.
+    one_of: of so many rows the factor keeps one, from the given on, in place of all of these.
     """
     level, shape, mean, weight = echo
+    together, offset = one_of
     of_level = 0.0
     for c in range(len(shape)):
         if weight[c] > LEAST_WEIGHT:
@@ -323,8 +324,17 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
         if rows > 0:
             to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
+            one_of = together, pulse % together
             _whitened(
-                echo, power, looks[pulse], jacobian, own, score[pulse], factor[kept], together, pulse % together, residual[to],
+                echo,
+                power,
+                looks[pulse],
+                jacobian,
+                own,
+                score[pulse],
+                factor[kept],
+                one_of,
+                residual[to],
                 weight_of[to],
-            )  # fmt: skip
+            )
         count[pulse] = rows

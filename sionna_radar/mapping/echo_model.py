@@ -104,7 +104,7 @@ class Linearised:
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
-    factor: Float32[np.ndarray, "row node"]
+    factor: Float32[np.ndarray, "kept node"]
     first: Int[np.ndarray, " pulse"]
     last: Int[np.ndarray, " pulse"]
     residual: Float[np.ndarray, " row"]

@@ -2,8 +2,8 @@
 
 Each step needs the score of all echoes on the surface reached, and solves for the step with the expected curvature of
 the likelihood. The score decides where the iteration ends, and is exact. The curvature only says by which way: it is
-computed on the first two surfaces alone, from some of the range cells of each pulse, and the system is solved on a coarser grid
-where the terrain is so smooth that shorter waves are nothing that an echo could tell.
+computed on the first two surfaces alone, from some of the range cells of each pulse, and the system is solved on a
+coarser grid where the terrain is so smooth that shorter waves are nothing that an echo could tell.
 """
 
 from dataclasses import replace
