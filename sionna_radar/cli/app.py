@@ -15,6 +15,7 @@ import typer
 
 from sionna_radar.cli import commands, logs, pages, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
+from sionna_radar.foundation.interrupts import how_to_go_on
 
 app = typer.Typer(
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
@@ -65,8 +66,8 @@ def _errors_reported() -> Iterator[None]:
     try:
         yield
     except (BackendError, KeptElsewhereError) as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
         sys.exit(1)
     except RadarError as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
         sys.exit(2)

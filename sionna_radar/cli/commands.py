@@ -13,6 +13,7 @@ from sionna_radar.cli.options import (
     PointsOption,
     QuietOption,
     ReportOption,
+    ResumeOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
@@ -27,10 +28,11 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
-from sionna_radar.foundation.interrupts import Interrupted, held_back
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 
 if TYPE_CHECKING:
+    from sionna_radar.cli.session import Keep
+    from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.crosscheck_result import CrossCheck
     from sionna_radar.studies.sweep import Sweep
     from sionna_radar.survey.result import Survey
@@ -110,7 +112,7 @@ def _fly(
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
-            lambda progress: run(
+            lambda progress, _: run(
                 checked,
                 block_size=block_size or BLOCK_SIZE,
                 recordings=outside | inside,
@@ -143,7 +145,7 @@ def crosscheck(
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     result: CrossCheck = session.produce(
-        lambda progress: check(checked, progress=progress),
+        lambda progress, _: check(checked, progress=progress),
         suffix="_crosscheck",
         marker=MARKER,
         write=write_crosscheck,
@@ -177,7 +179,7 @@ def budget(
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
     session.produce(
-        lambda progress: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
+        lambda progress, _: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
         suffix="_budget",
         marker=MARKER,
         write=write_budget,
@@ -202,7 +204,7 @@ def image(
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     session.produce(
-        lambda progress: fly_images(checked, progress=progress),
+        lambda progress, _: fly_images(checked, progress=progress),
         suffix="_image",
         marker=MARKER,
         write=write_imagery,
@@ -227,35 +229,24 @@ def sweep(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
-    from sionna_radar.report.sweep.products import MARKER
+    from sionna_radar.report.sweep.products import MARKER, write_sweep
     from sionna_radar.report.sweep.table import print_sweep
-    from sionna_radar.studies.sweep import fly_sweep, parse_axes, plan_sweep
+    from sionna_radar.studies.sweep import fly_sweep
+    from sionna_radar.studies.sweep_plan import parse_axes, plan_sweep
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
     axes = parse_axes(vary)
-    result: Sweep = session.produce(
-        lambda progress: fly_sweep(plan_sweep(scenario, axes, repeat, session.overrides, progress), progress=progress),
-        suffix="_sweep",
-        marker=MARKER,
-        write=_write_flown,
-        show=print_sweep,
-    )
-    if result.interrupted:
-        raise Interrupted
+
+    def fly(progress: "Progress", keep: "Keep") -> "Sweep":
+        plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
+        return fly_sweep(plan, progress=progress, parts=keep(plan.identity()))
+
+    result: Sweep = session.produce(fly, suffix="_sweep", marker=MARKER, write=write_sweep, show=print_sweep)
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)
         raise typer.Exit(1)
-
-
-def _write_flown(result: "Sweep", folder: Path) -> list[Path]:
-    """Write a sweep unless nothing of it was flown; an interrupt waits until it is written."""
-    from sionna_radar.report.sweep.products import write_sweep
-
-    if not any(case.trials for case in result.cases):
-        return []
-    with held_back():
-        return write_sweep(result, folder)

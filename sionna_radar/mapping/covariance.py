@@ -156,13 +156,7 @@ def fit_covariance(
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
     variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
-    near = [_Group.of(measured, rows) for rows in _groups(measured.place_m, groups)]
-    bounds = [
-        (np.log(3e-3 * extent), np.log(extent)),
-        (np.log(1e-4 * variance), np.log(1e3 * variance)),
-        (np.log(0.02), np.log(100.0)),
-        (np.log(ROUGHEST), np.log(SMOOTHEST)),
-    ]
+    near, bounds = neighbours(measured, groups), search_bounds(measured)
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
     rough = minimize(
@@ -184,8 +178,25 @@ def fit_covariance(
     return FittedCovariance(Covariance(smoothness, length, scale), factor)
 
 
+def search_bounds(measured: Measured) -> list[tuple[float, float]]:
+    """Return bounds of the logarithms of length, variance, noise factor and smoothness."""
+    extent = float(np.ptp(measured.place_m, axis=0).max())
+    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    return [
+        (np.log(3e-3 * extent), np.log(extent)),
+        (np.log(1e-4 * variance), np.log(1e3 * variance)),
+        (np.log(0.02), np.log(100.0)),
+        (np.log(ROUGHEST), np.log(SMOOTHEST)),
+    ]
+
+
+def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
+    """Return groups of neighbouring heights, which the likelihood is summed over."""
+    return [Group.of(measured, rows) for rows in _groups(measured.place_m, groups)]
+
+
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """Neighbouring heights, a common footprint, and what is the same for all covariances that are tried.
 
     table_m: distances at which a covariance is computed; entry, share: of every two heights, the entry below their
@@ -201,7 +212,8 @@ class _Group:
     noise_m2: Float[np.ndarray, " pair"]
 
     @classmethod
-    def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "_Group":
+    def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "Group":
+        """Return the group of some of the measured heights."""
         from sionna_radar.mapping.covariance_kernels import pairs
 
         place = np.ascontiguousarray(measured.place_m[rows])
@@ -265,28 +277,45 @@ def repeated_pairs(
 
 
 def _loss(
-    parameters: Float[np.ndarray, " parameter"], groups: Sequence[_Group], noise_factor_spread: float
+    parameters: Float[np.ndarray, " parameter"], groups: Sequence[Group], noise_factor_spread: float
 ) -> tuple[float, Float[np.ndarray, " parameter"]]:
     """Return the negative logarithm of the posterior, and its gradient.
 
     parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
     """
     smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
-    length, variance, factor = (float(value) for value in np.exp(parameters[:3]))
-    longer = Covariance(smoothness, length * np.exp(STEP), variance)
-    smoother = Covariance(smoothness * np.exp(STEP), length, variance)
-    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + ROUGHER * np.log1p(min(smoothness, OF_GAUSSIAN))
-    gradient = np.zeros(len(parameters))
-    gradient[2] = parameters[2] / noise_factor_spread**2
+    loss, gradient = posterior_loss(parameters[:3], smoothness, groups, noise_factor_spread, len(parameters) > 3)
+    loss += ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN)))
     if len(parameters) > 3:
-        gradient[3] = ROUGHER * smoothness / (1 + smoothness)
+        gradient[3] += ROUGHER * smoothness / (1 + smoothness)
+    return loss, gradient
+
+
+def posterior_loss(
+    parameters: Float[np.ndarray, "3"],
+    smoothness: float,
+    groups: Sequence[Group],
+    noise_factor_spread: float = NOISE_FACTOR_SPREAD,
+    smoother: bool = False,
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Return the negative logarithm of the posterior of terrain of a given smoothness, and its gradient.
+
+    parameters: logarithms of length, variance and noise factor. The gradient is that along them and, if `smoother`,
+    along the logarithm of the smoothness.
+    """
+    length, variance, factor = (float(value) for value in np.exp(parameters))
     tried = Covariance(smoothness, length, variance)
-    others = [longer, smoother] if len(parameters) > 3 else [longer]
+    others = [Covariance(smoothness, length * np.exp(STEP), variance)]
+    if smoother:
+        others.append(Covariance(smoothness * np.exp(STEP), length, variance))
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
+    gradient = np.zeros(3 + smoother)
+    gradient[2] = parameters[2] / noise_factor_spread**2
     for group in groups:
         try:
             own, toward, by_variance, by_noise = group.loss(tried, factor, others)
         except LinAlgError:
-            return 1e12, np.zeros(len(parameters))
+            return 1e12, np.zeros(len(gradient))
         loss += own
         gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
     return loss, gradient

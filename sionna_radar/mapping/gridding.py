@@ -3,8 +3,8 @@
 Left empty are cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
 gaps (they close the bays of the outline, where nothing was seen), and cells in triangles across a radar shadow.
 Such a triangle extends from an occluding edge to the ground behind it, parallel to the rays that passed the
-edge: seen from the radar it is edge-on. Left empty too are cells in triangles between the foot and the top of a wall:
-ground as steep would go on being steep at one of its ends.
+edge: seen from the radar it is edge-on. Left empty too are cells in triangles between the foot and the top of a wall
+(`wall_triangles`).
 """
 
 from dataclasses import dataclass
@@ -16,13 +16,11 @@ from scipy.spatial import Delaunay, KDTree, QhullError
 
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.wall_triangles import wall_triangles
 
 LONGEST_SIDE_GAPS = 3.0
 # Triangles with a smaller ratio of width to length hold no cell.
 FLAT = 1e-9
-# Slope of a wall, and how much steeper it is than the ground at both of its ends.
-STEEP, STEEPER = 1.0, 2.0
-SURE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,8 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     # SciPy's search is slow for points outside the hull; matplotlib's trapezoid map is not.
     inside = _trifinder(place, triangles.simplices)(*cell.T)
     kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
-    kept &= ~_walls(triangles, place, z, points.range_sigma_m[highest], grid.spacing_m)
+    on_triangles = np.column_stack([place, z]), points.range_sigma_m[highest], triangles.simplices
+    kept &= ~wall_triangles(*on_triangles, max_gap_m, grid.spacing_m)
     use = near & (inside >= 0)
     use[use] = kept[inside[use]]
     corners = triangles.simplices[inside[use]]
@@ -117,39 +116,6 @@ def _lit(
     on_plan = np.linalg.norm(side[:, :, :2], axis=2).max(axis=1)
     shadow = (cos < np.cos(incidence_rad)) & (longest > gap_m)
     return ~shadow & (on_plan <= LONGEST_SIDE_GAPS * gap_m)
-
-
-def _walls(
-    triangles: Delaunay,
-    place: Float[np.ndarray, "n 2"],
-    z: Float[np.ndarray, " n"],
-    sigma: Float[np.ndarray, " n"],
-    least_m: float,
-) -> Bool[np.ndarray, " triangle"]:
-    """Return the triangles between the foot and the top of a wall.
-
-    They are steeper than 45 deg, and twice as steep as the ground at two of their corners, in the median over the
-    other triangles there; and their height is none of the ranges' uncertainty.
-    """
-    corner = triangles.simplices
-    at = np.column_stack([place, z])[corner]
-    normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
-    slope = np.hypot(normal[:, 0], normal[:, 1]) / np.maximum(np.abs(normal[:, 2]), FLAT)
-    height = np.ptp(z[corner], axis=1)
-    steep = (slope > STEEP) & (height > least_m) & (height > SURE_SIGMAS * sigma[corner].max(axis=1))
-    if not steep.any() or steep.all():
-        return np.zeros(len(corner), dtype=bool)
-    point, other = corner[~steep].ravel(), np.repeat(slope[~steep], 3)
-    order = np.lexsort((other, point))
-    count = np.bincount(point, minlength=len(place))
-    middle = np.concatenate([[0], np.cumsum(count)[:-1]]) + count // 2
-    ground = np.where(count > 0, other[order][np.minimum(middle, len(other) - 1)], np.inf)
-    # A point amid steep triangles alone may be an echo of the wall: the ground is that of its neighbours, if they have
-    # any. On a hillside they have none either.
-    beside = np.full(len(place), np.inf)
-    np.minimum.at(beside, corner.ravel(), np.repeat(ground[corner].min(axis=1), 3))
-    ground = np.where(np.isinf(ground), beside, ground)
-    return np.asarray(steep & (slope > STEEPER * np.median(ground[corner], axis=1)))
 
 
 def _barycentric(

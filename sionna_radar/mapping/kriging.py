@@ -19,7 +19,7 @@ from scipy.spatial.distance import cdist
 from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
-from sionna_radar.mapping.covariance import Covariance
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance
 from sionna_radar.mapping.heights import Heights
 
 # Blocks of cells, and how far around them echoes count, at least; the nearest so many.
@@ -39,6 +39,11 @@ class Kriging:
     covariance: Covariance
     heights: Heights
     noise_factor: float
+
+    @property
+    def terrain(self) -> FittedCovariance:
+        """The covariance with the factor that goes with it."""
+        return FittedCovariance(self.covariance, self.noise_factor)
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""

@@ -117,7 +117,7 @@ def _in_tiles(
             total[window] += core[window] * height.reshape(len(rows), -1)
             weight[window] += core[window]
             kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), first.smoothed.noise_factor)
-            known.append(TileUncertainty((west, east, south, north), kriging, information))
+            known.append(TileUncertainty.of((west, east, south, north), kriging, information))
     covered = weight > 0
     fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
     surface = Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))
@@ -128,14 +128,8 @@ def _refined(sightings: Sightings, first: EchoSurface, step: Step) -> _Tile:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     looks = sightings.looks_per_cell / repeats(first.heights.reach)
     fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m, step)
-    information = information_of(
-        partial(_some_linearised, sightings, fitted.surface, looks),
-        sightings.looks_per_cell,
-        first.heights,
-        fitted.noise_factor,
-        fitted.model.covariance,
-    )
-    return fitted, first, information
+    linearised = partial(_some_linearised, sightings, fitted.surface, looks)
+    return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)
 
 
 def _some_linearised(

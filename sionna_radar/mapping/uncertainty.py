@@ -8,7 +8,8 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.kriging import Kriging
-from sionna_radar.mapping.whole_echo import Information
+from sionna_radar.mapping.plausible import Plausible, plausible_terrains
+from sionna_radar.mapping.whole_echo import Information, information_of
 
 
 @runtime_checkable
@@ -29,13 +30,24 @@ class TileUncertainty:
     """The uncertainty within a tile of the map.
 
     bounds_m: west, east, south and north of the tile.
-    kriging: of the mean ranges of its echoes.
-    information: what whole echoes tell beyond these; None where only the means were used.
+    kriging: of the mean ranges of its echoes, for the terrain that the map takes.
+    information: what these, and the whole echoes, tell.
+    plausible: the terrains that they allow.
     """
 
     bounds_m: tuple[float, float, float, float]
     kriging: Kriging
-    information: Information | None = None
+    information: Information
+    plausible: tuple[Plausible, ...]
+
+    @classmethod
+    def of(
+        cls, bounds_m: tuple[float, float, float, float], kriging: Kriging, information: Information | None = None
+    ) -> "TileUncertainty":
+        """Return the uncertainty of a tile; without information, mean ranges alone were used."""
+        heights = kriging.heights
+        plausible = plausible_terrains(heights.above(heights.trend()), kriging.terrain)
+        return cls(bounds_m, kriging, information or information_of(heights), plausible)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return which places lie in the tile."""
@@ -44,9 +56,8 @@ class TileUncertainty:
 
     def after(self, sigma_m: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
         """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
-        if self.information is None:
-            return sigma_m
-        return np.asarray(np.sqrt(self.information.after(np.asarray(sigma_m**2), window_m)))
+        variance = np.asarray(sigma_m**2)
+        return np.asarray(np.sqrt(self.information.after(variance, self.kriging.terrain, self.plausible, window_m)))
 
 
 @dataclass(frozen=True)

@@ -9,25 +9,27 @@ really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f 
 What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from sionna_radar.mapping.covariance import Covariance
+from sionna_radar.mapping.covariance import FittedCovariance
 from sionna_radar.mapping.echo_model import Linearised
 from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.plausible import Plausible
 
-LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 2.0, 20, 8
+LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
 
 
 @dataclass(frozen=True)
 class Information:
-    """What remains unknown of each wave of the terrain, by mean ranges and by whole echoes.
+    """What a survey tells of each wave of the terrain, per area, by mean ranges and by whole echoes.
 
     wavenumber: of the waves, rad/m; weight: of each in the variance of a height.
+    by_means: if the noise is as the model says; by_echoes: 0 where only the means are used.
     """
 
     wavenumber: Float[np.ndarray, " wave"]
@@ -35,39 +37,60 @@ class Information:
     by_means: Float[np.ndarray, " wave"]
     by_echoes: Float[np.ndarray, " wave"]
 
-    def after(self, variance_m2: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
-        """Return the variance that whole echoes leave of that which their mean ranges leave.
+    def after(
+        self,
+        variance_m2: Float[np.ndarray, "..."],
+        taken: FittedCovariance,
+        plausible: Sequence[Plausible],
+        window_m: float = 0.0,
+    ) -> Float[np.ndarray, "..."]:
+        """Return the variance that is left by all that the echoes tell, averaged over the terrains they allow.
 
-        What the whole echoes explain, they explain where echoes lie as close as on the average: beyond the last of
-        them nothing more is known by them.
+        Beyond the last echoes, more is known neither by whole ones nor of what the terrain is like: there the variance
+        changes by no more than where echoes lie.
 
-        variance_m2: of heights, or of means over a square of the side `window_m`, given mean ranges.
+        Parameters
+        ----------
+        variance_m2:
+            Of heights, or of means over a square of the side `window_m`, given mean ranges.
+        taken:
+            The terrain that it was computed for.
+        plausible:
+            Those that the echoes allow.
+        window_m:
+            Side of the square; 0 for heights.
+
         """
         # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
-        means, echoes = float(passed @ self.by_means), float(passed @ self.by_echoes)
-        return np.asarray(variance_m2 - (1 - echoes / means) * np.minimum(variance_m2, means))
+        means = float(passed @ self._left(taken, whole=False))
+        left = sum(each.probability * float(passed @ self._left(each.terrain, whole=True)) for each in plausible)
+        return np.asarray(variance_m2 + (left / means - 1) * np.minimum(variance_m2, means))
+
+    def _left(self, terrain: FittedCovariance, whole: bool) -> Float[np.ndarray, " wave"]:
+        """Return what is left of each wave."""
+        prior = np.maximum(terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
+        told = self.by_means / terrain.noise_factor
+        left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
+        return left
 
 
 def information_of(
-    linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised],
-    looks_per_cell: float,
     heights: Heights,
-    noise_factor: float,
-    covariance: Covariance,
+    linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised] | None = None,
+    looks_per_cell: float = 1.0,
 ) -> Information:
     """Return what mean ranges and whole echoes tell of the waves of a terrain.
 
     Parameters
     ----------
+    heights:
+        Mean ranges as heights over footprints; one for each pulse, if there is a linearised model.
     linearised:
-        Returns the model of the echoes of some pulses, by their rows, linearised about the surface.
+        Returns the model of the echoes of some pulses, by their rows, linearised about the surface; None if only the
+        means are used.
     looks_per_cell:
         Independent looks in a range cell, from the overlap of neighbouring cells.
-    heights, noise_factor:
-        Mean ranges as heights over footprints, one for each pulse, and the factor on the variance of their noise.
-    covariance:
-        Of the terrain.
 
     """
     length = np.geomspace(SHORTEST_M, LONGEST_M, LENGTHS)[::-1]
@@ -76,23 +99,24 @@ def information_of(
     wave = (radial[:, None, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)).reshape(-1, 2)
     wavenumber = np.repeat(radial, DIRECTIONS)
     pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
-    variance = heights.variance_m2(noise_factor)
+    variance = heights.variance_m2(1.0)
     means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
-    linear = linearised(pulses)
+    linear = None if linearised is None else linearised(pulses)
     for row, pulse in enumerate(pulses):
+        means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
+        if linear is None:
+            continue
         own = linear.rows_of(row)
         phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
         turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
         echoes += _told(turned, linear.weight[own], looks_per_cell)
-        means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)
-    prior = np.maximum(covariance.power(wavenumber), np.finfo(float).tiny)
     return Information(
         wavenumber=wavenumber,
         # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
         weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
-        by_means=1 / (1 / prior + density * means),
-        by_echoes=1 / (1 / prior + density * np.maximum(echoes, means)),
+        by_means=density * means,
+        by_echoes=density * echoes,
     )
 
 

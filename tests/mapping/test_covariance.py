@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
 
-from sionna_radar.mapping.covariance import ROUGHER, TABLE, Covariance, Measured, _Group, _loss, repeated
+from sionna_radar.mapping.covariance import ROUGHER, TABLE, Covariance, Group, Measured, _loss, repeated
 from sionna_radar.mapping.covariance_table import CovarianceTable
 
 TERRAIN = Covariance(1.5, 8.0, 2.0)
@@ -39,7 +39,7 @@ def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, smo
         prior = logs[2] ** 2 / (2 * spread**2) + ROUGHER * np.log1p(min(own, 12.0))
         return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
 
-    loss, gradient = _loss(logs, [_Group.of(measured, np.arange(30))], spread)
+    loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], spread)
     assert loss == pytest.approx(plain(logs), abs=1e-2)
     np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
 
@@ -52,7 +52,7 @@ def test_a_table_gives_the_covariance_between_places(measured):
 
 
 def test_nothing_lies_beyond_a_groups_table(measured):
-    group = _Group.of(measured, np.arange(30))
+    group = Group.of(measured, np.arange(30))
     assert group.entry.max() == TABLE - 2
     assert group.share.min() >= 0
     assert group.share.max() <= 1

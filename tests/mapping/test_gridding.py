@@ -112,9 +112,9 @@ def test_the_shadow_behind_an_edge_stays_empty():
     assert np.all(dem.filled[:, ~shadow])
     np.testing.assert_allclose(dem.height_m[:, grid.x_m < 0], 10.0)
     np.testing.assert_allclose(dem.height_m[:, grid.x_m > 10], 0.0, atol=1e-12)
-    # Seen from above the same points are a steep slope, and no shadow.
-    above = gridded(points_at(position, (5.0, 0.0, 200.0)), grid, 6.0, SHADOW_RAD)
-    assert np.all(above.filled)
+    # A slope with no points on as wide a stretch, seen from above, is no shadow.
+    slope = np.column_stack([position[:, :2], -0.8 * position[:, 0]])
+    assert np.all(gridded(points_at(slope, (5.0, 0.0, 200.0)), grid, 6.0, SHADOW_RAD).filled)
 
 
 def scattered(height, seed=3):
@@ -131,6 +131,24 @@ def test_nothing_is_interpolated_down_a_wall():
     assert not dem.filled[np.abs(x - 0.3) < 0.5].all()
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 90.0])
+def test_nothing_is_interpolated_down_a_wall_between_lines_far_apart(turn_deg):
+    """Over 6 m between two lines a wall of 5 m makes triangles of less than 45 deg."""
+    x, y = np.meshgrid(np.arange(-27.0, 28.0, 6.0), np.arange(-30.0, 31.0, 1.5))
+    turn = np.deg2rad(turn_deg)
+    place = np.column_stack(
+        [x.ravel() * np.cos(turn) - y.ravel() * np.sin(turn), (x * np.sin(turn) + y * np.cos(turn)).ravel()]
+    )
+    wall_x = 0.4
+    height = np.where(place[:, 0] > wall_x, 5.0, 0.02 * place[:, 1])
+    dem = gridded(points_at(np.column_stack([place, height])), square(15.0), 6.0, SHADOW_RAD)
+    x, y = np.meshgrid(dem.grid.x_m, dem.grid.y_m)
+    truth = np.where(x > wall_x, 5.0, 0.02 * y)
+    right = np.abs(dem.height_m - truth) < 0.1
+    assert np.mean(right[dem.filled]) > 0.985
+    assert dem.filled[np.abs(x - wall_x) > 7].all()
+
+
 @pytest.mark.parametrize("slope", [0.8, 1.2, 2.0])
 def test_steep_ground_is_no_wall(slope):
     """Ground that is as steep all over; a cliff between two plains counts as a wall."""
@@ -145,6 +163,15 @@ def test_steep_ground_is_no_wall(slope):
 def test_a_hillside_between_plains_is_no_wall():
     dem = gridded(scattered(lambda x, y: 0.8 * np.clip(x, -6, 6)), square(15.0), 5.0, SHADOW_RAD)
     assert dem.filled.mean() > 0.99
+
+
+@pytest.mark.parametrize("slope", [0.4, 0.7, 0.9])
+def test_creases_between_lines_far_apart_are_no_walls(slope):
+    """A roof-shaped ridge, and a bank of up to 45 deg that is wider than the lines are apart."""
+    x, y = np.meshgrid(np.arange(-27.0, 28.0, 6.0), np.arange(-30.0, 31.0, 1.5))
+    for height in (-slope * np.abs(x - 1.0), slope * np.clip(x - 1.0, -7.0, 7.0)):
+        position = np.column_stack([x.ravel(), y.ravel(), height.ravel()])
+        assert gridded(points_at(position), square(15.0), 6.0, SHADOW_RAD).filled.all()
 
 
 def test_of_points_over_one_place_the_highest_counts():

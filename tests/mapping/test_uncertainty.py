@@ -7,14 +7,15 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance, repeated
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance, repeated
 from sionna_radar.mapping.gridding import Interpolated
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.linear_uncertainty import LinearUncertainty
 from sionna_radar.mapping.mapper import Estimate
+from sionna_radar.mapping.plausible import Plausible, plausible_terrains
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
-from sionna_radar.mapping.whole_echo import Information
+from sionna_radar.mapping.whole_echo import Information, information_of
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=10)
 TERRAIN = Covariance(1.5, 8.0, 2.0)
@@ -120,21 +121,57 @@ def test_pairs_of_heights_share_noise_as_all_of_them_do(heights):
     np.testing.assert_allclose(shared.noise_m2(one, other, 1.5), expected)
 
 
-def test_whole_echoes_explain_no_more_than_where_echoes_lie():
+def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
     wave = np.linspace(0.1, 2.0, 50)
-    weight = wave * 0.1
-    information = Information(wave, weight, np.full(50, 4.0), np.full(50, 1.0))
-    covered = float(weight @ np.full(50, 4.0))
-    assert information.after(np.array(covered)) == pytest.approx(covered / 4)
-    assert information.after(np.array(covered / 2)) == pytest.approx(covered / 8)
-    assert information.after(np.array(100 * covered)) == pytest.approx(99.25 * covered)
-    # A wide window averages short waves away.
-    assert information.after(np.array(1e-9), 30.0) == pytest.approx(2.5e-10)
+    weight, means, echoes = wave * 0.1, np.full(50, 0.2), np.geomspace(0.1, 5.0, 50)
+    information = Information(wave, weight, means, echoes)
+    rough, smooth = FittedCovariance(Covariance(0.5, 20.0, 3.0), 1.1), FittedCovariance(Covariance(2.5, 9.0, 2.0), 0.9)
+
+    def left(terrain, whole):
+        told = means / terrain.noise_factor
+        return weight @ (1 / (1 / terrain.covariance.power(wave) + (np.maximum(told, echoes) if whole else told)))
+
+    taken, both = left(rough, whole=False), (Plausible(0.25, rough), Plausible(0.75, smooth))
+    expected = 0.25 * left(rough, whole=True) + 0.75 * left(smooth, whole=True)
+    assert information.after(np.array(taken), rough, both) == pytest.approx(expected)
+    assert information.after(np.array(taken / 2), rough, both) == pytest.approx(expected / 2)
+    # Far from all echoes it changes by no more than where they lie.
+    assert information.after(np.array(100 * taken), rough, both) == pytest.approx(99 * taken + expected)
+    # A wide window averages short waves away, of which the smooth terrain has none.
+    only = (Plausible(1.0, smooth),)
+    narrow, wide = (information.after(np.array(1e-9), rough, only, window_m=w) for w in (0.0, 30.0))
+    assert wide > 2 * narrow
+
+
+@pytest.mark.parametrize(("smoothness", "side"), [(0.4, np.less), (np.inf, np.greater)])
+def test_close_heights_tell_rough_ground_from_smooth_and_wide_footprints_do_not(smoothness, side):
+    rng = np.random.default_rng(11)
+    place = rng.uniform(0, 40, (250, 2))
+    found = []
+    for spread in (0.0, 4.0):
+        total = Covariance(smoothness, 10.0, 1.0).at(apart(place, place), spread) + 0.01 * np.eye(250)
+        heights = replace(
+            Heights.at_places(place, np.linalg.cholesky(total) @ rng.standard_normal(250), np.full(250, 0.1)),
+            footprint_m=np.broadcast_to(spread * np.eye(2), (250, 2, 2)),
+        )
+        measured = heights.above(np.zeros(3))
+        every = plausible_terrains(measured, fit_covariance(measured))
+        assert sum(one.probability for one in every) == pytest.approx(1.0)
+        found.append({one.terrain.covariance.smoothness: one.probability for one in every})
+    close, wide = found
+    assert sum(p for nu, p in close.items() if side(nu, 1.2)) > 0.98
+    assert max(wide.values()) < 0.6
+    assert len(wide) > len(close)
 
 
 def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
-    west = TileUncertainty((-np.inf, 6.0, -np.inf, np.inf), Kriging(TERRAIN, heights, 1.0))
-    east = TileUncertainty((6.0, np.inf, -np.inf, np.inf), Kriging(TERRAIN, heights, 100.0))
+    information, bounds = information_of(heights), ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
+    west, east = (
+        TileUncertainty(own, kriging, information, (Plausible(1.0, kriging.terrain),))
+        for own, kriging in zip(bounds, (Kriging(TERRAIN, heights, 1.0), Kriging(TERRAIN, heights, 100.0)), strict=True)
+    )
+    one = west.kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
+    np.testing.assert_allclose(west.after(one), one)  # one terrain and mean ranges only: the kriging variance
     both = TiledUncertainty((west, east))
     wanted = np.ones(GRID.shape, dtype=bool)
     wanted[0] = False

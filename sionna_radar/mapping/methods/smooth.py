@@ -43,5 +43,5 @@ class Smooth:
         fitted = smooth(heights, given.grid, step)
         step.finish()
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor)
-        uncertainty = TiledUncertainty((TileUncertainty(EVERYWHERE, kriging),))
+        uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging),))
         return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

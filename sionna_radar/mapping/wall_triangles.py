@@ -1,0 +1,143 @@
+"""Which triangles between points lie between the foot and the top of a wall.
+
+Two signs, each enough. A triangle is steep, and ground as steep would go on being steep at one of its ends. Or one of
+its sides joins two levels: it is steeper than the ground beyond both of its ends, by more than half of 45 deg's slope.
+Between lines far apart the second finds walls that make no steep triangle. A bank with an echo on it goes on at that
+end of the side, and a crease at one of them; what only a bank narrower than the way between two echoes would explain,
+nothing that was seen tells from a wall. Along sides longer than the diagonal of the widest gap between beams, echoes
+are missing: there any jump is a shadow's.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+# Slope of a wall, and how much steeper it is than the ground at both of its ends.
+STEEP, STEEPER = 1.0, 2.0
+SURE_SIGMAS = 4.0
+# Of a square of beams, relative to their gap.
+DIAGONAL = 1.5
+# The slopes of triangles this narrow, relative to their longest side, are those of noise.
+NARROW = 0.1
+# Slopes of the ground are found from triangles without walls, which are found from slopes: so often.
+ROUNDS = 3
+# Triangles with less area, in plan view, have no slope.
+NO_AREA_M2 = 1e-9
+
+
+def wall_triangles(
+    point_m: Float[np.ndarray, "n 3"],
+    sigma_m: Float[np.ndarray, " n"],
+    corner: Int[np.ndarray, "triangle 3"],
+    gap_m: float,
+    least_m: float,
+) -> Bool[np.ndarray, " triangle"]:
+    """Return the triangles between the foot and the top of a wall.
+
+    Parameters
+    ----------
+    point_m:
+        Points in the world frame.
+    sigma_m:
+        Standard deviations of their ranges.
+    corner:
+        The three points of each triangle.
+    gap_m:
+        Widest gap between neighbouring beams on the ground.
+    least_m:
+        Least height of a wall.
+
+    """
+    gradient, area_m2 = _gradients(point_m, corner)
+    slope = np.hypot(*gradient.T)
+    steep = _steep(point_m, sigma_m, corner, slope, least_m)
+    start, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    side = point_m[end] - point_m[start]
+    way_m, least = np.linalg.norm(side[:, :2], axis=1), SURE_SIGMAS * np.hypot(sigma_m[start], sigma_m[end])
+    bank_m = np.where(way_m > DIAGONAL * gap_m, 0.0, STEEP / 2 * way_m)
+    most_m = np.maximum(bank_m, np.maximum(least, least_m))
+    high = np.flatnonzero((np.abs(side[:, 2]) > most_m) & (way_m > 0))
+    longest_m = way_m.reshape(-1, 3).max(axis=1)
+    broad, jump = 2 * area_m2 > NARROW * longest_m**2, slope > STEEP
+    for _ in range(ROUNDS if len(high) else 0):
+        ground = broad & ~jump
+        beyond = _slopes_beyond(point_m, corner[ground], gradient[ground], start[high], end[high])
+        # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
+        more_m = (side[high, 2] - beyond * way_m[high]) * np.sign(side[high, 2])
+        jumps = np.fmin(*more_m) > most_m[high]
+        jump = np.zeros(len(corner), dtype=bool)
+        jump[high[jumps] // 3] = True
+    return steep | (jump if len(high) else False)
+
+
+def _steep(
+    point_m: Float[np.ndarray, "n 3"],
+    sigma_m: Float[np.ndarray, " n"],
+    corner: Int[np.ndarray, "triangle 3"],
+    slope: Float[np.ndarray, " triangle"],
+    least_m: float,
+) -> Bool[np.ndarray, " triangle"]:
+    """Return the triangles steeper than 45 deg, and twice as steep as the ground at two of their corners.
+
+    The ground's slope is the median over the other triangles there; and the height is none of the ranges' uncertainty.
+    """
+    height = np.ptp(point_m[corner, 2], axis=1)
+    steep = (slope > STEEP) & (height > least_m) & (height > SURE_SIGMAS * sigma_m[corner].max(axis=1))
+    if not steep.any() or steep.all():
+        return np.zeros(len(corner), dtype=bool)
+    ground = np.nan_to_num(_medians(corner[~steep].ravel(), np.repeat(slope[~steep], 3), len(point_m)), nan=np.inf)
+    # A point amid steep triangles alone may be an echo of the wall: the ground is that of its neighbours, if they have
+    # any. On a hillside they have none either.
+    beside = np.full(len(point_m), np.inf)
+    np.minimum.at(beside, corner.ravel(), np.repeat(ground[corner].min(axis=1), 3))
+    ground = np.where(np.isinf(ground), beside, ground)
+    return np.asarray(steep & (slope > STEEPER * np.median(ground[corner], axis=1)))
+
+
+def _slopes_beyond(
+    point_m: Float[np.ndarray, "n 3"],
+    corner: Int[np.ndarray, "triangle 3"],
+    gradient: Float[np.ndarray, "triangle 2"],
+    start: Int[np.ndarray, " side"],
+    end: Int[np.ndarray, " side"],
+) -> Float[np.ndarray, "2 side"]:
+    """Return the slopes along each side before its start and beyond its end; NaN where they are unknown.
+
+    Of several triangles at an end, on the far side of it, the median counts.
+    """
+    along = point_m[end, :2] - point_m[start, :2]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    order = np.argsort(corner.ravel(), kind="stable")
+    first = np.searchsorted(corner.ravel()[order], np.arange(len(point_m) + 1))
+    middle = point_m[corner, :2].mean(axis=1)
+    found = []
+    for point, away in ((start, -along), (end, along)):
+        count = first[point + 1] - first[point]
+        side = np.repeat(np.arange(len(point)), count)
+        within = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)
+        triangle = order[first[point][side] + within] // 3
+        beyond = np.einsum("ij,ij->i", middle[triangle] - point_m[point[side], :2], away[side]) > 0
+        side, triangle = side[beyond], triangle[beyond]
+        found.append(_medians(side, np.einsum("ij,ij->i", gradient[triangle], along[side]), len(point)))
+    return np.stack(found)
+
+
+def _medians(
+    of: Int[np.ndarray, " value"], value: Float[np.ndarray, " value"], count: int
+) -> Float[np.ndarray, " count"]:
+    """Return the median of the values of each owner, the upper of two; NaN without any."""
+    if not len(value):
+        return np.full(count, np.nan)
+    ordered = value[np.lexsort((value, of))]
+    many = np.bincount(of, minlength=count)
+    middle = np.concatenate([[0], np.cumsum(many)[:-1]]) + many // 2
+    return np.where(many > 0, ordered[np.minimum(middle, len(ordered) - 1)], np.nan)
+
+
+def _gradients(
+    point_m: Float[np.ndarray, "n 3"], corner: Int[np.ndarray, "triangle 3"]
+) -> tuple[Float[np.ndarray, "triangle 2"], Float[np.ndarray, " triangle"]]:
+    """Return the slopes of triangles toward east and north, and their areas in plan view."""
+    at = point_m[corner]
+    normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
+    normal *= np.where(normal[:, 2:] < 0, -1.0, 1.0)
+    return -normal[:, :2] / np.maximum(normal[:, 2:], NO_AREA_M2), normal[:, 2] / 2
