@@ -21,6 +21,8 @@ app = typer.Typer(
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    # Rich takes longer to import than anything else that `--help` needs.
+    rich_markup_mode=None,
 )
 commands.add_to(app)
 recordings.add_to(app)

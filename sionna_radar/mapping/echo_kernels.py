@@ -219,17 +219,18 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, together, residual, weight_of):
+def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual, weight_of):
     """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level.
 
-    together: rows of which the factor keeps the sums, as certain as these are.
+    one_of: of so many rows the factor keeps one, from the given on, in place of all of these.
     """
     level, shape, mean, weight = echo
+    together, offset = one_of
     of_level = 0.0
     for c in range(len(shape)):
         if weight[c] > LEAST_WEIGHT:
             of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
-    row, scale = 0, 1 / np.sqrt(together)
+    row, scale = 0, np.sqrt(together)
     for c in range(len(shape)):
         if weight[c] <= LEAST_WEIGHT:
             continue
@@ -241,7 +242,8 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, together, residu
         weight_of[row] = weight[c]
         for node in range(len(own)):
             whitened = root * (jacobian[row, node] - part * own[node])
-            factor[row // together, node] += whitened * scale
+            if row % together == offset:
+                factor[row // together, node] = whitened * scale
             score[node] += rest * whitened
         row += 1
 
@@ -284,8 +286,8 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
         power, the nodes around each and their weights, and the response of the window.
-    results: and of how many rows the factor keeps the sum, where there is room for the rows of each pulse, and for
-        those that the factor keeps. The factor must be zero.
+    results: and of how many rows the factor keeps one, where there is room for the rows of each pulse, and for
+        those that the factor keeps.
     """
     _, start, profile_power, profile_noise, looks, _ = data
     score, factor, together, residual, weight_of, count, begin, begin_factor = results
@@ -322,8 +324,17 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
         if rows > 0:
             to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
+            one_of = together, pulse % together
             _whitened(
-                echo, power, looks[pulse], jacobian, own, score[pulse], factor[kept], together, residual[to],
+                echo,
+                power,
+                looks[pulse],
+                jacobian,
+                own,
+                score[pulse],
+                factor[kept],
+                one_of,
+                residual[to],
                 weight_of[to],
-            )  # fmt: skip
+            )
         count[pulse] = rows

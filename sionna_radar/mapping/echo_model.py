@@ -104,7 +104,7 @@ class Linearised:
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
-    factor: Float32[np.ndarray, "row node"]
+    factor: Float32[np.ndarray, "kept node"]
     first: Int[np.ndarray, " pulse"]
     last: Int[np.ndarray, " pulse"]
     residual: Float[np.ndarray, " row"]
@@ -188,8 +188,9 @@ class EchoModel:
         """Return score and curvature of the likelihood of the profiles.
 
         looks: independent looks in each range cell of each pulse.
-        fewest_rows: neighbouring rows are taken together as long as the median pulse keeps about so many: they say
-            nearly the same of a surface as smooth as a few range cells are long. Residuals and weights are not.
+        fewest_rows: of so many rows of neighbouring cells one is kept in place of all, that the median pulse keeps
+            about these: where a surface is as smooth as a few cells are long, others say nearly the same. Each pulse
+            keeps other ones. Residuals and weights are those of all rows.
         """
         from sionna_radar.mapping.echo_kernels import linearise
 

@@ -2,8 +2,8 @@
 
 Each step needs the score of all echoes on the surface reached, and solves for the step with the expected curvature of
 the likelihood. The score decides where the iteration ends, and is exact. The curvature only says by which way: it is
-computed on the first two surfaces alone, from range cells taken together, and the system is solved on a coarser grid
-where the terrain is so smooth that shorter waves are nothing that an echo could tell.
+computed on the first two surfaces alone, from some of the range cells of each pulse, and the system is solved on a
+coarser grid where the terrain is so smooth that shorter waves are nothing that an echo could tell.
 """
 
 from dataclasses import replace
@@ -31,7 +31,7 @@ STEP_TOLERANCE = 2e-2
 CURVED = 2
 # Rows that the curvature of a pulse keeps, about, and how many times coarser the grid of the steps may be, with the
 # most that echoes may tell of a wave that it leaves out, over what is known of it beforehand.
-ROWS, COARSER, LEFT_OUT = 48, (4, 2, 1), 0.02
+ROWS, COARSER, LEFT_OUT = 24, (4, 2, 1), 0.02
 
 
 def most_probable(
