@@ -3,31 +3,34 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BSpline
 from scipy.ndimage import convolve1d, gaussian_filter1d
-from scipy.sparse import csr_matrix
 
 from sionna_radar.mapping.echo_kernels import (
+    BEYOND,
     FADING_LEVEL,
     FEWEST_CELLS,
     HIGHEST_RATIO,
     LEAST_SPREAD_CELLS,
     LEVEL_ITERATIONS,
+    LEVEL_TOLERANCE,
     PEDESTAL,
 )
-from sionna_radar.mapping.echo_model import Sightings, footprints
+from sionna_radar.mapping.echo_model import Sightings, footprints, spline_taps
 from sionna_radar.mapping.profile_kernels import OUT_OF_NOISE
+
+SPLINE = BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)
 
 
 @dataclass(frozen=True)
 class _Spread:
-    """The samples of one pulse that fall inside its range cells, with cell, share of the cell, and power.
+    """The samples of one pulse that fall inside its range cells, with cell and power.
 
     share_before: share of the beam that meets the surface before the first cell.
     """
 
     sample: np.ndarray
-    below: np.ndarray
-    above_share: np.ndarray
+    cell: np.ndarray
     power: np.ndarray
     stretch: np.ndarray
     share_before: float
@@ -40,7 +43,8 @@ class PlainEchoes:
         self._sightings = sightings
         self._feet = footprints(sightings, surface)
         self._shift = sightings.shift_m(sightings.direction())
-        self._half = len(sightings.response) // 2
+        self._taps = spline_taps(sightings.response)
+        self._beyond = len(self._taps) // 2 + BEYOND - 1
 
     def centroid_m(self):
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
@@ -49,8 +53,7 @@ class PlainEchoes:
             spread = self._spread(pulse, -np.inf, np.inf)
             total = spread.power.sum()
             if total > 0:
-                cell = spread.below + spread.above_share
-                mean[pulse] = spread.power @ cell / total * self._sightings.profiles.cell_m
+                mean[pulse] = spread.power @ spread.cell / total * self._sightings.profiles.cell_m
         return mean
 
     def pulse(self, pulse: int, looks: float):
@@ -88,12 +91,12 @@ class PlainEchoes:
         assert profiles.volume is not None
         power = profiles.volume.power[inside].astype(np.float64)
         spread = self._spread(pulse, first, first + cells - 1, float(profiles.volume.drift_m[pulse]))
-        share, pad = self._sightings.beam.share[spread.sample], 2 * self._half + 1
+        share, pad = self._sightings.beam.share[spread.sample], self._beyond + 1
         hit = self._hits(spread, share, cells)
         air = 1 - spread.share_before - _up_to_middle(hit[:, None])
         moved = -_up_to_middle(self._moved(pulse, spread, share, cells))
         sigma = profiles.volume.spread_m / profiles.cell_m
-        response = self._sightings.response / self._sightings.response.sum()
+        response = self._taps / self._taps.sum()
         both = np.concatenate([air, moved], axis=1)
         if sigma > LEAST_SPREAD_CELLS:
             both = gaussian_filter1d(both, sigma, axis=0, mode="nearest")
@@ -113,49 +116,41 @@ class PlainEchoes:
         sample_range = 1 / np.maximum(beam.between @ inverse, 1e-6)
         cell = (sample_range + beam.between @ self._shift[pulse] + drift_m) / self._sightings.profiles.cell_m
         origin = first if np.isfinite(first) else 0.0
-        inside = whole & (cell > first - self._half) & (cell < last + self._half)
-        before = float(beam.share[whole & (cell <= first - self._half)].sum())
+        inside = whole & (cell > first - self._beyond) & (cell < last + self._beyond)
+        before = float(beam.share[whole & (cell <= first - self._beyond)].sum())
         cell = cell[inside] - origin
-        below = np.floor(cell).astype(np.int64)
         power = beam.share[inside] * (np.nanmean(range_m[met]) / sample_range[inside]) ** 2 if met.any() else cell
-        return _Spread(np.flatnonzero(inside), below, cell - below, power, sample_range[inside] ** 2, before)
+        return _Spread(np.flatnonzero(inside), cell, power, sample_range[inside] ** 2, before)
 
     def _mean(self, spread: _Spread, cells: int):
         """Return the profile of the samples at unit level."""
-        pad = 2 * self._half + 1
+        pad = self._beyond + 1
         hit = self._hits(spread, spread.power, cells)
-        return np.convolve(hit, self._sightings.response, "same")[pad : pad + cells]
+        return np.maximum(np.convolve(hit, self._taps, "same")[pad : pad + cells], 0.0)
 
     def _hits(self, spread: _Spread, power, cells: int):
         """Return the power of the samples on cells, with a margin for the window's response."""
-        pad = 2 * self._half + 1
-        size = cells + 2 * pad
-        hit = np.bincount(spread.below + pad, power * (1 - spread.above_share), size)
-        return np.asarray(hit + np.bincount(spread.below + pad + 1, power * spread.above_share, size))
+        pad = self._beyond + 1
+        away = np.arange(cells + 2 * pad)[:, None] - pad - spread.cell
+        return np.asarray(np.nan_to_num(SPLINE(away)) @ power)
 
     def _moved(self, pulse: int, spread: _Spread, power, cells: int):
         """Return the derivative of the hits with respect to the heights under the nodes."""
         sightings = self._sightings
-        pad = 2 * self._half + 1
+        pad = self._beyond + 1
         moved = power * spread.stretch / sightings.profiles.cell_m
-        number = np.arange(len(moved))
-        onto = csr_matrix(
-            (
-                np.concatenate([-moved, moved]),
-                (np.concatenate([spread.below, spread.below + 1]) + pad, np.concatenate([number, number])),
-            ),
-            shape=(cells + 2 * pad, len(moved)),
-        )
+        away = np.arange(cells + 2 * pad)[:, None] - pad - spread.cell
+        onto = -np.nan_to_num(SPLINE.derivative()(away)) * moved
         inverse = 1 / np.maximum(np.nan_to_num(self._feet.range_m[pulse], nan=np.inf), 1.0)
-        raw = (onto @ sightings.beam.between[spread.sample]).toarray()
+        raw = onto @ sightings.beam.between[spread.sample]
         return np.asarray(raw * (inverse**2 * self._feet.range_per_height[pulse]))
 
     def _responded(self, raw, cells: int):
         """Return values on cells, convolved with the window's response."""
-        pad = 2 * self._half + 1
+        pad = self._beyond + 1
         spread = np.zeros((cells, raw.shape[1]))
-        for offset, response in enumerate(self._sightings.response):
-            start = pad + self._half - offset
+        for offset, response in enumerate(self._taps):
+            start = pad + len(self._taps) // 2 - offset
             spread += response * raw[start : start + cells]
         return spread
 
@@ -190,7 +185,7 @@ def _fit_level(
         excess = np.minimum(power / mean, HIGHEST_RATIO) - 1
         step = float(share @ excess / max(share.sum(), np.finfo(float).tiny))
         level *= float(np.exp(np.clip(step, -1.0, 1.0)))
-        if abs(step) < 1e-4:
+        if abs(step) < LEVEL_TOLERANCE:
             break
     return level, *_at_level(level, shape, volume, noise, top)
 

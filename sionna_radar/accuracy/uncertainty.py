@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from sionna_radar.accuracy.classes import SLOPES_DEG
 from sionna_radar.accuracy.compare import nmad
@@ -122,7 +122,7 @@ def check_uncertainty(
 
 def _calibration(error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"]) -> Calibration:
     z = error_m / np.maximum(sigma_m, np.finfo(float).tiny)
-    bounds = norm.ppf(0.5 + np.array(INTERVALS_PERCENT) / 200)
+    bounds = ndtri(0.5 + np.array(INTERVALS_PERCENT) / 200)
     return Calibration(
         count=len(z),
         coverage={

@@ -15,11 +15,14 @@ import typer
 
 from sionna_radar.cli import commands, logs, pages, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
+from sionna_radar.foundation.interrupts import how_to_go_on
 
 app = typer.Typer(
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    # Rich takes longer to import than anything else that `--help` needs.
+    rich_markup_mode=None,
 )
 commands.add_to(app)
 recordings.add_to(app)
@@ -63,8 +66,8 @@ def _errors_reported() -> Iterator[None]:
     try:
         yield
     except (BackendError, KeptElsewhereError) as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
         sys.exit(1)
     except RadarError as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
         sys.exit(2)

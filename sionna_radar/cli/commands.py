@@ -13,6 +13,7 @@ from sionna_radar.cli.options import (
     PointsOption,
     QuietOption,
     ReportOption,
+    ResumeOption,
     ScenarioArgument,
     SeedOption,
     SetFileOption,
@@ -27,10 +28,11 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
-from sionna_radar.foundation.interrupts import Interrupted, held_back
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 
 if TYPE_CHECKING:
+    from sionna_radar.cli.session import Keep
+    from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.crosscheck_result import CrossCheck
     from sionna_radar.studies.sweep import Sweep
     from sionna_radar.survey.result import Survey
@@ -42,7 +44,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
     app.command()(demo)
     app.command(name="run")(run_command)
-    for command in (crosscheck, budget, image, sweep):
+    for command in (crosscheck, budget, image, sweep, merge):
         app.command()(command)
 
 
@@ -110,7 +112,7 @@ def _fly(
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
-            lambda progress: run(
+            lambda progress, _: run(
                 checked,
                 block_size=block_size or BLOCK_SIZE,
                 recordings=outside | inside,
@@ -143,7 +145,7 @@ def crosscheck(
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     result: CrossCheck = session.produce(
-        lambda progress: check(checked, progress=progress),
+        lambda progress, _: check(checked, progress=progress),
         suffix="_crosscheck",
         marker=MARKER,
         write=write_crosscheck,
@@ -177,7 +179,7 @@ def budget(
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
     session.produce(
-        lambda progress: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
+        lambda progress, _: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
         suffix="_budget",
         marker=MARKER,
         write=write_budget,
@@ -202,7 +204,7 @@ def image(
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     session.produce(
-        lambda progress: fly_images(checked, progress=progress),
+        lambda progress, _: fly_images(checked, progress=progress),
         suffix="_image",
         marker=MARKER,
         write=write_imagery,
@@ -227,35 +229,57 @@ def sweep(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    shard: Annotated[
+        str | None,
+        typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
+    ] = None,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
-    from sionna_radar.report.sweep.products import MARKER
+    from sionna_radar.report.sweep.products import MARKER, write_sweep
     from sionna_radar.report.sweep.table import print_sweep
-    from sionna_radar.studies.sweep import fly_sweep, parse_axes, plan_sweep
+    from sionna_radar.studies.sweep import fly_sweep
+    from sionna_radar.studies.sweep_plan import Shard, parse_axes, plan_sweep
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    axes = parse_axes(vary)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
+    axes, part = parse_axes(vary), Shard.parse(shard) if shard else None
+
+    def fly(progress: "Progress", keep: "Keep") -> "Sweep":
+        plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
+        parts = keep({**plan.identity(), "shard": str(part or "")})
+        return fly_sweep(plan, progress=progress, parts=parts, shard=part)
+
+    suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
+    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write_sweep, show=print_sweep)
+    _tell_failures(result)
+
+
+def merge(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="The folders of all shards of a study.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Where the whole study goes.")],
+    quiet: QuietOption = False,
+) -> None:
+    """Put the shards of a sweep together: the same files as if it had been flown at once."""
+    from sionna_radar.report.sweep.products import MARKER, write_sweep
+    from sionna_radar.report.sweep.reading import read_sweep
+    from sionna_radar.report.sweep.table import print_sweep
+    from sionna_radar.studies.shards import merge_shards
+
+    session = Session.of("merge", output, None, None, None, quiet)
     result: Sweep = session.produce(
-        lambda progress: fly_sweep(plan_sweep(scenario, axes, repeat, session.overrides, progress), progress=progress),
-        suffix="_sweep",
+        lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
+        suffix="",
         marker=MARKER,
-        write=_write_flown,
+        write=write_sweep,
         show=print_sweep,
     )
-    if result.interrupted:
-        raise Interrupted
+    _tell_failures(result)
+
+
+def _tell_failures(result: "Sweep") -> None:
+    """Say how many combinations failed, and end with the exit code 1 if any did."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)
         raise typer.Exit(1)
-
-
-def _write_flown(result: "Sweep", folder: Path) -> list[Path]:
-    """Write a sweep unless nothing of it was flown; an interrupt waits until it is written."""
-    from sionna_radar.report.sweep.products import write_sweep
-
-    if not any(case.trials for case in result.cases):
-        return []
-    with held_back():
-        return write_sweep(result, folder)

@@ -38,7 +38,7 @@ def log_command(
 
     ground = _ground(over, terrain)
     Session.of(str(file), output, None, None, None, quiet).produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
+        lambda _, __: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
         suffix="_log",
         marker=MARKER,
         write=write_log,

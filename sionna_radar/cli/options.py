@@ -73,4 +73,7 @@ NetworkOption = Annotated[
     bool,
     typer.Option("--allow-network", help="Let terrain.path be an address (https://, s3://, ...) and read it there."),
 ]
+ResumeOption = Annotated[
+    bool, typer.Option("--resume", help="Go on with the finished parts that an interrupted run left in the folder.")
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]

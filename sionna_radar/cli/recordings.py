@@ -115,7 +115,9 @@ def process_command(
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     session = Session.of(str(recording), output, set_, set_file, None, quiet)
     session.produce(
-        lambda progress: process(recording, session.overrides, block_size=block_size or BLOCK_SIZE, progress=progress),
+        lambda progress, _: process(
+            recording, session.overrides, block_size=block_size or BLOCK_SIZE, progress=progress
+        ),
         suffix="_processed",
         marker=MARKER,
         write=lambda processed, folder: write_processed(processed, folder, coordinates),

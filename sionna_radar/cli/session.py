@@ -2,14 +2,15 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from sionna_radar.foundation.kept_parts import KeptParts, kept_parts
 from sionna_radar.foundation.network import allow_network
 from sionna_radar.report.folder import check_output
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from sionna_radar.scenario import Scenario
 
 Result = TypeVar("Result")
+# Begins, or goes on with, the finished parts of a run that a document describes.
+Keep = Callable[[Mapping[str, Any]], KeptParts]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +32,7 @@ class Session:
     overrides: values by dotted keys.
     quiet: print nothing but errors.
     network: whether files may be read from the network.
+    resume: whether to go on with finished parts in the output folder.
     """
 
     scenario: str
@@ -36,6 +40,7 @@ class Session:
     overrides: dict[str, object]
     quiet: bool = False
     network: bool = False
+    resume: bool = False
 
     @staticmethod
     def of(
@@ -47,11 +52,14 @@ class Session:
         quiet: bool,
         *,
         network: bool = False,
+        resume: bool = False,
     ) -> "Session":
         """Return the session of a command line."""
         log_to_stderr(quiet)
         overrides = overrides_of(assignments, files, seed)
-        return Session(scenario=scenario, output=output, overrides=overrides, quiet=quiet, network=network)
+        return Session(
+            scenario=scenario, output=output, overrides=overrides, quiet=quiet, network=network, resume=resume
+        )
 
     def reach(self) -> AbstractContextManager[None]:
         """Return the context in which files are read: with the network, if the user allows it."""
@@ -69,7 +77,7 @@ class Session:
 
     def produce(
         self,
-        fly: "Callable[[Progress], Result]",
+        fly: "Callable[[Progress, Keep], Result]",
         *,
         suffix: str,
         marker: str,
@@ -81,7 +89,7 @@ class Session:
         Parameters
         ----------
         fly:
-            Returns the result.
+            Returns the result, given where progress goes and what keeps finished parts of a run.
         suffix, marker:
             Of the default folder's name, and the file by which a folder of such results is known.
         write:
@@ -91,9 +99,17 @@ class Session:
 
         """
         directory = check_output(self.directory(suffix), marker)
-        with progress_of(self.quiet) as progress, self.reach():
-            result = fly(progress)
-        written = write(result, directory)
+        with ExitStack() as until_written:
+
+            def keep(run: Mapping[str, Any]) -> KeptParts:
+                from sionna_radar.report.survey.summary import versions
+
+                described = {"command": marker, "version": versions(), **run}
+                return until_written.enter_context(kept_parts(directory, described, resume=self.resume))
+
+            with progress_of(self.quiet) as progress, self.reach():
+                result = fly(progress, keep)
+            written = write(result, directory)
         if written and not self.quiet:
             show(result)
             typer.echo(f"{len(written)} files in {directory}")

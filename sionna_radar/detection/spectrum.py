@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact
-from scipy.signal import get_window
 
+from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.high_pass import HighPass
 
@@ -31,7 +31,7 @@ class SpectrumAnalyser:
     @cached_property
     def window(self) -> Float[np.ndarray, " sample"]:
         """Weights of the samples, with a sum of one."""
-        weights = get_window(self.window_name, self.chirp.samples)
+        weights = window(self.window_name, self.chirp.samples)
         return weights / weights.sum()
 
     @cached_property

@@ -10,6 +10,8 @@ MARCH_STEPS = 1000
 # Found nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
 ROOT_STEPS = 60
 CLOSE_M = 1e-12
+# A surface that has moved little is met again in few steps, unless the ray hardly closes in on it.
+NEWTON_STEPS, LEAST_CLOSING = 8, -0.1
 
 
 @compiled
@@ -94,6 +96,30 @@ def first_hit(height, west, south, spacing, origin, direction, reach, steepest, 
             break
         before = reached
         reached += max(gap / closing, spacing / 4)
+    return np.nan
+
+
+@compiled
+@no_type_check
+def hit_near(height, west, south, spacing, origin, direction, guess):
+    """Return the range near a guess at which a ray meets the surface, by Newton's method; NaN if it is not found."""
+    reached = guess
+    for _ in range(NEWTON_STEPS):
+        x, y = origin[0] + reached * direction[0], origin[1] + reached * direction[1]
+        i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+        sw, se, nw, ne = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
+        below, above = sw + (se - sw) * a, nw + (ne - nw) * a
+        gap = origin[2] + reached * direction[2] - below - (above - below) * b
+        if abs(gap) < CLOSE_M:
+            return reached
+        east, north = (se - sw) * (1 - b) + (ne - nw) * b, above - below
+        closing = direction[2] - (east * direction[0] + north * direction[1]) / spacing
+        # A ray that goes along the surface: what it meets first must be looked for from its beginning.
+        if closing > LEAST_CLOSING:
+            return np.nan
+        reached -= gap / closing
+        if abs(reached - guess) > spacing:
+            return np.nan
     return np.nan
 
 

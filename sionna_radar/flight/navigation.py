@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
@@ -58,6 +57,9 @@ class GaussMarkov:
         normal = pulse_generator(self.seed, Stream.WANDER, self.channel).standard_normal((self.count, 3))
         decay = np.exp(-self.step_s / self.correlation_s)
         normal[1:] *= np.sqrt(1 - decay**2)  # the first is drawn from the stationary distribution
+        # SciPy's signal package is slow to import.
+        from scipy.signal import lfilter
+
         values: Float[np.ndarray, "time 3"] = lfilter([1.0], [1.0, -decay], normal, axis=0)
         return values
 

@@ -18,6 +18,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _received: list[int] = []
 # Number of signals received in each block that defers the first of them.
 _held_back: list[int] = []
+# What a program that ends early should tell.
+_how_to_go_on: list[str] = []
 
 
 class Interrupted(BaseException):
@@ -28,6 +30,16 @@ def raise_received() -> None:
     """Raise Interrupted if a signal has come, even if its own exception was swallowed."""
     if _received:
         raise Interrupted
+
+
+def say_how_to_go_on(text: str) -> None:
+    """Have a program that ends early, by a signal or an error, tell how to go on."""
+    _how_to_go_on[:] = [text]
+
+
+def how_to_go_on() -> str:
+    """Return what a program that ends early should tell after its own line; empty for nothing."""
+    return f"; {_how_to_go_on[0]}" if _how_to_go_on else ""
 
 
 @contextmanager
@@ -46,6 +58,7 @@ def held_back() -> Iterator[None]:
 def interrupts_reported() -> Iterator[None]:
     """Run the whole program: an interrupt ends it with one line on standard error and exit code 128 + signal."""
     _received.clear()
+    _how_to_go_on.clear()
     for number in SIGNALS:
         # A shell that starts a program in the background makes it ignore Ctrl-C; this is kept.
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -60,7 +73,7 @@ def interrupts_reported() -> Iterator[None]:
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     if _received:
-        sys.stderr.write("interrupted\n")
+        sys.stderr.write(f"interrupted{how_to_go_on()}\n")
         sys.exit(128 + _received[0])
 
 

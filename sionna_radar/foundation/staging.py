@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from filelock import FileLock, Timeout
-
 PREFIX = ".sionna-radar-"
 LOCK, OWNER = "lock", "owner"
 OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this folder if its own run has ended.\n"
@@ -20,6 +18,9 @@ OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this fold
 @contextmanager
 def staged(parent: Path) -> Iterator[Path]:
     """Yield a new staging folder inside a folder, and remove it afterwards with all its contents."""
+    # Slow to import, and not needed by all commands.
+    from filelock import FileLock
+
     folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
     lock = FileLock(folder / LOCK)
     try:
@@ -33,6 +34,8 @@ def staged(parent: Path) -> Iterator[Path]:
 
 def abandoned(parent: Path) -> Iterator[Path]:
     """Yield the staging folders inside a folder whose processes have ended; each is removed afterwards."""
+    from filelock import FileLock, Timeout
+
     for folder in sorted(parent.glob(f"{PREFIX}*")):
         if folder.is_symlink() or not (folder / OWNER).is_file():
             continue

@@ -16,6 +16,8 @@ from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 NODES = 12, 16
 SAMPLES_PER_STEP = 2, 8
 
+Lattice = tuple[Int[np.ndarray, " u"], Float[np.ndarray, " u"], Int[np.ndarray, " v"], Float[np.ndarray, " v"]]
+
 
 @dataclass(frozen=True)
 class BeamNodes:
@@ -42,6 +44,11 @@ class BeamNodes:
     def weight(self) -> Float[np.ndarray, "sample 4"]:
         """Weights of the four nodes around each fine sample, of `between`."""
         return self.between.data.reshape(-1, 4)
+
+    @cached_property
+    def lattice(self) -> "Lattice":
+        """The fine samples along azimuth and elevation: the node below each, and how far it is toward the next."""
+        return *_between(len(self.azimuth), SAMPLES_PER_STEP[0]), *_between(len(self.elevation), SAMPLES_PER_STEP[1])
 
     @cached_property
     def spread(self) -> tuple[float, float]:
@@ -115,10 +122,16 @@ def _axis(
     lobe = lobe_samples(cut, FOLLOWED)
     low, high = cut.cosine[max(lobe.start - 1, 0)], cut.cosine[min(lobe.stop, len(cut.cosine) - 1)]
     count = (nodes - 1) * samples
+    below, part = _between(count, samples)
+    between = np.zeros((count, nodes))
+    between[np.arange(count), below] = 1 - part
+    between[np.arange(count), below + 1] = part
+    cosine = low + (below + part) / (nodes - 1) * (high - low)
+    return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4, between
+
+
+def _between(count: int, samples: int) -> tuple[Int[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:
+    """Return the node below each fine sample of an axis, and how far the sample is toward the next."""
     place = (np.arange(count) + 0.5) / samples
     below = np.floor(place).astype(np.int64)
-    between = np.zeros((count, nodes))
-    between[np.arange(count), below] = 1 - (place - below)
-    between[np.arange(count), below + 1] = place - below
-    cosine = low + place / (nodes - 1) * (high - low)
-    return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4, between
+    return below, place - below

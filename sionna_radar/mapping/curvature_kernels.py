@@ -107,3 +107,18 @@ def curve_cells(on_cells, start, cell, begin, height, result, low, high):
         np.dot(along, own, back)
         for k in range(cells):
             result[cell[begin[pulse] + k]] += back[k]
+
+
+@compiled
+@no_type_check
+def add_to_cells(place, value, west, south, spacing, result, low, high):
+    """Add values under the nodes of the pulses from `low` to `high` to the cells around them."""
+    rows, columns = result.shape
+    for pulse in range(low, high):
+        for node in range(place.shape[1]):
+            i, j, b, a = corner_of(place[pulse, node, 0], place[pulse, node, 1], west, south, spacing, rows, columns)
+            own = value[pulse, node]
+            result[i, j] += own * (1 - a) * (1 - b)
+            result[i, j + 1] += own * a * (1 - b)
+            result[i + 1, j] += own * (1 - a) * b
+            result[i + 1, j + 1] += own * a * b

@@ -1,7 +1,8 @@
 """The forward model of echoes as machine code, pulse by pulse; `echo_model` says what it computes.
 
 Every function writes the rows of its own pulses, from those alone. Cells are numbered from the first of a
-profile, with a margin of `pad` cells on both sides for the response of the window.
+profile, with a margin of `pad` cells on both sides for the response of the window. The response is that of cells over
+which power is spread as by a cubic B-spline; see `echo_model.taps`.
 """
 
 from typing import no_type_check
@@ -9,7 +10,7 @@ from typing import no_type_check
 import numpy as np
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.mapping.power_kernels import beam_samples, spread_power
+from sionna_radar.mapping.power_kernels import beam_samples, moved_power, spread_power
 from sionna_radar.mapping.profile_kernels import echo_level
 
 # One in 3000 exponential powers exceeds 8 means: anything stronger is not terrain, and is clipped there.
@@ -18,10 +19,13 @@ HIGHEST_RATIO = 8.0
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
 LEAST_WEIGHT = 1e-4
-LEVEL_ITERATIONS = 12
+# A level is found to so many nepers, so that the number of iterations, which rounding may decide, moves no surface.
+LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
 # A spread of the volume's drift below this has no effect.
 LEAST_SPREAD_CELLS = 0.05
 FEWEST_CELLS = 2
+# Cells beyond a profile, more than the response of the window reaches, from which samples still reach into it.
+BEYOND = 3
 
 
 @compiled
@@ -35,23 +39,28 @@ def _weigh(level, shape, volume, noise, top, mean, weight):
 
 @compiled
 @no_type_check
-def _fit_level(power, shape, volume, noise, top, mean, weight):
+def fit_level(power, shape, volume, noise, top, mean, weight):
     """Return the most likely level of an echo; write the mean powers and weights of the cells at that level."""
     level, unit = 0.0, 0.0
+    low, high = len(shape), 0
     for c in range(len(shape)):
         level += power[c]
         unit += shape[c]
+        if shape[c] > 0.0:
+            low, high = min(low, c), c + 1
     level /= unit
     for _ in range(LEVEL_ITERATIONS):
-        _weigh(level, shape, volume, noise, top, mean, weight)
         pull, total = 0.0, 0.0
-        for c in range(len(shape)):
-            part = weight[c] * level * shape[c] / mean[c]
-            pull += part * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
+        for c in range(low, high):
+            own = level * shape[c]
+            signal = own + volume[c]
+            inverse, share = 1 / (signal + noise), signal / (signal + FADING_LEVEL * top)
+            part = share * share * own * inverse
+            pull += part * (min(power[c] * inverse, HIGHEST_RATIO) - 1)
             total += part
         step = pull / max(total, 2.2e-308)
         level *= np.exp(min(max(step, -1.0), 1.0))
-        if abs(step) < 1e-4:
+        if abs(step) < LEVEL_TOLERANCE:
             break
     _weigh(level, shape, volume, noise, top, mean, weight)
     return level
@@ -98,15 +107,16 @@ def _up_to_middle(values):
 
 @compiled
 @no_type_check
-def _volume(power, share, before, cell, sample_range, corner, weight, first, half, cell_m, response, sigma, scale):
+def _volume(power, share, before, cell, near, lattice, first, half, cell_m, response, sigma, scale):
     """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes.
 
     The columns are first the beam that has met the surface, less all of it, which is the beam still in the air.
     """
-    cells, pad, nodes = len(power), 2 * half + 1, len(scale)
+    cells, pad, nodes = len(power), half + BEYOND, len(scale)
     size = cells + 2 * pad
     hit, onto = np.zeros(size), np.zeros((size, nodes))
-    spread_power(share, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto)
+    nearest, farthest = spread_power(share, cell, first, cells, pad, hit)
+    moved_power(share / near**2 / cell_m, cell, lattice, first, cells, pad, nearest, farthest, onto)
     both = np.empty((size, nodes + 1))
     for row in range(size):
         both[row, 0] = hit[row]
@@ -133,7 +143,7 @@ def _volume(power, share, before, cell, sample_range, corner, weight, first, hal
 def _jacobian(onto, low, high, response, scale, row, result):
     """Write how the power of one cell changes with the heights under the nodes: moved power, spread by the window."""
     half = len(response) // 2
-    pad = 2 * half + 1
+    pad = half + BEYOND
     for node in range(len(result)):
         result[node] = 0.0
     for source in range(max(row + pad - half - 1, low), min(row + pad + half, high) + 1):
@@ -149,7 +159,8 @@ def _jacobian(onto, low, high, response, scale, row, result):
 
 @compiled
 @no_type_check
-def _doubled(values, begin, end):
+def in_double(values, begin, end):
+    """Return some of the values in double precision."""
     result = np.empty(end - begin)
     for k in range(begin, end):
         result[k - begin] = values[k]
@@ -163,22 +174,18 @@ def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
     first, start, _, _, _, cell_m = data
     volume_power, drift, sigma = clutter
     range_m, shift, _ = geometry
-    share, corner, corner_weight, response = antenna
-    cell, sample_range, inverse = samples
+    share, lattice, response = antenna
+    cell, near, inverse = samples
     begin, half = float(first[pulse]), len(response) // 2
     if len(volume_power) == 0:
         return np.zeros((start[pulse + 1] - start[pulse], 1))
-    beam_samples(
-        range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, drift[pulse], cell, sample_range, inverse
-    )
+    beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, drift[pulse], cell, near, inverse)
     before = 0.0
     for k in range(len(share)):
-        if cell[k] <= begin - half:
+        if cell[k] <= begin - (half + BEYOND - 1):
             before += share[k]
-    own = _doubled(volume_power, start[pulse], start[pulse + 1])
-    return _volume(
-        own, share, before, cell, sample_range, corner, corner_weight, begin, half, cell_m, response, sigma, scale
-    )
+    own = in_double(volume_power, start[pulse], start[pulse + 1])
+    return _volume(own, share, before, cell, near, lattice, begin, half, cell_m, response, sigma, scale)
 
 
 @compiled
@@ -212,14 +219,18 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight_of):
-    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level."""
+def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual, weight_of):
+    """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level.
+
+    one_of: of so many rows the factor keeps one, from the given on, in place of all of these.
+    """
     level, shape, mean, weight = echo
+    together, offset = one_of
     of_level = 0.0
     for c in range(len(shape)):
         if weight[c] > LEAST_WEIGHT:
             of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
-    row = 0
+    row, scale = 0, np.sqrt(together)
     for c in range(len(shape)):
         if weight[c] <= LEAST_WEIGHT:
             continue
@@ -231,40 +242,39 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, residual, weight
         weight_of[row] = weight[c]
         for node in range(len(own)):
             whitened = root * (jacobian[row, node] - part * own[node])
-            factor[row, node] = whitened
+            if row % together == offset:
+                factor[row // together, node] = whitened * scale
             score[node] += rest * whitened
         row += 1
 
 
 @compiled
 @no_type_check
-def _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape):
-    """Write the shape of an echo and how its power moves; return the first and the last cell that power leaves.
+def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit, shape):
+    """Write the shape of an echo; return the first and the last cell that power leaves.
 
-    spread: room for the power of each cell, and for how raised nodes move it up by a cell.
+    moved: written, the power of each sample that its 1 / range moves from cell to cell; scale: by how much 1 / range
+    under the nodes changes with the height there; hit: room for the power on the cells.
     """
     first, _, _, _, _, cell_m = data
     range_m, shift, per_height = geometry
-    share, corner, corner_weight, response = antenna
-    cell, sample_range, inverse = samples
-    hit, onto = spread
+    share, lattice, response = antenna
+    cell, near, inverse = samples
     half = len(response) // 2
-    pad = 2 * half + 1
-    middle = beam_samples(
-        range_m[pulse], shift[pulse], share, corner, corner_weight, cell_m, 0.0, cell, sample_range, inverse
-    )
+    pad = half + BEYOND
+    middle = beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
     for node in range(len(scale)):
-        scale[node] = inverse[node] ** 2 * per_height[pulse, node]
-    power = np.empty(len(share))
+        scale[node] = 0.0 if np.isnan(inverse[node]) else inverse[node] ** 2 * per_height[pulse, node]
     for k in range(len(share)):
-        power[k] = share[k] * (middle / sample_range[k]) ** 2
-    nearest, farthest = spread_power(
-        power, cell, sample_range, corner, corner_weight, float(first[pulse]), len(shape), half, cell_m, hit, onto
-    )
+        moved[k] = share[k] * (middle * middle / cell_m)
+        power[k] = share[k] * (middle * near[k]) ** 2
+    nearest, farthest = spread_power(power, cell, float(first[pulse]), len(shape), pad, hit)
     for c in range(len(shape)):
         shape[c] = 0.0
         for tap in range(len(response)):
             shape[c] += response[tap] * hit[c + pad + half - tap]
+        # Beside a sharp edge splines swing a little below zero.
+        shape[c] = max(shape[c], 0.0)
     return nearest, farthest
 
 
@@ -276,38 +286,55 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
     data: first cell, start of the cells' powers, these, noise, looks, and the length of a cell.
     clutter: power in front of the ground, its drift and spread. geometry: see `meet`. antenna: samples of the beam's
         power, the nodes around each and their weights, and the response of the window.
-    results: and where there is room for the rows of each pulse.
+    results: and of how many rows the factor keeps one, where there is room for the rows of each pulse, and for
+        those that the factor keeps.
     """
     _, start, profile_power, profile_noise, looks, _ = data
-    score, factor, residual, weight_of, count, begin = results
-    nodes, half = score.shape[1], len(antenna[3]) // 2
-    samples = np.empty(len(antenna[0])), np.empty(len(antenna[0])), np.empty(nodes)
+    score, factor, together, residual, weight_of, count, begin, begin_factor = results
+    nodes, half, number = score.shape[1], len(antenna[2]) // 2, len(antenna[0])
+    samples, strength, moved = (np.empty(number), np.empty(number), np.empty(nodes)), np.empty(number), np.empty(number)
     scale, own = np.empty(nodes), np.empty(nodes)
     most = 1
     for pulse in range(low, high):
         most = max(most, start[pulse + 1] - start[pulse])
-    room, all_hit = np.empty((most + 2 * (2 * half + 1), nodes)), np.empty(most + 2 * (2 * half + 1))
+    room, all_hit = np.empty((most + 2 * (half + BEYOND), nodes)), np.empty(most + 2 * (half + BEYOND))
     jacobian, all_shape = np.empty((most, nodes)), np.empty(most)
     for pulse in range(low, high):
         score[pulse, :] = 0.0
         count[pulse] = 0
-        power = _doubled(profile_power, start[pulse], start[pulse + 1])
+        power = in_double(profile_power, start[pulse], start[pulse + 1])
         cells, noise = len(power), profile_noise[pulse]
-        size = cells + 2 * (2 * half + 1)
-        spread, shape = (all_hit[:size], room[:size]), all_shape[:cells]
-        nearest, farthest = _predicted(pulse, data, geometry, antenna, samples, spread, scale, shape)
+        size = cells + 2 * (half + BEYOND)
+        shape = all_shape[:cells]
+        nearest, farthest = predicted(
+            pulse, data, geometry, antenna, samples, strength, moved, scale, all_hit[:size], shape
+        )
         if cells == 0 or shape.max() <= 0.0:
             continue
+        pad = half + BEYOND
+        moved_power(moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size])
         in_front = _in_front(pulse, data, clutter, geometry, scale, antenna, samples)
         volume = in_front[:, 0].copy()
         top = echo_level(power, noise, volume)
         if top == 0.0:
             continue
         mean, weight = np.empty(cells), np.empty(cells)
-        level = _fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
+        level = fit_level(power, shape, volume, noise + PEDESTAL * top, top, mean, weight)
         echo = level, shape, mean, weight
-        rows = _changes(echo, room, nearest, farthest, antenna[3], scale, in_front, jacobian, own)
+        rows = _changes(echo, room, nearest, farthest, antenna[2], scale, in_front, jacobian, own)
         if rows > 0:
-            to = slice(begin[pulse], begin[pulse] + rows)
-            _whitened(echo, power, looks[pulse], jacobian, own, score[pulse], factor[to], residual[to], weight_of[to])
+            to, kept = slice(begin[pulse], begin[pulse] + rows), slice(begin_factor[pulse], begin_factor[pulse + 1])
+            one_of = together, pulse % together
+            _whitened(
+                echo,
+                power,
+                looks[pulse],
+                jacobian,
+                own,
+                score[pulse],
+                factor[kept],
+                one_of,
+                residual[to],
+                weight_of[to],
+            )
         count[pulse] = rows

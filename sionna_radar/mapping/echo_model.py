@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.linalg import solve_banded
 
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
@@ -29,6 +30,8 @@ from sionna_radar.radar.chirp import Chirp
 
 # Handled by one core at a time.
 PULSES_AT_ONCE = 64
+# Of the largest: what is left of the response of a window where samples leave off.
+LEAST_TAP = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +104,7 @@ class Linearised:
 
     place_m: Float[np.ndarray, "pulse node 2"]
     score: Float[np.ndarray, "pulse node"]
-    factor: Float32[np.ndarray, "row node"]
+    factor: Float32[np.ndarray, "kept node"]
     first: Int[np.ndarray, " pulse"]
     last: Int[np.ndarray, " pulse"]
     residual: Float[np.ndarray, " row"]
@@ -112,10 +115,31 @@ class Linearised:
         return slice(int(self.first[pulse]), int(self.last[pulse]))
 
 
+def spline_taps(response: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " tap"]:
+    """Return the factors of cubic B-splines, a cell apart, whose sum is a response at the cells and smooth between.
+
+    A Hann window's power response nearly is such a spline.
+    """
+    ends = 8
+    padded = np.pad(response, ends)
+    bands = np.outer([1 / 6, 2 / 3, 1 / 6], np.ones(len(padded)))
+    factor = solve_banded((1, 1), bands, padded)
+    counts = np.flatnonzero(np.abs(factor) > LEAST_TAP * factor.max())
+    half = max(len(padded) // 2 - int(counts[0]), int(counts[-1]) - len(padded) // 2)
+    kept = factor[len(padded) // 2 - half : len(padded) // 2 + half + 1]
+    return kept * (response.sum() / kept.sum())
+
+
 def footprints(
-    sightings: Sightings, surface: Heightfield, wanted: Bool[np.ndarray, " node"] | None = None
+    sightings: Sightings,
+    surface: Heightfield,
+    wanted: Bool[np.ndarray, " node"] | None = None,
+    near: Footprints | None = None,
 ) -> Footprints:
-    """Cast the beam's nodes of every pulse, or some of the nodes, on a surface."""
+    """Cast the beam's nodes of every pulse, or some of the nodes, on a surface.
+
+    near: where they met a surface that was the same within centimetres: what has come to hide what since is not seen.
+    """
     from sionna_radar.mapping.power_kernels import meet
 
     pose, beam = sightings.pose, sightings.beam.direction
@@ -123,6 +147,7 @@ def footprints(
     feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape), np.empty(shape))
     height, grid = np.ascontiguousarray(surface.height_m), surface.grid
     on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
+    guess = np.empty((0, 0)) if near is None else near.range_m
     doppler = sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
     of = (
         *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna, beam)),
@@ -131,7 +156,7 @@ def footprints(
 
     def some(low: int, high: int) -> None:
         to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
-        meet(*on, *of, doppler, float(sightings.reach_m), *to, low, high)
+        meet(*on, *of, doppler, float(sightings.reach_m), guess, *to, low, high)
 
     list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
     return feet
@@ -140,9 +165,14 @@ def footprints(
 class EchoModel:
     """Predicted echoes of all pulses over one surface."""
 
-    def __init__(self, sightings: Sightings, surface: Heightfield) -> None:
+    def __init__(self, sightings: Sightings, surface: Heightfield, near: Footprints | None = None) -> None:
         self._sightings = sightings
-        self._feet = footprints(sightings, surface)
+        self._feet = footprints(sightings, surface, near=near)
+
+    @property
+    def footprints(self) -> Footprints:
+        """Where the beam's nodes meet the surface."""
+        return self._feet
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
@@ -150,39 +180,61 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.corner, beam.weight, cell_m, mean
+        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 
-    def linearise(self, looks: Float[np.ndarray, " pulse"]) -> Linearised:
+    def linearise(self, looks: Float[np.ndarray, " pulse"], fewest_rows: int | None = None) -> Linearised:
         """Return score and curvature of the likelihood of the profiles.
 
         looks: independent looks in each range cell of each pulse.
+        fewest_rows: of so many rows of neighbouring cells one is kept in place of all, that the median pulse keeps
+            about these: where a surface is as smooth as a few cells are long, others say nearly the same. Each pulse
+            keeps other ones. Residuals and weights are those of all rows.
         """
         from sionna_radar.mapping.echo_kernels import linearise
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
-        data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
         in_front = (
             (np.zeros(0, dtype=np.float32), np.zeros(0), 0.0)
             if volume is None
             else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
         )
-        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
-        antenna = beam.share, beam.corner, beam.weight, self._sightings.response
+        data, geometry, antenna = self._inputs(looks)
         pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
-        values = int(begin[-1])
+        values, room = int(begin[-1]), np.diff(begin)
+        together = 1 if fewest_rows is None else max(1, int(np.median(room) / fewest_rows))
+        begin_factor = np.concatenate([[0], np.cumsum(-(-room // together))])
         score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
-        factor, residual = np.zeros((values, nodes), dtype=np.float32), np.zeros(values)
+        factor, residual = np.zeros((int(begin_factor[-1]), nodes), dtype=np.float32), np.zeros(values)
         weight = np.zeros(values)
-        results = score, factor, residual, weight, count, begin
+        results = score, factor, together, residual, weight, count, begin, begin_factor
         list(
             in_threads(
                 lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
                 parts(pulses, PULSES_AT_ONCE),
             )
         )
-        return Linearised(self._feet.place_m, score, factor, begin[:-1], begin[:-1] + count, residual, weight)
+        first = begin_factor[:-1]
+        return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
+
+    def score(self, looks: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse node"]:
+        """Return the score alone; see `linearise`."""
+        if self._sightings.profiles.volume is not None:
+            return self.linearise(looks).score
+        from sionna_radar.mapping.score_kernels import scores
+
+        score = np.empty(self._feet.range_m.shape)
+        inputs = self._inputs(looks)
+        list(in_threads(lambda low, high: scores(low, high, *inputs, score), parts(len(score), PULSES_AT_ONCE)))
+        return score
+
+    def _inputs(self, looks: Float[np.ndarray, " pulse"]) -> tuple[tuple[object, ...], ...]:
+        """Return profiles, geometry and antenna as the kernels take them."""
+        profiles, beam = self._sightings.profiles, self._sightings.beam
+        data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
+        return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
         """Return where there is room for the cells that the beam can light in each pulse, and the end of it."""

@@ -8,7 +8,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from sionna_radar.elevation.ray_march import first_hit, slope_at
+from sionna_radar.elevation.ray_march import first_hit, hit_near, slope_at
 from sionna_radar.foundation.compiled import compiled
 
 STEEPEST = 0.05
@@ -18,11 +18,12 @@ STEEPEST = 0.05
 @no_type_check
 def meet(
     height, west, south, spacing, steepest, highest, position, velocity, R_world_antenna, beam, wanted, doppler, reach,
-    range_m, place, per_height, shift, low, high,
+    guess, range_m, place, per_height, shift, low, high,
 ):  # fmt: skip
     """Cast the nodes of the pulses from `low` to `high` on a surface.
 
     wanted: whether a node is; the others count as meeting nothing.
+    guess: ranges at which they met a surface that was nearly the same, or none.
     doppler: by how much a range rate of 1 m/s lengthens a range.
     Writes range, place, change of range with the height there, and by how much motion lengthens the range.
     """
@@ -38,7 +39,9 @@ def meet(
                 closing_in += velocity[pulse, k] * ray[k]
             shift[pulse, node] = -doppler * closing_in
             hit = np.nan
-            if wanted[node]:
+            if len(guess) > 0 and not np.isnan(guess[pulse, node]):
+                hit = hit_near(height, west, south, spacing, origin, ray, guess[pulse, node])
+            if wanted[node] and np.isnan(hit):
                 hit = first_hit(height, west, south, spacing, origin, ray, reach, steepest, highest)
             there = 0.0 if np.isnan(hit) else hit
             place[pulse, node, 0] = origin[0] + there * ray[0]
@@ -52,40 +55,50 @@ def meet(
 
 @compiled
 @no_type_check
-def beam_samples(range_m, shift, share, corner, weight, cell_m, drift_m, cell, sample_range, inverse):
-    """Write range and range cell of every sample of a beam, NaN off the surface; return the mean range of the nodes."""
+def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, inverse):
+    """Write 1 / range and range cell of every sample of a beam, NaN off the surface; return the nodes' mean range.
+
+    lattice: of the fine samples along each axis, azimuth first, the node below and how far it is toward the next.
+    inverse: written, 1 / range of the nodes.
+    """
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along, k = low_v[-1] + 2, len(low_v), 0
     total, met = 0.0, 0
     for node in range(len(range_m)):
         hit = range_m[node]
-        inverse[node] = 0.0
+        inverse[node] = 1 / max(hit, 1.0)
         if not np.isnan(hit):
-            inverse[node] = 1 / max(hit, 1.0)
             total += hit
             met += 1
-    for k in range(len(share)):
-        near, moved, whole = 0.0, 0.0, True
-        for c in range(4):
-            node = corner[k, c]
-            whole &= inverse[node] > 0.0
-            near += weight[k, c] * inverse[node]
-            moved += weight[k, c] * shift[node]
-        sample_range[k] = 1 / max(near, 1e-6)
-        cell[k] = (sample_range[k] + moved + drift_m) / cell_m if whole else np.nan
+        else:
+            inverse[node] = np.nan
+    near, moved = np.empty(nodes), np.empty(nodes)
+    for i in range(len(low_u)):
+        first, b = low_u[i] * nodes, part_u[i]
+        for node in range(first, first + nodes):
+            near[node - first] = inverse[node] * (1 - b) + inverse[node + nodes] * b
+            moved[node - first] = shift[node] * (1 - b) + shift[node + nodes] * b
+        for j in range(along):
+            node, a = low_v[j], part_v[j]
+            own = near[node] * (1 - a) + near[node + 1] * a
+            inverse_range[k] = own
+            cell[k] = (1 / own + moved[node] * (1 - a) + moved[node + 1] * a + drift_m) / cell_m
+            k += 1
     return total / met if met else np.nan
 
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, share, corner, weight, cell_m, mean):
+def centroids(low, high, range_m, shift, share, lattice, cell_m, mean):
     """Write the power-weighted mean range of the echoes from `low` to `high`; NaN without one."""
     nodes, samples = range_m.shape[1], len(share)
-    cell, sample_range, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
+    cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
-        beam_samples(range_m[pulse], shift[pulse], share, corner, weight, cell_m, 0.0, cell, sample_range, inverse)
+        beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if not np.isnan(cell[k]):
-                power = share[k] / sample_range[k] ** 2
+                power = share[k] * near[k] ** 2
                 total += power
                 moment += power * cell[k]
         mean[pulse] = moment / total * cell_m if total > 0 else np.nan
@@ -93,29 +106,86 @@ def centroids(low, high, range_m, shift, share, corner, weight, cell_m, mean):
 
 @compiled
 @no_type_check
-def spread_power(power, cell, sample_range, corner, weight, first, cells, half, cell_m, hit, onto):
-    """Write what power of samples falls on the two cells around each, and how raised nodes move it up by a cell.
+def spread_power(power, cell, first, cells, pad, hit):
+    """Write what power of samples falls on the cells around each; return the first and the last cell that power leaves.
 
-    Returns the first and the last cell that power leaves; `onto` is written there and between only.
+    Each sample is spread as a cubic B-spline is, whose growth is a quadratic one less the same a cell beyond: so the
+    likelihood of an echo has no kinks where samples pass from cell to cell, and its maximum can be found.
+    pad: cells on both sides of the profile; samples count as far as one less beyond it.
     """
-    pad = 2 * half + 1
     hit[:] = 0.0
-    low, high = len(hit), -1
+    nearest, farthest = len(hit), -1
     for k in range(len(power)):
-        if first - half < cell[k] < first + cells - 1 + half:
-            below = int(np.floor(cell[k] - first)) + pad
-            low, high = min(low, below), max(high, below)
-    onto[low : high + 1] = 0.0
-    for k in range(len(power)):
-        place = cell[k]
-        if not first - half < place < first + cells - 1 + half:
+        place = cell[k] - first
+        if not 1 - pad < place < cells + pad - 2:
             continue
-        below = int(np.floor(place - first))
-        above_share = place - first - below
+        below = int(np.floor(place))
+        a = place - below
+        b = 1 - a
         below += pad
-        hit[below] += power[k] * (1 - above_share)
-        hit[below + 1] += power[k] * above_share
-        moved = power[k] * sample_range[k] ** 2 / cell_m
-        for c in range(4):
-            onto[below, corner[k, c]] += weight[k, c] * moved
-    return low, high
+        nearest, farthest = min(nearest, below - 1), max(farthest, below + 1)
+        hit[below - 1] += power[k] * (b * b * b / 6)
+        hit[below] += power[k] * (2 / 3 - a * a * (1 - a / 2))
+        hit[below + 1] += power[k] * (2 / 3 - b * b * (1 - b / 2))
+        hit[below + 2] += power[k] * (a * a * a / 6)
+    return nearest, farthest
+
+
+@compiled
+@no_type_check
+def moved_power(moved, cell, lattice, first, cells, pad, nearest, farthest, onto):
+    """Write how much power raised nodes move up from each cell to the next, in the cells from nearest to farthest.
+
+    moved: of each sample, by its own 1 / range, in cells.
+    """
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along = low_v[-1] + 2, len(low_v)
+    onto[nearest : farthest + 1] = 0.0
+    for i in range(len(low_u)):
+        u, b_u = low_u[i] * nodes, part_u[i]
+        for j in range(along):
+            place = cell[i * along + j] - first
+            if not 1 - pad < place < cells + pad - 2:
+                continue
+            below = int(np.floor(place))
+            a = place - below
+            below += pad
+            node, b_v, power = u + low_v[j], part_v[j], moved[i * along + j]
+            here, next_u, next_v = power * (1 - b_u) * (1 - b_v), power * b_u * (1 - b_v), power * (1 - b_u) * b_v
+            both = power * b_u * b_v
+            before, beyond = (1 - a) * (1 - a) / 2, a * a / 2
+            for source in range(3):
+                part = before if source == 0 else (beyond if source == 2 else 1 - before - beyond)
+                row = below - 1 + source
+                onto[row, node] += here * part
+                onto[row, node + 1] += next_v * part
+                onto[row, node + nodes] += next_u * part
+                onto[row, node + nodes + 1] += both * part
+
+
+@compiled
+@no_type_check
+def pull_of_cells(gained, moved, cell, lattice, first, cells, pad, pull):
+    """Write what raising each node gains, by what is gained by power that moves up from a cell: see `moved_power`."""
+    low_u, part_u, low_v, part_v = lattice
+    nodes, along = low_v[-1] + 2, len(low_v)
+    own = np.empty(nodes)
+    pull[:] = 0.0
+    for i in range(len(low_u)):
+        own[:] = 0.0
+        for j in range(along):
+            place = cell[i * along + j] - first
+            if not 1 - pad < place < cells + pad - 2:
+                continue
+            below = int(np.floor(place))
+            a = place - below
+            below += pad
+            before, beyond = (1 - a) * (1 - a) / 2, a * a / 2
+            gain = before * gained[below - 1] + (1 - before - beyond) * gained[below] + beyond * gained[below + 1]
+            gain *= moved[i * along + j]
+            own[low_v[j]] += gain * (1 - part_v[j])
+            own[low_v[j] + 1] += gain * part_v[j]
+        u, b = low_u[i] * nodes, part_u[i]
+        for node in range(nodes):
+            pull[u + node] += own[node] * (1 - b)
+            pull[u + nodes + node] += own[node] * b

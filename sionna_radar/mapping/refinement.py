@@ -2,7 +2,7 @@
 
 1. The mean range of each echo gives a first surface, the covariance of the terrain, and the noise (`echo_heights`).
 2. The forward model (`echo_model`) predicts every echo from the current surface. Fisher scoring moves the
-   surface to the maximum of the posterior of measured profiles and terrain model.
+   surface to the maximum of the posterior of measured profiles and terrain model, until it rests (`settling`).
 
 A range cell of a pulse counts as many looks as its speckle is new in it: neighbouring cells overlap, and so do the
 footprints of neighbouring pulses (`speckle`).
@@ -13,20 +13,21 @@ overlapping tiles; each has its own terrain model, and their surfaces are blende
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.curvature import curvature_on_cells
 from sionna_radar.mapping.echo_heights import ROUGH, SURFACES, EchoSurface, echo_surface, on_axis
 from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
-from sionna_radar.mapping.smoothing import MOST_ITERATIONS, Smoothed
+from sionna_radar.mapping.scoring import MOST_SCORING_STEPS, most_probable
+from sionna_radar.mapping.smoothing import Smoothed
 from sionna_radar.mapping.speckle import repeats
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
 from sionna_radar.mapping.whole_echo import Information, information_of
@@ -34,10 +35,6 @@ from sionna_radar.mapping.whole_echo import Information, information_of
 TILE_M = 160.0
 OVERLAP_M = 30.0
 FEWEST_PULSES = 20
-# A fixed number, however small the steps get: the end of the iteration must not depend on rounding.
-SCORING_STEPS = 4
-# Of the residual of each step: what is left of it is taken by the next, and of the last it is invisible.
-STEP_TOLERANCE = 2e-2
 
 
 @dataclass(frozen=True)
@@ -54,7 +51,7 @@ _Tile = tuple[Smoothed, EchoSurface, Information | None]
 
 def refinement_steps(grid: Grid) -> int:
     """Return how many steps `refine` takes over a grid."""
-    return (SURFACES + SCORING_STEPS) * _tile_count(grid)
+    return (SURFACES + MOST_SCORING_STEPS) * _tile_count(grid)
 
 
 def smoothing_steps(grid: Grid) -> int:
@@ -79,7 +76,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
     def tile(sightings: Sightings, echoes: MeanRanges, part: Grid) -> _Tile:
         return _refined(sightings, echo_surface(sightings, echoes, part, step, ROUGH), step)
 
-    return _in_tiles(sightings, grid, tile, step, SURFACES + SCORING_STEPS)
+    return _in_tiles(sightings, grid, tile, step, SURFACES + MOST_SCORING_STEPS)
 
 
 def smooth_echoes(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
@@ -130,21 +127,19 @@ def _in_tiles(
 def _refined(sightings: Sightings, first: EchoSurface, step: Step) -> _Tile:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     looks = sightings.looks_per_cell / repeats(first.heights.reach)
-    fitted = first.smoothed
-    for _ in range(SCORING_STEPS):
-        linear = EchoModel(sightings, fitted.surface).linearise(looks)
-        fitted = _moved(fitted, linear)
-        step()
-    return fitted, first, information_of(first.heights, linear, sightings.looks_per_cell)
+    fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m, step)
+    linearised = partial(_some_linearised, sightings, fitted.surface, looks)
+    return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)
 
 
-def _moved(fitted: Smoothed, linear: Linearised) -> Smoothed:
-    """Return the surface after one step of Fisher scoring."""
-    model, white = fitted.model, fitted.white
-    weights = fitted.surface.weights(*linear.place_m.reshape(-1, 2).T)
-    right = model.coloured(weights.T @ linear.score.ravel()) - white
-    step = model.solve(curvature_on_cells(linear, fitted.surface), right, MOST_ITERATIONS, STEP_TOLERANCE)
-    return Smoothed(model, white + step, fitted.noise_factor)
+def _some_linearised(
+    sightings: Sightings,
+    surface: Heightfield,
+    looks: Float[np.ndarray, " pulse"],
+    chosen: Int[np.ndarray, " chosen"],
+) -> Linearised:
+    keep = np.isin(np.arange(len(sightings)), chosen)
+    return EchoModel(sightings.rows(keep), surface).linearise(looks[keep])
 
 
 def _tile_count(grid: Grid) -> int:

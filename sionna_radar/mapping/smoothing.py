@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.fft
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
@@ -59,16 +59,35 @@ class TerrainModel:
         field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
         return field.ravel()
 
+    def coarser(self, times: int) -> Grid:
+        """Return the grid of every second, or so, cell in both directions; the numbers of cells are multiples of 4."""
+        grid = self.grid
+        return Grid(
+            west_m=grid.west_m,
+            south_m=grid.south_m,
+            spacing_m=grid.spacing_m * times,
+            columns=grid.columns // times,
+            rows=grid.rows // times,
+        )
+
+    def left_out(self, times: int) -> float:
+        """Return the largest variance of a wave, per cell, that a coarser grid leaves out."""
+        inside = np.zeros(self.root.shape, dtype=bool)
+        inside[_low(self.grid.rows, self.grid.rows // times), : self.grid.columns // times // 2] = True
+        return float(np.max(self.root**2, where=~inside, initial=0.0))
+
     def solve(
         self,
         information: Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]],
         right: Float[np.ndarray, " cell"],
         iterations: int,
         tolerance: float,
+        times: int = 1,
     ) -> Float[np.ndarray, " cell"]:
         """Return the white field w with w + R A R w = right, R being the filter to this covariance.
 
-        information: applies A, symmetric and positive, to the heights of the cells.
+        information: applies A, symmetric and positive, to the heights of the cells, or of the `coarser` ones.
+        times: how much coarser. Waves that are too short for them are taken as if A told nothing of them.
 
         The unknowns are the coefficients of an orthonormal Fourier transform, in which R is diagonal: that halves the
         number of transforms.
@@ -78,20 +97,28 @@ class TerrainModel:
         twice[0] /= np.sqrt(2)
         if self.grid.columns % 2 == 0:
             twice[-1] /= np.sqrt(2)
-        down, up = self.root * twice, self.root / twice
+        every = twice * scipy.fft.rfft2(right.reshape(shape))
+        few = self.grid.rows // times, self.grid.columns // times
+        low = np.ix_(_low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
+        root = self.root[low].copy()
+        if times > 1:
+            # A wave of two cells is not told from its mirror.
+            root[few[0] // 2], root[:, -1] = 0.0, 0.0
+        down, up = root * twice[low[1]], root / twice[low[1]] / times**2
+        real, single = (np.float64, np.complex128) if times == 1 else (np.float32, np.complex64)
+        down, up = down.astype(real), up.astype(real)
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            spectrum = up * flat.view(np.complex128).reshape(down.shape)
-            field = scipy.fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
-            informed = scipy.fft.rfft2(information(field.ravel()).reshape(shape), workers=-1)
+            spectrum = up * flat.view(single).reshape(down.shape)
+            field = scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=-1)
+            informed = scipy.fft.rfft2(information(field.ravel()).reshape(few), workers=-1)
             informed *= down
-            return flat + informed.ravel().view(np.float64)
+            return flat + informed.ravel().view(real)
 
-        start = (twice * scipy.fft.rfft2(right.reshape(shape))).ravel().view(np.float64)
-        found = conjugate_gradients(normal, start, iterations, tolerance)
-        white: Float[np.ndarray, "row column"] = scipy.fft.irfft2(
-            found.view(np.complex128).reshape(down.shape) / twice, s=shape
-        )
+        start = np.ascontiguousarray(every[low].astype(single))
+        found = conjugate_gradients(normal, start.ravel().view(real), iterations, tolerance)
+        every[low] = found.view(single).reshape(down.shape)
+        white: Float[np.ndarray, "row column"] = scipy.fft.irfft2(every / twice, s=shape)
         return white.ravel()
 
     @staticmethod
@@ -193,12 +220,18 @@ def conjugate_gradients(
     return solution
 
 
+def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:
+    """Return where the lowest of the Fourier frequencies are among so many rows."""
+    row = np.arange(few)
+    return np.where(row <= few // 2, row, rows - few + row)
+
+
 def _padded(grid: Grid, length_m: float) -> Grid:
     cells = int(np.ceil((PADDING_M + PADDING_LENGTHS * min(length_m, 100.0)) / grid.spacing_m))
     return Grid(
         west_m=grid.west_m - cells * grid.spacing_m,
         south_m=grid.south_m - cells * grid.spacing_m,
         spacing_m=grid.spacing_m,
-        columns=scipy.fft.next_fast_len(grid.columns + 2 * cells, real=True),
-        rows=scipy.fft.next_fast_len(grid.rows + 2 * cells, real=True),
+        columns=4 * scipy.fft.next_fast_len(-(-(grid.columns + 2 * cells) // 4), real=True),
+        rows=4 * scipy.fft.next_fast_len(-(-(grid.rows + 2 * cells) // 4), real=True),
     )

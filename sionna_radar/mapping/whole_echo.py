@@ -9,11 +9,11 @@ really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f 
 What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from sionna_radar.mapping.covariance import FittedCovariance
 from sionna_radar.mapping.echo_model import Linearised
@@ -75,15 +75,20 @@ class Information:
         return left
 
 
-def information_of(heights: Heights, linear: Linearised | None = None, looks_per_cell: float = 1.0) -> Information:
+def information_of(
+    heights: Heights,
+    linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised] | None = None,
+    looks_per_cell: float = 1.0,
+) -> Information:
     """Return what mean ranges and whole echoes tell of the waves of a terrain.
 
     Parameters
     ----------
     heights:
         Mean ranges as heights over footprints; one for each pulse, if there is a linearised model.
-    linear:
-        The echoes' model, linearised about the surface; None if only the means are used.
+    linearised:
+        Returns the model of the echoes of some pulses, by their rows, linearised about the surface; None if only the
+        means are used.
     looks_per_cell:
         Independent looks in a range cell, from the overlap of neighbouring cells.
 
@@ -96,12 +101,13 @@ def information_of(heights: Heights, linear: Linearised | None = None, looks_per
     pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
     variance = heights.variance_m2(1.0)
     means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
-    for pulse in pulses:
+    linear = None if linearised is None else linearised(pulses)
+    for row, pulse in enumerate(pulses):
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
         if linear is None:
             continue
-        own = linear.rows_of(int(pulse))
-        phase = (linear.place_m[pulse] - heights.place_m[pulse]) @ wave.T
+        own = linear.rows_of(row)
+        phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
         turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
         echoes += _told(turned, linear.weight[own], looks_per_cell)
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.signal.windows import taylor
 
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.windows import taylor
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of, register_antenna
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.pattern_files.reader import read_pattern
@@ -93,7 +93,7 @@ def _taper(count: int, side_lobe_db: float | None) -> Float[np.ndarray, " elemen
         return np.ones(count)
     ratio = np.arccosh(10 ** (-side_lobe_db / 20)) / np.pi
     nbar = max(2, int(np.ceil(2 * ratio**2 + 0.5)))
-    return taylor(count, nbar=nbar, sll=-side_lobe_db, norm=False, sym=True)
+    return taylor(count, nbar, -side_lobe_db)
 
 
 def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[np.ndarray, " element"]]:

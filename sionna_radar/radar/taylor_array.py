@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.signal.windows import taylor
 
 from sionna_radar.foundation.decibel import to_db
+from sionna_radar.foundation.windows import taylor
 from sionna_radar.radar.antenna import Antenna, Cut, register_antenna
 from sionna_radar.scenario.radar import AntennaTable
 
@@ -44,7 +44,7 @@ def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
     nbar = max(2, int(np.ceil(2 * ratio**2 + 0.5)))
     # The half-power width of a line source of length L wavelengths is near 1 / L.
     elements = max(4, int(np.ceil(1.05 / beamwidth_rad / SPACING_WAVELENGTHS)))
-    weights = taylor(elements, nbar=nbar, sll=-side_lobe_db, norm=False, sym=True)
+    weights = taylor(elements, nbar, -side_lobe_db)
     weights /= weights.sum()
     place = (np.arange(elements) - (elements - 1) / 2) / elements
     half = beamwidth_rad / 2

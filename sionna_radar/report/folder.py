@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
+from sionna_radar.foundation.kept_parts import FOLDER as PARTS
 from sionna_radar.foundation.staging import abandoned, in_use, staged
 from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
 
@@ -101,6 +102,11 @@ def write_study(
     return write_folder(directory, marker, fill)
 
 
+def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
+    """Return what a run took, the text of `COSTS`."""
+    return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})
+
+
 def write_text(path: Path, text: str) -> None:
     """Write text as UTF-8 with line feeds on every system."""
     path.write_text(text, encoding="utf-8", newline="\n")
@@ -171,7 +177,7 @@ def _clear_abandoned(directory: Path) -> None:
 
 def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
     """Return what prevents a result in an existing folder, apart from this run's staging folder."""
-    entries = [path for path in directory.iterdir() if path != own]
+    entries = [path for path in directory.iterdir() if path != own and path.name != PARTS]
     if not entries:
         return ""
     if any(map(in_use, entries)):

@@ -12,6 +12,8 @@ from pathlib import Path
 from sionna_radar.foundation.errors import OutputError
 
 MANIFEST = "manifest.json"
+# What a run took: the only file that the same scenario and seed do not give again, byte for byte.
+COSTS = "costs.json"
 PROGRAM = "sionna-radar"
 
 
@@ -20,7 +22,7 @@ class Manifest:
     """The files of one result, by their paths inside the folder, with forward slashes.
 
     kind: file that every result of this kind contains, such as `summary.json`.
-    sha256, size_bytes: of each file.
+    sha256, size_bytes: of each file; "" and 0 for one that no two runs write alike.
     """
 
     kind: str
@@ -34,8 +36,8 @@ class Manifest:
         names = [path.relative_to(folder).as_posix() for path in files]
         return Manifest(
             kind=kind,
-            sha256=dict(zip(names, map(_sha256, files), strict=True)),
-            size_bytes={name: path.stat().st_size for name, path in zip(names, files, strict=True)},
+            sha256={n: "" if n == COSTS else _sha256(path) for n, path in zip(names, files, strict=True)},
+            size_bytes={n: 0 if n == COSTS else path.stat().st_size for n, path in zip(names, files, strict=True)},
         )
 
     @property
@@ -49,8 +51,10 @@ class Manifest:
         return (
             path.is_file()
             and path.resolve() == folder.resolve() / name  # neither a link nor below one, nor outside the folder
-            and path.stat().st_size == self.size_bytes[name]
-            and _sha256(path) == self.sha256[name]
+            and (
+                not self.sha256[name]
+                or (path.stat().st_size == self.size_bytes[name] and _sha256(path) == self.sha256[name])
+            )
         )
 
     def changed(self, folder: Path) -> list[str]:

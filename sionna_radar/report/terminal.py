@@ -9,12 +9,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
-
-from rich.console import Console
+from typing import TYPE_CHECKING
 
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
 from sionna_radar.foundation.progress import progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Shown for a number that does not exist.
 NONE = "-"
@@ -22,8 +24,11 @@ PLAIN = {"±": "+-", "→": "->", "–": "-", "…": "...", "²": "2", "°": " d
 SECONDS_BETWEEN_LINES = 10.0
 
 
-def console(width: int | None = None) -> Console:
+def console(width: int | None = None) -> "Console":
     """Return a console that prints text literally."""
+    # Slow to import, and not needed by all commands.
+    from rich.console import Console
+
     return Console(markup=False, emoji=False, highlight=False, width=width)
 
 
@@ -50,6 +55,8 @@ def _spelled_out(error: UnicodeError) -> tuple[str | bytes, int]:
 @contextmanager
 def shown_progress() -> Iterator[Report]:
     """Show a bar for each stage on a terminal; elsewhere an occasional line on standard error."""
+    from rich.console import Console
+
     screen = Console(stderr=True, markup=False)
     if not screen.is_terminal:
         yield lines(lambda text: print(text, file=sys.stderr, flush=True), monotonic)

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.windows import window as window_of
 from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
@@ -86,10 +87,8 @@ class ProcessingTable(Table):
     @field_validator("window")
     @classmethod
     def _known_window(cls, value: str) -> str:
-        from scipy.signal import get_window
-
         try:
-            get_window(value, 32)
+            window_of(value, 32)
         except (ValueError, TypeError) as error:
             message = f"{shown(value)} is not a window of scipy.signal.get_window; try 'hann' or 'blackman'"
             raise refuse("", message) from error

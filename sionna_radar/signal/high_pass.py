@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-import scipy.signal
 from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.radar.chirp import Chirp
@@ -32,6 +31,9 @@ class HighPass:
 
     def response(self, frequency_hz: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
         """Return the complex response at frequencies, negative ones too; time as exp(+j w t)."""
+        # SciPy's signal package is slow to import.
+        import scipy.signal
+
         zeros, poles, gain = scipy.signal.butter(
             self.order, 2 * np.pi * self.corner_hz, btype="highpass", analog=True, output="zpk"
         )

@@ -44,13 +44,15 @@ def add_noise(
 
     Each pulse has its own generator; a zero signal gives the noise alone.
     """
-    noisy = beat.copy()
+    noisy = np.empty_like(beat)
 
     def add(first: int, last: int) -> None:
-        for row, index in zip(noisy[first:last], pulse[first:last], strict=True):
+        for row, clean, index in zip(noisy[first:last], beat[first:last], pulse[first:last], strict=True):
             generator = pulse_generator(seed, Stream.NOISE, int(index))
             parts = row.view(np.float64)  # a complex sample is two of these
-            parts += np.sqrt(power * len(row) / len(parts)) * generator.standard_normal(len(parts))
+            generator.standard_normal(out=parts)
+            parts *= np.sqrt(power * len(row) / len(parts))
+            row += clean
 
     over_rows(add, len(noisy))
     return noisy

@@ -48,7 +48,8 @@ class Receiver:
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
-            beat = add_noise(np.concatenate(clean, axis=1), self.noise_power_w, self.seed, pulses.index)
+            joined = clean[0] if len(clean) == 1 else np.concatenate(clean, axis=1)
+            beat = add_noise(joined, self.noise_power_w, self.seed, pulses.index)
             return np.split(beat, len(sweeps), axis=1)
         echoes = [synthesise(high_pass.filtered(paths, sweep), pulses, sweep) for sweep in sweeps]
         silence = np.zeros_like(np.concatenate(echoes, axis=1))

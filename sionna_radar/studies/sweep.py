@@ -6,33 +6,27 @@ that cannot be flown, or that fails in flight, keeps its place with the reason; 
 """
 
 import logging
-import re
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from pathlib import Path
-from typing import Any, NoReturn
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.interrupts import Interrupted, raise_received
+from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.scenario import Scenario
+from sionna_radar.studies.sweep_plan import Axis, Shard, SweepPlan, label, one_line
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import BLOCK_SIZE
 
 logger = logging.getLogger("sionna_radar")
 
-MAX_RUNS = 10_000
-# A table of the scenario that can be raised until the rest fits, and how often it is doubled for that.
-SAMPLES = "radar.samples_per_chirp"
-DOUBLINGS = 5
 # Cases that `repr` names.
 MAX_LINES = 8
 # Statistics by their names in the results: whose cells they are of, and what of their `DemError`.
@@ -41,45 +35,6 @@ STATISTICS = {
     "off_wall_rms_m": ("off_wall_error", "rms_m"),
     "all_cells_rms_m": ("dem_error", "rms_m"),
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Axis:
-    """One varied key of the scenario and the values it takes."""
-
-    key: str
-    values: tuple[Any, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cell:
-    """One combination of the axes' values; `scenario` is None, and `refusal` says why, where it cannot be flown."""
-
-    setting: dict[str, Any]
-    scenario: Scenario | None
-    pulses: int
-    refusal: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SweepPlan:
-    """What is to be flown, every combination checked, the last axis fastest."""
-
-    source: str
-    axes: tuple[Axis, ...]
-    repeat: int
-    cells: tuple[Cell, ...]
-
-    @property
-    def trials(self) -> int:
-        """Surveys to be flown."""
-        return sum(1 for _ in self.flights())
-
-    def flights(self) -> Iterator[tuple[int, Scenario, int]]:
-        """Yield the surveys in the order flown: number of the cell, its scenario, and how far its seed is raised."""
-        for number, cell in enumerate(self.cells):
-            if cell.scenario is not None:
-                yield from ((number, cell.scenario, repeat) for repeat in range(self.repeat))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +48,15 @@ class Trial:
     lit_error: DemError
     off_wall_error: DemError | None
     warnings: tuple[str, ...]
+
+    @staticmethod
+    def of_document(found: Mapping[str, Any]) -> "Trial":
+        """Return the trial that `asdict` made a document of."""
+        errors = {
+            name: None if found[name] is None else DemError(**found[name])
+            for name in ("dem_error", "lit_error", "off_wall_error")
+        }
+        return Trial(**{**found, **errors, "warnings": tuple(found["warnings"])})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +89,7 @@ class Sweep(Brief):
     source, axes, repeat: what was varied of which scenario, with how many seeds.
     cases: one for each combination of values, the last axis fastest.
     interrupted: whether an interrupt ended it.
+    shard: which part of the study it is, as I/N; "" for the whole.
 
     Examples
     --------
@@ -141,6 +106,7 @@ class Sweep(Brief):
     repeat: int
     cases: tuple[Case, ...]
     interrupted: bool = False
+    shard: str = ""
 
     @property
     def failed(self) -> bool:
@@ -155,179 +121,18 @@ class Sweep(Brief):
         return "\n".join([head, *rows, *([f"  and {more} more"] if more else [])])
 
 
-# ------------------------------------------------------------------------------------------- planning
-
-
-def parse_axes(assignments: Iterable[str]) -> tuple[Axis, ...]:
-    """Read `KEY=V1,V2,...` assignments; values are TOML, and bare words are strings.
-
-    Raises
-    ------
-    ScenarioError
-        No key, no value, or a key or value given twice.
-
-    """
-    axes: dict[str, Axis] = {}
-    for assignment in assignments:
-        key, separator, text = (part.strip() for part in assignment.partition("="))
-        if not separator or not key or not text:
-            _refuse(f"{assignment!r} is not KEY=V1,V2,...")
-        if key in axes:
-            _refuse(f"{key} is varied twice; list all its values once")
-        axes[key] = Axis(key=key, values=_values(key, text))
-    if not axes:
-        _refuse("nothing is varied; give at least one KEY=V1,V2,...")
-    return tuple(axes.values())
-
-
-def _values(key: str, text: str) -> tuple[Any, ...]:
-    try:
-        values = tuple(tomllib.loads(f"values = [{text}]")["values"])
-    except tomllib.TOMLDecodeError:
-        # Some are bare words: split at the commas outside brackets.
-        values = tuple(_value(part.strip()) for part in re.split(r",(?![^\[]*\])", text))
-    if "" in values:
-        _refuse(f"{key} has an empty value in {text!r}; take out the extra comma")
-    repeated = [value for index, value in enumerate(values) if value in values[:index]]
-    if repeated:
-        _refuse(f"{key} takes the value {repeated[0]!r} twice; name it once")
-    return values
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-
-
-def plan_sweep(
-    source: str | Path,
-    axes: tuple[Axis, ...] | Mapping[str, Sequence[Any]],
-    repeat: int = 1,
-    overrides: Mapping[str, Any] | None = None,
-    progress: Progress = silent,
-) -> SweepPlan:
-    """Load and check every combination of a study, terrain and flight included.
-
-    A combination that cannot be flown keeps its place with the reason, and what helps where that can be found.
-
-    Parameters
-    ----------
-    source:
-        A scenario file, or the name of a shipped scenario.
-    axes:
-        What is varied: the values of each dotted key.
-    repeat:
-        Seeds that every combination is flown with.
-    overrides:
-        Dotted keys replaced in all combinations alike.
-    progress:
-        Called before and after each combination.
-
-    Raises
-    ------
-    ScenarioError, InputFileError
-        No combination can be flown; all problems of all combinations are listed.
-
-    Examples
-    --------
-    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
-    >>> plan = plan_sweep("hills", {"radar.antenna.beamwidth_deg": [2.0, 4.0]}, repeat=5, overrides=short)
-    >>> len(plan.cells), plan.trials
-    (2, 10)
-
-    """
-    if isinstance(axes, Mapping):
-        axes = tuple(Axis(key=key, values=tuple(values)) for key, values in axes.items())
-    overrides = dict(overrides or {})
-    _check_request(axes, repeat, overrides)
-    keys = [axis.key for axis in axes]
-    settings = [dict(zip(keys, values, strict=True)) for values in product(*(axis.values for axis in axes))]
-    cells, refused = [], []
-    for number, setting in enumerate(settings):
-        progress("checking", number, len(settings))
-        try:
-            scenario = load_scenario(source, overrides | setting)
-            cells.append(Cell(setting=setting, scenario=scenario, pulses=len(prepare(scenario))))
-        except (ScenarioError, InputFileError) as error:
-            refused.append((error, setting))
-            reason = _one_line(error) + _remedy(error, source, overrides | setting)
-            cells.append(Cell(setting=setting, scenario=None, pulses=0, refusal=reason))
-    progress("checking", len(settings), len(settings))
-    if len(refused) == len(settings):
-        raise _whole_refusal(refused, source)
-    return SweepPlan(source=str(source), axes=axes, repeat=repeat, cells=tuple(cells))
-
-
-def _one_line(error: Exception) -> str:
-    problems = getattr(error, "problems", ())
-    return "; ".join(map(str, problems)) or str(error)
-
-
-def _remedy(error: Exception, source: str | Path, overrides: Mapping[str, Any]) -> str:
-    """Return the number of samples with which a combination flies after all, where that is what it lacks."""
-    problems = getattr(error, "problems", ())
-    if not problems or any(problem.field != SAMPLES for problem in problems) or SAMPLES in overrides:
-        return ""
-    samples = load_scenario(source, {}).radar.samples_per_chirp
-    for _ in range(DOUBLINGS):
-        samples *= 2
-        try:
-            prepare(load_scenario(source, {**overrides, SAMPLES: samples}))
-        except ScenarioError:
-            continue
-        return f" ({SAMPLES} = {samples} works)"
-    return ""
-
-
-def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:
-    """Return one error for combinations that all cannot be flown."""
-    problems: dict[Problem, list[dict[str, Any]]] = {}
-    for error, setting in refused:
-        if not isinstance(error, ScenarioError):
-            return error
-        for problem in error.problems:
-            problems.setdefault(problem, []).append(setting)
-    return ScenarioError([_located(p, at, len(refused)) for p, at in problems.items()], f"sweep of {source}")
-
-
-def _check_request(axes: tuple[Axis, ...], repeat: int, overrides: Mapping[str, Any]) -> None:
-    fixed = [axis.key for axis in axes if axis.key in overrides]
-    if fixed:
-        _refuse(f"{fixed[0]} is both set and varied; choose one")
-    if repeat < 1:
-        _refuse(f"{repeat} repeats fly nothing; give at least 1", "--repeat")
-    if repeat > 1 and any(axis.key == "seed" for axis in axes):
-        _refuse("seed is varied, and repeats take seeds of their own; choose one", "--repeat")
-    runs = repeat * int(np.prod([len(axis.values) for axis in axes]))
-    if runs > MAX_RUNS:
-        _refuse(f"{runs:,} surveys are more than {MAX_RUNS:,}; name fewer values or repeats")
-
-
-def _located(problem: Problem, settings: list[dict[str, Any]], combinations: int) -> Problem:
-    """Return a problem that says which combination has it, unless all have."""
-    if len(settings) == combinations:
-        return problem
-    return Problem(problem.field, f"{problem.message} (at {label(settings[0])})")
-
-
-def _refuse(message: str, field: str = "--vary") -> NoReturn:
-    raise ScenarioError([Problem(field, message)], "command line")
-
-
-# --------------------------------------------------------------------------------------------- flying
-
-
 def fly_sweep(
     plan: SweepPlan,
     *,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
+    parts: KeptParts | None = None,
+    shard: Shard | None = None,
 ) -> Sweep:
-    """Fly all trials of a study one after another.
+    """Fly all trials of a study one after another, or those of a shard of it.
 
-    A trial that fails ends its case, which says why; an interrupt ends the study, which keeps the trials done.
+    A trial that fails ends its case, which says why. An interrupt ends the study, which keeps the trials done: those
+    of `parts` in their folder, from where it goes on.
 
     Parameters
     ----------
@@ -337,6 +142,10 @@ def fly_sweep(
         Pulses simulated at once; it never changes the result.
     progress:
         Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
+    parts:
+        Where finished trials are kept, and those that are there already are taken from.
+    shard:
+        Which of them are flown; see `Shard`. Without it all.
 
     Raises
     ------
@@ -354,37 +163,60 @@ def fly_sweep(
     trials: list[list[Trial]] = [[] for _ in plan.cells]
     reasons = [cell.refusal for cell in plan.cells]
     interrupted = False
+    flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
+    wanted = Counter(number for number, _, _ in flights)
     try:
-        for number, scenario, repeat in plan.flights():
+        for number, scenario, repeat in flights:
             if reasons[number]:
                 continue
-            progress("surveys", sum(map(len, trials)), plan.trials)
+            progress("surveys", sum(map(len, trials)), len(flights))
             try:
-                trials[number].append(_fly(scenario, repeat, block_size, progress))
+                trials[number].append(_flown(scenario, repeat, block_size, progress, parts))
             except BackendError:
                 raise
             except Exception as error:
                 # Hours of other trials must not be lost by one, whatever it fails of.
                 raise_received()
                 logger.debug("a trial failed", exc_info=True)
-                reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {_one_line(error)}"
-        progress("surveys", sum(map(len, trials)), plan.trials)
+                reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {one_line(error)}"
+        progress("surveys", sum(map(len, trials)), len(flights))
     except (KeyboardInterrupt, Interrupted):
+        if parts is not None:
+            raise
         interrupted = True
     cases = [
         Case(
             setting=cell.setting,
             scenario=cell.scenario,
             trials=tuple(flown),
-            reason=reason or ("" if len(flown) == plan.repeat else "interrupted"),
+            reason=reason or ("" if len(flown) == wanted[number] else "interrupted"),
         )
-        for cell, flown, reason in zip(plan.cells, trials, reasons, strict=True)
+        for number, (cell, flown, reason) in enumerate(zip(plan.cells, trials, reasons, strict=True))
     ]
-    return Sweep(source=plan.source, axes=plan.axes, repeat=plan.repeat, cases=tuple(cases), interrupted=interrupted)
+    return Sweep(
+        source=plan.source,
+        axes=plan.axes,
+        repeat=plan.repeat,
+        cases=tuple(cases),
+        interrupted=interrupted,
+        shard=str(shard or ""),
+    )
 
 
-def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -> Trial:
+def _flown(scenario: Scenario, repeat: int, block_size: int, progress: Progress, parts: KeptParts | None) -> Trial:
+    """Return a trial that was flown before, or fly it and keep it."""
     scenario = scenario.model_copy(update={"seed": scenario.seed + repeat})
+    key = scenario.model_dump_json()
+    kept = parts.get_document(key) if parts is not None else None
+    if kept is not None:
+        return Trial.of_document(kept)
+    trial = _fly(scenario, block_size, progress)
+    if parts is not None:
+        parts.put_document(key, asdict(trial))
+    return trial
+
+
+def _fly(scenario: Scenario, block_size: int, progress: Progress) -> Trial:
     survey = run(scenario, block_size=block_size, progress=progress)
     return Trial(
         seed=scenario.seed,
@@ -395,12 +227,3 @@ def _fly(scenario: Scenario, repeat: int, block_size: int, progress: Progress) -
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
     )
-
-
-def label(setting: Mapping[str, Any]) -> str:
-    """Return a setting in short: the last part of each key, and its value."""
-    return ", ".join(f"{key.split('.')[-1]} = {_text(value)}" for key, value in setting.items())
-
-
-def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

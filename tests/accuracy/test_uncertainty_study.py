@@ -6,13 +6,14 @@ all seeds of the full table, an hour on two quiet cores; without it there is one
 
 import os
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
 from elevation_files import NORTH, WEST, from_origin, write_heights
-from sionna_radar import load_scenario
+from sionna_radar import load_scenario, run
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, UncertaintyCheck, check_uncertainty
 from sionna_radar.mapping.mapper import build_dem_method
 from sionna_radar.survey.preparation import prepare
@@ -71,26 +72,28 @@ def grid():
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 def test_intervals_hold_what_they_say(grid, method):
-    """The mean over all cases was asked within 3 points, every case within 8.
+    """The mean over all cases within 3 points (`smooth`; 4 `refined`), and the cases, five seeds each, within 8 (10).
 
-    With two or three seeds: 54.7, 72.9, 91.7, 95.7 % (`smooth`) and 53.7, 70.9, 89.4, 93.6 % (`refined`), so the bound
-    is 6 points; 62 and 38 % of the cases are within 8. `docs/theory/uncertainty.md` says which are not, and why.
+    With five seeds: 51.5, 69.7, 90.1, 94.7 % (`smooth`) and 53.5, 71.1, 90.1, 94.2 % (`refined`). Of one seed alone
+    no more than 94 % of the cases could be within 8 (`docs/theory/uncertainty.md`), so that fewer seeds bind less.
     """
-    every = shares([check for case in grid[method].values() for check in case])
-    mean, worst = every.mean(axis=0), np.abs(every - NOMINAL).max(axis=1)
+    cases = np.array([shares(case).mean(axis=0) for case in grid[method].values()])
+    mean, worst = cases.mean(axis=0), np.abs(cases - NOMINAL).max(axis=1)
     spread = np.mean([check.cells.nmad_z for case in grid[method].values() for check in case])
     print(f"{method}: mean {np.round(100 * mean, 1)} %, NMAD of z {spread:.2f}")
     print(f"  cases beyond 8 points {np.mean(worst > 0.08):.0%}, the worst by {100 * worst.max():.0f}")
     for (scene, beam), case in grid[method].items():
         print(f"  {scene} {beam:g} deg: {np.round(100 * shares(case).mean(axis=0), 1)}")
-    assert np.abs(mean - NOMINAL).max() < 0.06
-    assert 0.85 < spread < 1.1
+    wider = 0.01 * (method == "refined") + 0.03 * (len(SEEDS) < 3)
+    assert np.abs(mean - NOMINAL).max() < 0.03 + wider
+    assert worst.max() < 0.08 + 2 * wider if len(SEEDS) >= 5 else np.mean(worst < 0.12) > 0.8
+    assert 0.9 < spread < 1.1
 
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 @pytest.mark.parametrize("window_m", [10.0, 30.0])
 def test_means_over_windows_scatter_as_stated(grid, method, window_m):
-    """Asked within 25 %: 0.88 and 0.95 for `smooth`, 0.90 and 1.15 for `refined`, over 39 surveys.
+    """Within 25 %: 0.93 and 0.98 for `smooth`, 0.85 and 0.91 for `refined`, over 78 surveys.
 
     Windows of 100 m are one a survey, too few to tell.
     """
@@ -145,6 +148,25 @@ def test_creases_are_not_stated_too_well(method, creased):
     """90 % intervals hold 80 % at least: 86, 86 and 94 % were measured."""
     check = checked("own_dem", (method,), {"terrain.path": str(creased)})[method]
     assert check.cells.coverage["90"] > 0.8
+
+
+@pytest.mark.parametrize("method", ["linear", "refined"])
+def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
+    """`dem.min_confidence_m` over a steep DEM of 25 m posts.
+
+    `refined`: 0.097 m RMS over 99.9 % of the lit cells, 0.081 over the 83 % known to 0.1 m, 0.047 over the 41 % known
+    to 0.05 m. `linear`: 0.144 m over 89 %, 0.122 over the 70 % known to 0.2 m, 0.076 over the 14 % known to 0.1 m.
+    """
+    bounds_m = {"refined": (0.1, 0.05), "linear": (0.2, 0.1)}[method]
+    scenario = {"terrain.path": str(creased), "dem.method": method}
+    found = [
+        run(load_scenario("own_dem", scenario | {"dem.min_confidence_m": b})).lit_error for b in (100.0, *bounds_m)
+    ]
+    for wide, narrow in pairwise(found):
+        said = f"{wide.rms_m:.3f} m over {wide.coverage:.1%}, {narrow.rms_m:.3f} over {narrow.coverage:.1%}"
+        print(f"creased {method}: {said}")
+        assert narrow.coverage < wide.coverage
+        assert narrow.rms_m < 0.9 * wide.rms_m
 
 
 def test_a_city_is_not_stated_too_well():

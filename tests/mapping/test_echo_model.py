@@ -11,7 +11,7 @@ from sionna_radar.detection.profiles import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.curvature import _by_nodes, curvature_on_cells
-from sionna_radar.mapping.echo_model import EchoModel
+from sionna_radar.mapping.echo_model import EchoModel, footprints
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
 PULSES = 12
@@ -75,7 +75,7 @@ def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface
         weights = surface.weights(*linear.place_m[pulse].T)
         factor = linear.factor[linear.rows_of(pulse)].astype(float)
         expected += weights.T @ (factor.T @ (factor @ (weights @ heights)))
-    np.testing.assert_allclose(operator(linear, surface)(heights), expected, atol=1e-5 * np.abs(expected).max())
+    np.testing.assert_allclose(operator(linear, surface.grid)(heights), expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_mean_ranges_are_those_of_the_plain_model(in_clear_air, surface):
@@ -99,4 +99,20 @@ def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
     ).linearise(np.ones(len(in_clear_air)))
     np.testing.assert_array_equal(linear.first, linear.last)
     np.testing.assert_array_equal(linear.score, 0.0)
-    np.testing.assert_array_equal(curvature_on_cells(linear, surface)(np.ones(surface.height_m.size)), 0.0)
+    np.testing.assert_array_equal(curvature_on_cells(linear, surface.grid)(np.ones(surface.height_m.size)), 0.0)
+
+
+@pytest.mark.parametrize("air", ["in_clear_air", "in_rain"])
+def test_the_score_alone_is_that_of_the_rows(air, surface, request):
+    sightings = request.getfixturevalue(air)
+    model, looks = EchoModel(sightings, surface), LOOKS * np.linspace(1, 2, len(sightings))
+    expected = model.linearise(looks).score
+    np.testing.assert_allclose(model.score(looks), expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+def test_beams_meet_a_surface_that_moved_a_little_where_they_meet_it_anew(in_clear_air, surface):
+    before = footprints(in_clear_air, surface)
+    moved = replace(surface, height_m=surface.height_m + 0.05 * np.sin(WIDE.x_m / 5))
+    expected, found = footprints(in_clear_air, moved), footprints(in_clear_air, moved, near=before)
+    np.testing.assert_allclose(found.range_m, expected.range_m, atol=1e-9)
+    np.testing.assert_allclose(found.range_per_height, expected.range_per_height, atol=1e-6)

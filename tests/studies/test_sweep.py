@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.interrupts import Interrupted
+from sionna_radar.foundation.interrupts import Interrupted, how_to_go_on
+from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
+from sionna_radar.report.folder import strict_json
 from sionna_radar.report.sweep.figures import abscissa, errors
+from sionna_radar.report.sweep.products import summary
 from sionna_radar.report.sweep.table import print_sweep
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.sweep import Axis, fly_sweep, parse_axes, plan_sweep
+from sionna_radar.studies.sweep import fly_sweep
+from sionna_radar.studies.sweep_plan import Axis, parse_axes, plan_sweep
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -191,25 +195,39 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
     assert not sweep.interrupted
 
 
-def test_an_interrupt_keeps_the_runs_done(cli, small, tmp_path, monkeypatch):
-    calls = []
+def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_path, monkeypatch):
+    """Refused without --resume; with it, nothing is flown twice, and every file is that of an uninterrupted run."""
+    flown, last = [], 3
 
     def fly(scenario, **keys):
-        calls.append(scenario)
-        if len(calls) == 3:
+        if len(flown) == last:
             raise Interrupted
+        flown.append(scenario)
         return run(scenario, **keys)
+
+    def sweep(out, *more):
+        return cli("sweep", small, "--vary", f"{BEAM}=2,6", "--repeat", 2, "-o", tmp_path / out, "-q", *more)
 
     monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
     with pytest.raises(Interrupted):
-        cli("sweep", small, "--vary", f"{BEAM}=2,4,6", "--repeat", 2, "-o", tmp_path / "out", "-q")
-    document = json.loads((tmp_path / "out" / "sweep.json").read_text())
-    assert document["interrupted"]
-    assert [(len(case["runs"]), case["reason"]) for case in document["cases"]] == [
-        (2, None),
-        (0, "interrupted"),
-        (0, "interrupted"),
-    ]
+        sweep("out")
+    assert "--resume" in how_to_go_on()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
+    last = 100
+    refused = sweep("out")
+    assert refused.returncode == 2
+    assert "3 finished parts of this run" in refused.stderr
+    assert "--resume" in refused.stderr
+    other = sweep("out", "--set", "radar.snr_db=20", "--resume")
+    assert other.returncode == 2
+    assert "another study, scenario" in other.stderr or "another scenario" in other.stderr
+    assert sweep("out", "--resume").returncode == 0
+    assert len(flown) == 4
+    assert sweep("at_once").returncode == 0
+    files = {path.relative_to(tmp_path / "at_once") for path in (tmp_path / "at_once").rglob("*") if path.is_file()}
+    assert {path.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("*") if path.is_file()} == files
+    for name in files:
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "at_once" / name).read_bytes(), name
 
 
 def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
@@ -244,3 +262,46 @@ def test_the_figure_names_its_axes_in_words_and_shows_the_runs(flown):
     assert len(dots) == 4
     bar = figure.axes[0].transData.transform((2.0, dots[0].get_ydata()[0]))
     assert dots[0].get_transform().transform((2.0, dots[0].get_ydata()[0]))[0] > bar[0] + 5
+
+
+def test_a_study_goes_on_where_it_was_interrupted(flown, small, tmp_path):
+    """Interrupted at many moments, it ends with the same results, and flies nothing twice."""
+    plan, whole, _ = flown
+    moments, surveys = iter(range(7, 2000, 9)), []
+
+    def until(last):
+        def progress(stage, done, total):
+            nonlocal count
+            count += 1
+            if stage == "preparing" and done == 0:
+                surveys.append(None)
+            if count == last:
+                raise Interrupted
+
+        count = 0
+        return progress
+
+    interrupts = 0
+    while True:
+        before = len(surveys)
+        try:
+            with kept_parts(tmp_path / "out", plan.identity(), resume=True) as parts:
+                there = len(parts)
+                result = fly_sweep(plan, progress=until(next(moments)), parts=parts)
+                break
+        except Interrupted:
+            interrupts += 1
+            kept = KeptParts(tmp_path / "out" / FOLDER)
+            # What was begun and is not there is the one survey that was interrupted.
+            assert len(surveys) - before <= max(len(kept) - there, 0) + 1
+    assert interrupts > 3
+    assert result == whole
+    assert strict_json(summary(result)) == strict_json(summary(whole))
+    assert not any((tmp_path / "out").iterdir())
+
+
+def test_another_study_is_another_run(flown, small, tmp_path):
+    plan, _, _ = flown
+    for other in (plan_sweep(small, plan.axes, repeat=3), plan_sweep(small, plan.axes, 2, {"radar.snr_db": 21.0})):
+        assert other.identity() != plan.identity()
+    assert plan_sweep(small, plan.axes, repeat=2).identity() == plan.identity()

@@ -29,8 +29,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
-from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.special import logsumexp, ndtri
 
 from sionna_radar.detection.ranging.beam_profile import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
@@ -53,7 +52,7 @@ FINE = 4
 WIDTH_SPREAD = 0.25
 LEAST_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
-DEVIATES = norm.ppf((np.arange(9) + 0.5) / 9)
+DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
 # Ranges at which width probabilities are computed; they are interpolated in between.
 WIDTH_NODES = 24
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 # Probability that the height jumps from pulse to pulse.
@@ -154,6 +153,9 @@ def _moved(
     if total <= 0:
         return flat
     here /= total
+    # SciPy's signal package is slow to import.
+    from scipy.signal import lfilter
+
     up = lfilter([1.0], [1.0, -decay], here)
     back = lfilter([1.0], [1.0, -decay], here[::-1])[::-1]
     spread = (up + back - here) * (1 - decay) / (1 + decay)

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.folder import strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.folder import costs_json, strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.manifest import COSTS
 from sionna_radar.report.processed.figures import draw_processed
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.point_cloud import write_laz
@@ -56,6 +58,7 @@ def write_processed(processed: Processed, directory: Path, coordinates: Coordina
 
 def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) -> None:
     write_text(directory / MARKER, strict_json(_document(processed)))
+    write_text(directory / COSTS, costs_json(processed.timing_s, peak_memory_mb()))
     settings = processed.settings.model_dump(mode="json", exclude_none=True)
     write_text(directory / "settings.toml", tomli_w.dumps(settings))
     _write_echoes(directory / "echoes.csv", processed)
@@ -98,7 +101,6 @@ def _document(processed: Processed) -> dict[str, Any]:
         "noise_floor": processed.spectrum.floor,
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
-        "timing_s": processed.timing_s,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }

@@ -242,7 +242,7 @@ def _flown(survey: Survey) -> str:
         markup.Tile(value=number(lit.le90_m, ".3f", " m"), name="LE90", note="90th percentile of |error|"),
         markup.Tile(value=f"{lit.coverage:.1%}", name="coverage", note="of lit cells"),
         markup.Tile(value=f"{len(survey.points):,}", name="echoes", note=f"of {survey.pulses:,} pulses"),
-        markup.Tile(value=f"{survey.paths:,}", name="paths traced", note=f"in {survey.timing_s['total']:.1f} s"),
+        markup.Tile(value=f"{survey.paths:,}", name="paths traced", note="in all"),
     ]
     replaced = {f"{key} replaced by": what for key, what in survey.replaced.items()}
     rows = flown_rows(survey.prepared) | {"Coordinates": crs_name(survey.georeference)} | replaced
@@ -305,7 +305,6 @@ def _chirp_section(pulses: int, chirps: int) -> str:
 
 
 def _made(survey: Survey) -> str:
-    spent = {name: f"{seconds:.2f} s" for name, seconds in survey.timing_s.items()}
     installed = {name: version or "not installed" for name, version in versions().items()}
     command = "sionna-radar run scenario.toml -o again"
     alone = "scenario.toml stands beside this page, and is the resolved scenario below; the same seed gives the same "
@@ -318,8 +317,6 @@ def _made(survey: Survey) -> str:
         "How it was made",
         markup.code(command),
         markup.paragraph(alone, "note"),
-        "<h3>Time spent</h3>",
-        markup.pairs({**spent, "peak memory": f"{survey.peak_memory_mb:,.0f} MB"}),
         "<h3>Versions</h3>",
         markup.pairs(installed),
         markup.folded("The resolved scenario", to_toml(survey.scenario)),

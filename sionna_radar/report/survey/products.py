@@ -12,7 +12,8 @@ from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.folder import write_folder, write_text
+from sionna_radar.report.folder import costs_json, write_folder, write_text
+from sionna_radar.report.manifest import COSTS
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page
@@ -114,6 +115,7 @@ def _write_all(
 
 def _write_numbers(survey: Survey, directory: Path) -> None:
     write_text(directory / MARKER, summary_json(survey))
+    write_text(directory / COSTS, costs_json(survey.timing_s, survey.peak_memory_mb))
     write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
 
 

@@ -38,7 +38,7 @@ PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return what was simulated, how accurate the DEM is, and the time it took.
+    """Return what was simulated, and how accurate the DEM is: the same for the same scenario and seed.
 
     Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
     """
@@ -61,8 +61,6 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "meaning": MEANING,
-        "timing_s": survey.timing_s,
-        "peak_memory_mb": survey.peak_memory_mb,
         "points_sha256": survey.points.sha256(),
         "versions": versions(),
     }

@@ -43,6 +43,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
         "axes": [asdict(axis) for axis in sweep.axes],
         "repeat": sweep.repeat,
         "interrupted": sweep.interrupted,
+        "shard": sweep.shard or None,
         "meaning": MEANING,
         "cases": [
             {

@@ -18,7 +18,7 @@ from sionna_radar.tracing.paths import Paths
 class Radar:
     """Traces the paths of pulses, receives them as beat signals, and finds the echoes in these.
 
-    Paths are traced in one thread of its own, one block ahead of the others.
+    Paths are traced in one thread of its own, and received as beat signals in another, one block ahead of the others.
 
     Of a single sweep a pulse the measured velocity takes the Doppler shift out; the two sweeps of a triangle do so
     themselves. The beam stands still during a pair, as it does during a single sweep.
@@ -28,7 +28,8 @@ class Radar:
         self._receiver, self._watch = given.receiver, given.watch
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
-        self._expected: deque[tuple[Pulses, Future[Paths]]] = deque()
+        self._receiving = ThreadPoolExecutor(1, thread_name_prefix="receive")
+        self._expected: deque[tuple[Pulses, Future[Paths], Future[Beats]]] = deque()
         self.sweeps = SweepDetector(
             detector=given.detector,
             sweeps=given.receiver.sweeps,
@@ -39,13 +40,22 @@ class Radar:
 
     def expect(self, pulses: Pulses) -> None:
         """Begin to trace a block of pulses before it is to be observed."""
-        self._expected.append((pulses, self._thread.submit(self.tracer.trace, pulses)))
+        paths = self._thread.submit(self.tracer.trace, pulses)
+        beats: Future[Beats] = self._receiving.submit(lambda: self._receiver.beats(paths.result(), pulses))
+        self._expected.append((pulses, paths, beats))
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
-        with self._watch("trace"):
-            paths = self._trace(pulses)
-        beats = self._beats(paths, pulses)
+        if self._expected and self._expected[0][0] is pulses:
+            _, traced, received = self._expected.popleft()
+            with self._watch("trace"):
+                paths = traced.result()
+            with self._watch("synthesise"):
+                beats = received.result()
+        else:
+            with self._watch("trace"):
+                paths = self._trace(pulses)
+            beats = self._beats(paths, pulses)
         with self._watch("detect"):
             found = self.sweeps.detect(beats, pulses)
         return Observation(
@@ -73,9 +83,7 @@ class Radar:
         return self.sweeps.record_chirps(pulses)
 
     def _trace(self, pulses: Pulses) -> Paths:
-        """Trace pulses in the one thread that does so, or wait until it has."""
-        if self._expected and self._expected[0][0] is pulses:
-            return self._expected.popleft()[1].result()
+        """Trace pulses in the one thread that does so."""
         return self._thread.submit(self.tracer.trace, pulses).result()
 
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats.qmc import Halton
 
+from sionna_radar.foundation.low_discrepancy import halton
 from sionna_radar.radar.antenna import Cut
 
 QUANTILES = 4096
@@ -42,8 +42,7 @@ def beam_sampler(rays: int, side_lobe_share: float) -> BeamSampler:
     """Return the sampler of a number of rays; at least one goes to the side lobes."""
     wide_rays = max(1, round(rays * side_lobe_share))
     beam_rays = rays - wide_rays
-    halton = Halton(2, scramble=False)
-    unit = np.concatenate([halton.random(beam_rays), halton.reset().random(wide_rays)])
+    unit = np.concatenate([halton(beam_rays), halton(wide_rays)])
     return BeamSampler(unit=unit, beam_rays=beam_rays)
 
 

@@ -6,8 +6,8 @@ spread evenly. They are drawn anew in each pulse: they carry the right power, bu
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.stats.qmc import Halton
 
+from sionna_radar.foundation.low_discrepancy import halton
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.two_way_grid import TwoWayGrid
@@ -40,8 +40,7 @@ class OuterRays:
         self._ahead = antenna.separable
         following = round(rays * FOLLOWING) if self._below[-1] > 0 else 0
         self.rays, self._share, self._seed = rays, following / rays, seed
-        halton = Halton(2, scramble=False)
-        self._unit = np.concatenate([halton.random(following), halton.reset().random(rays - following)])
+        self._unit = np.concatenate([halton(following), halton(rays - following)])
         self._following = np.arange(rays) < following
 
     def shoot(self, pulse: Int[np.ndarray, " pulse"]) -> tuple[Float[np.ndarray, "ray 3"], Float[np.ndarray, " ray"]]:

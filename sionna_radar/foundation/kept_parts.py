@@ -1,0 +1,148 @@
+"""Finished parts of a long run, kept in its output folder as they come, so that a run that was killed goes on.
+
+A part is a file named by its key. It is written beside and renamed, so that it is there whole or not at all. The
+folder of the parts says what run they are of; those of another one are refused, never mixed. Its lock is released by
+the system when the process ends, however it ends. Once the results stand in their folder, the parts are removed.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.interrupts import say_how_to_go_on
+
+FOLDER = ".sionna-radar-parts"
+RUN, LOCK, UNFINISHED = "run.json", "lock", ".unfinished"
+
+
+@dataclass(frozen=True)
+class KeptParts:
+    """The finished parts of one run."""
+
+    folder: Path
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self.folder.glob("*.part"))
+
+    def get(self, key: str) -> bytes | None:
+        """Return a part; None if it is not finished."""
+        try:
+            return self._path(key).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def put(self, key: str, content: bytes) -> None:
+        """Keep a part; raises OutputError if there is no room for it."""
+        path = self._path(key)
+        beside = path.with_suffix(UNFINISHED)
+        try:
+            with beside.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            beside.replace(path)
+        except OSError as error:
+            beside.unlink(missing_ok=True)
+            message = f"a finished part cannot be kept in {self.folder} ({error.strerror}); free some space"
+            raise OutputError(message) from error
+
+    def get_document(self, key: str) -> Any:
+        """Return a part that is a JSON document, its numbers exact; None if it is not finished."""
+        content = self.get(key)
+        return None if content is None else json.loads(content)
+
+    def put_document(self, key: str, document: Any) -> None:
+        """Keep a part that is a JSON document; see `put`."""
+        self.put(key, json.dumps(document).encode())
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{sha256(key.encode()).hexdigest()[:32]}.part"
+
+
+@contextmanager
+def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iterator[KeptParts]:
+    """Yield the parts of a run in its output folder, and remove them at the end unless an exception ends it.
+
+    Parameters
+    ----------
+    directory:
+        Output folder of the run; it is made if it is missing.
+    run:
+        What the parts depend on, as a JSON document: scenario, seed, versions.
+    resume:
+        Whether to go on with the parts that are there.
+
+    Raises
+    ------
+    OutputError
+        Another run writes into the folder; it holds parts of another run, or parts without `resume`; or it cannot be
+        written.
+
+    """
+    folder = directory / FOLDER
+    made = not directory.exists()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK, blocking=False)
+        lock.acquire()
+    except Timeout as error:
+        message = f"output = {directory} is being written by another run; wait for it or name another folder"
+        raise OutputError(message) from error
+    except OSError as error:
+        message = f"output = {directory} cannot be written ({error.strerror}); name another folder"
+        raise OutputError(message) from error
+    parts = KeptParts(folder)
+    try:
+        _take_over(parts, directory, json.loads(json.dumps(run)), resume)
+        yield parts
+    except BaseException:
+        lock.release()
+        if len(parts):
+            say_how_to_go_on("finished parts are kept; the same command with --resume goes on from them")
+        else:
+            _remove(folder, directory if made else None)
+        raise
+    lock.release()
+    _remove(folder)
+
+
+def _take_over(parts: KeptParts, directory: Path, run: dict[str, Any], resume: bool) -> None:
+    """Check that the parts in a folder are of this run, or begin it."""
+    said = parts.folder / RUN
+    for left in parts.folder.glob(f"*{UNFINISHED}"):
+        left.unlink()
+    if len(parts) == 0:
+        beside = said.with_suffix(UNFINISHED)
+        beside.write_text(json.dumps(run, indent=1), encoding="utf-8")
+        beside.replace(said)
+        return
+    try:
+        earlier = json.loads(said.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        earlier = {}
+    different = [key for key in run if earlier.get(key) != run[key]]
+    kept = f"output = {directory} holds {len(parts)} finished parts of "
+    if different:
+        message = f"{kept}a run with another {', '.join(different)}; name another folder, or remove {parts.folder}"
+        raise OutputError(message)
+    if not resume:
+        message = f"{kept}this run, which was interrupted; go on with --resume, or remove {parts.folder}"
+        raise OutputError(message)
+
+
+def _remove(folder: Path, directory: Path | None = None) -> None:
+    """Remove a folder of parts, which only this program writes to, and the output folder if it was made for it."""
+    for path in [*folder.glob("*.part"), *folder.glob(f"*{UNFINISHED}"), folder / RUN, folder / LOCK]:
+        path.unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+    if directory is not None and directory.is_dir() and not any(directory.iterdir()):
+        directory.rmdir()

@@ -1,0 +1,25 @@
+"""Windows and point sets without SciPy's slow packages: the same bits as with them."""
+
+import numpy as np
+import pytest
+import scipy.signal
+from scipy.stats.qmc import Halton
+
+from sionna_radar.foundation.low_discrepancy import halton
+from sionna_radar.foundation.windows import COSINES, taylor, window
+
+
+@pytest.mark.parametrize("name", [*COSINES, "bartlett"])
+@pytest.mark.parametrize("samples", [1, 7, 1024])
+def test_windows_are_those_of_scipy(name, samples):
+    np.testing.assert_array_equal(window(name, samples), scipy.signal.get_window(name, samples))
+
+
+@pytest.mark.parametrize(("count", "nbar", "down_db"), [(1, 4, 20.0), (32, 4, 30.0), (65, 6, 25.0)])
+def test_taylor_windows_are_those_of_scipy(count, nbar, down_db):
+    expected = scipy.signal.windows.taylor(count, nbar=nbar, sll=down_db, norm=False)
+    np.testing.assert_array_equal(taylor(count, nbar, down_db), expected)
+
+
+def test_halton_points_are_those_of_scipy():
+    np.testing.assert_array_equal(halton(3000), Halton(2, scramble=False).random(3000))

@@ -1,0 +1,80 @@
+"""A study flown in shards and merged is the study flown at once, file by file; what does not fit is refused."""
+
+import json
+import shutil
+
+import pytest
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.report.sweep.products import write_sweep
+from sionna_radar.report.sweep.reading import read_sweep
+from sionna_radar.studies.sweep import fly_sweep
+from sionna_radar.studies.sweep_plan import Shard, plan_sweep
+
+BEAM = "radar.antenna.beamwidth_deg"
+
+
+@pytest.fixture(scope="module")
+def place(small, tmp_path_factory):
+    """A folder with the whole and its three shards. One of the cells cannot be flown."""
+    place = tmp_path_factory.mktemp("shards")
+    plan = plan_sweep(small, {BEAM: [2, 400, 6]}, repeat=2)
+    write_sweep(fly_sweep(plan), place / "whole")
+    for number in (1, 2, 3):
+        write_sweep(fly_sweep(plan, shard=Shard(number, 3)), place / str(number))
+    return place
+
+
+def test_merged_shards_are_the_whole_byte_for_byte(place, cli, tmp_path):
+    done = cli("merge", place / "3", place / "1", place / "2", "-o", tmp_path / "merged")
+    assert done.returncode == 1  # the cell that cannot be flown
+    assert "1 of 3 combinations could not be flown" in done.stderr
+    names = {path.relative_to(place / "whole") for path in (place / "whole").rglob("*") if path.is_file()}
+    assert {p.relative_to(tmp_path / "merged") for p in (tmp_path / "merged").rglob("*") if p.is_file()} == names
+    for name in names:
+        assert (tmp_path / "merged" / name).read_bytes() == (place / "whole" / name).read_bytes(), name
+
+
+def test_every_survey_is_flown_in_one_shard(place):
+    shards = [read_sweep(place / str(number)) for number in (1, 2, 3)]
+    counts = [[len(case.trials) for case in shard.cases] for shard in shards]
+    assert [sum(of_case) for of_case in zip(*counts, strict=True)] == [2, 0, 2]
+    assert max(map(sum, counts)) - min(map(sum, counts)) <= 1
+
+
+def test_the_command_flies_a_shard(cli, small, place, tmp_path):
+    done = cli(
+        "sweep", small, "--vary", f"{BEAM}=2,400,6", "--repeat", 2, "--shard", "2/3", "-o", tmp_path / "two", "-q"
+    )
+    assert done.returncode == 1
+    assert (tmp_path / "two" / "sweep.json").read_bytes() == (place / "2" / "sweep.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (["1", "2"], "shard 3/3 is missing"),
+        (["1", "2", "2", "3"], "shard 2/3 is there twice"),
+        (["1", "whole"], "holds a whole study"),
+        (["1", "other"], "of different studies"),
+        (["1", "damaged"], "is damaged"),
+        (["1", "nowhere"], "nowhere"),
+    ],
+)
+def test_what_is_not_all_shards_of_one_study_is_refused(place, cli, tmp_path, given, says):
+    for name, change in {"other": ("repeat", 3), "damaged": ("cases", [{}])}.items():
+        if name in given:
+            shutil.copytree(place / "2", place / name)
+            document = json.loads((place / name / "sweep.json").read_text())
+            (place / name / "sweep.json").write_text(json.dumps({**document, change[0]: change[1]}))
+    refused = cli("merge", *(place / name for name in given), "-o", tmp_path / "out")
+    assert refused.returncode == 2
+    assert says in refused.stderr
+    assert refused.stderr.count("error:") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "1", "1/0", "a/b", "-1/3", "1/3/5", "1.5/3", ""])
+def test_what_is_no_shard_is_refused(text):
+    with pytest.raises(ScenarioError, match="I from 1 to N"):
+        Shard.parse(text)
