@@ -18,8 +18,7 @@ from sionna_radar.mapping.speckle import repeats
 
 # An error that all echoes of a plane share, so that their number does not lessen it: what the mean range of a window of
 # whole cells, and of the power that is no echo in it, is off by. Not derived: the levels of the ground of `buildings`,
-# which echoes know to 8 mm, were 0, 25, 16, 9 and 9 mm off (seeds 1-5), those of flat ground in Munich, Florence and
-# around the Etoile 3 to 30 mm.
+# which echoes know to 8 mm, were 0, 25, 16, 9 and 9 mm off (seeds 1-5).
 LEVEL_SIGMA_M = 0.02
 ROUNDS = 4
 # Heights that scatter about a plane this many times as far as their noise are no plane's.
