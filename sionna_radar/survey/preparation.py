@@ -49,7 +49,7 @@ from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
 from sionna_radar.survey.warnings import described
 from sionna_radar.tracing.engine import Engine, EngineInputs
-from sionna_radar.tracing.looks import Looks
+from sionna_radar.tracing.sampled_beams import SampledBeams
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +174,7 @@ class Prepared(Brief):
             seed=self.local.seed,
             caster=self.scene.caster,
             region_m=region_in_reach_m(self.flight, self.receiver.chirp),
-            looks=looks_of(self.flight, self.scene),
+            looks=sampled_beams(self.flight, self.scene),
         )
 
     def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
@@ -360,11 +360,11 @@ def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray
     return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
 
 
-def looks_of(schedule: PulseSchedule, built: BuiltScene) -> Looks:
+def sampled_beams(schedule: PulseSchedule, built: BuiltScene) -> SampledBeams:
     """Return how pulses spread over a survey look at its scene."""
     pulses = schedule.sample(SAMPLED_PULSES)
     pose = pulses.true
-    return Looks(
+    return SampledBeams(
         position_m=pose.position_m,
         R_world_antenna=pose.R_world_antenna,
         range_m=built.caster.cast(pose.position_m, pose.boresight).distance_m,

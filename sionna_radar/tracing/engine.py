@@ -16,8 +16,8 @@ from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.looks import Looks
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.sampled_beams import SampledBeams
 
 Builder = TypeVar("Builder", bound=Callable[..., "Engine"])
 
@@ -50,7 +50,7 @@ class EngineInputs:
     seed: int
     caster: RayCaster
     region_m: Float[np.ndarray, "2 3"]
-    looks: Looks
+    looks: SampledBeams
     beams: tuple[Antenna, ...] = ()
 
 

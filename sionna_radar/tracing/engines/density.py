@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from sionna_radar.tracing.engines.filled_beam import FilledBeam
-from sionna_radar.tracing.looks import Looks
+from sionna_radar.tracing.sampled_beams import SampledBeams
 
 # Fewest scatterers in the range cell of the beam's axis.
 PER_RANGE_CELL = 10.0
@@ -61,7 +61,7 @@ class DensityMap:
 
 
 def footprint_density(
-    looks: Looks, beams: Sequence[FilledBeam], range_resolution_m: float, scatterers: int
+    looks: SampledBeams, beams: Sequence[FilledBeam], range_resolution_m: float, scatterers: int
 ) -> DensityMap:
     """Return the density that a survey's footprints ask for.
 
@@ -110,7 +110,7 @@ def footprint_density(
 
 
 def _needed(
-    looks: Looks, half_axes: Float[np.ndarray, "look 2"], range_resolution_m: float, scatterers: int
+    looks: SampledBeams, half_axes: Float[np.ndarray, "look 2"], range_resolution_m: float, scatterers: int
 ) -> tuple[Float[np.ndarray, " look"], Float[np.ndarray, " look"]]:
     """Return the density that each look asks for on level ground, and the radius of its footprint."""
     down = np.maximum(np.abs(looks.R_world_antenna[:, 2, 0]), LEAST_COSINE)

@@ -26,7 +26,7 @@ from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.outer_rays import OuterRays
 from sionna_radar.tracing.engines.scatterers import Scatterers
-from sionna_radar.tracing.engines.sightings import Sightings
+from sionna_radar.tracing.engines.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
@@ -100,7 +100,7 @@ class PersistentEngine:
         rows = np.searchsorted(outside.row, np.arange(len(pulses) + 1))
         return seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
 
-    def _outside(self, pulses: Pulses) -> Sightings:
+    def _outside(self, pulses: Pulses) -> SeenPlaces:
         """Return where the rays beside the scatterers meet a surface."""
         pose, rays = pulses.true, self._outer.rays
         within, per_sr = self._outer.shoot(pulses.index)
@@ -114,7 +114,7 @@ class PersistentEngine:
         own, single = row[used], np.float32
         phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, rays).ravel()[used]
         rate = -np.einsum("ni,ni->n", pose.velocity_mps[own], direction[used])
-        return Sightings(
+        return SeenPlaces(
             row=own,
             hit_m=place[used].T.astype(single),
             range_m=distance[used],
@@ -133,7 +133,7 @@ class PersistentEngine:
         return bears
 
     def _fields(
-        self, pulses: Pulses, seen: Sightings, visible: Bool[np.ndarray, " place"]
+        self, pulses: Pulses, seen: SeenPlaces, visible: Bool[np.ndarray, " place"]
     ) -> Complex[np.ndarray, " place"]:
         """Return the field from each visible place for a factor of one."""
         buffer = diffuse_buffer(

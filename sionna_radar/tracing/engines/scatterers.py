@@ -18,7 +18,7 @@ from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.engines.cell_tree import CellTree
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import FilledBeam
-from sionna_radar.tracing.engines.sightings import Sightings
+from sionna_radar.tracing.engines.seen_places import SeenPlaces
 from sionna_radar.tracing.engines.surface_cells import Triangles, cells_of, corners_of, expected_of
 
 # Scatterers kept for later pulses; those of one block may be more.
@@ -101,9 +101,9 @@ class Scatterers:
         self._used = 0
 
     def in_beams(
-        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, first: Sightings
-    ) -> tuple[Sightings, Int[np.ndarray, " beam_edge"]]:
-        """Return what lies inside beams, beam by beam, behind other sightings, and where each beam's begin.
+        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, first: SeenPlaces
+    ) -> tuple[SeenPlaces, Int[np.ndarray, " beam_edge"]]:
+        """Return what lies inside beams, beam by beam, behind other places, and where each beam's begin.
 
         Occlusion is ignored.
 
@@ -123,7 +123,7 @@ class Scatterers:
         edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
         self._draw(np.unique(cell))
         begin = len(first)
-        out = Sightings.room_for(begin + int(self._count[cell].sum())).begun_with(first)
+        out = SeenPlaces.room_for(begin + int(self._count[cell].sum())).begun_with(first)
         beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
         ends = _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, begin)
         return out.cut(int(ends[-1])), ends

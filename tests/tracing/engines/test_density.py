@@ -10,15 +10,15 @@ from sionna_radar.tracing.engines.density import footprint_density
 from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.outer_rays import OuterRays
 from sionna_radar.tracing.engines.persistent import PersistentEngine
-from sionna_radar.tracing.looks import Looks
+from sionna_radar.tracing.sampled_beams import SampledBeams
 from worlds import make_scene, make_surface
 
 
-def looks_at(height_m: float, incidence_deg: float) -> Looks:
+def looks_at(height_m: float, incidence_deg: float) -> SampledBeams:
     east = np.arange(-40.0, 41.0, 2.0)
     place = np.column_stack([east, np.zeros(len(east)), np.full(len(east), height_m)])
     pose = make_pulses(len(east), incidence_deg=incidence_deg, position_m=place).true
-    return Looks(
+    return SampledBeams(
         position_m=pose.position_m,
         R_world_antenna=pose.R_world_antenna,
         range_m=np.full(len(east), height_m / np.cos(np.deg2rad(incidence_deg))),
@@ -51,7 +51,7 @@ def test_a_spread_echo_has_ten_in_a_range_cell():
 def test_the_lower_flight_decides():
     high, low = looks_at(100.0, 45.0), looks_at(50.0, 45.0)
     beam, resolution_m = [filled_beam(make_antenna(2.0, 2.0))], make_chirp().range_resolution_m
-    both = Looks.concatenate([high, low])
+    both = SampledBeams.concatenate([high, low])
     under = np.array([[0.0, 50.0]])
     assert footprint_density(both, beam, resolution_m, 500).at(under) == footprint_density(
         low, beam, resolution_m, 500

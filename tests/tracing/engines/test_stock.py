@@ -15,7 +15,7 @@ from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.engines.facets import GammaEngine
 from sionna_radar.tracing.engines.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
-from sionna_radar.tracing.looks import Looks
+from sionna_radar.tracing.sampled_beams import SampledBeams
 from worlds import make_scene, make_surface
 
 C = 299_792_458.0
@@ -97,7 +97,7 @@ def test_a_scenario_names_its_engine(plane, pencil, table, kind):
         seed=1,
         caster=RayCaster(plane.surfaces),
         region_m=np.array([[-50.0] * 3, [50.0] * 3]),
-        looks=Looks(
+        looks=SampledBeams(
             position_m=np.array([[0.0, 0.0, 50.0]]),
             R_world_antenna=world_from_body(np.zeros((1, 3))) @ whisk_broom_from_antenna(0.0, np.zeros(1)),
             range_m=np.array([50.0]),

@@ -13,7 +13,7 @@ from sionna_radar.tracing.paths import Paths
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sightings:
+class SeenPlaces:
     """Places that the pulses of a block see, one column entry each.
 
     row: of the pulse in its block.
@@ -37,10 +37,10 @@ class Sightings:
         return len(self.row)
 
     @staticmethod
-    def room_for(count: int) -> "Sightings":
+    def room_for(count: int) -> "SeenPlaces":
         """Return a table to be written into."""
         single = np.float32
-        return Sightings(
+        return SeenPlaces(
             row=np.empty(count, dtype=np.uint32),
             hit_m=np.empty((3, count), dtype=single),
             range_m=np.empty(count),
@@ -52,15 +52,15 @@ class Sightings:
             factor=np.empty(count, dtype=np.complex64),
         )
 
-    def begun_with(self, other: "Sightings") -> "Sightings":
+    def begun_with(self, other: "SeenPlaces") -> "SeenPlaces":
         """Write another table over the first entries of this one, and return it."""
         for name in (f.name for f in fields(self)):
             getattr(self, name)[..., : len(other)] = getattr(other, name)
         return self
 
-    def cut(self, count: int) -> "Sightings":
+    def cut(self, count: int) -> "SeenPlaces":
         """Return the first entries."""
-        return Sightings(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
+        return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
 
     @property
     def columns(self) -> tuple[np.ndarray, ...]:

@@ -9,7 +9,7 @@ from sionna_radar.foundation.columns import Columns
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks(Columns):
+class SampledBeams(Columns):
     """Beams of pulses spread over a survey.
 
     range_m: along the axis to the surface; infinite for a beam that meets none.
