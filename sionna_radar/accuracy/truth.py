@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.compare import DemError, difference, summarise
 from sionna_radar.accuracy.edges import Walls, edge_cells, walls_on
@@ -95,6 +95,20 @@ class GroundTruth:
         return summarise(difference(dem, self.surface).within(lit), lit)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Counted:
+    """True hits of a stretch of pulses.
+
+    cell: numbers of the DEM's cells that the main beam reached, each once; origin_m: where each was last seen from.
+    paths: how many were traced; rain_echoes: echoes dominated by rain.
+    """
+
+    cell: Int[np.ndarray, " lit"]
+    origin_m: Float[np.ndarray, "lit 3"]
+    paths: int
+    rain_echoes: int
+
+
 class Tally:
     """True hits of the pulses of a survey, counted block by block.
 
@@ -102,10 +116,11 @@ class Tally:
     rain_echoes: number of echoes dominated by rain.
     """
 
-    def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
+    def __init__(self, truth: GroundTruth, chirp: Chirp, *, keeps_track: bool = False) -> None:
         self._truth, self._chirp = truth, chirp
-        self._illumination = Illumination(truth.grid)
+        self._illumination = Illumination(truth.grid, keeps_track=keeps_track)
         self.paths = self.rain_echoes = 0
+        self._told = (0, 0)
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
@@ -116,6 +131,20 @@ class Tally:
         """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
         if np.any(paths.surface == VOLUME):
             self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
+
+    def taken(self) -> Counted:
+        """Return what was counted since the last call; the tally must have been made to keep track."""
+        cell, origin_m = self._illumination.taken()
+        paths, rain_echoes = self.paths - self._told[0], self.rain_echoes - self._told[1]
+        self._told = self.paths, self.rain_echoes
+        return Counted(cell=cell, origin_m=origin_m, paths=paths, rain_echoes=rain_echoes)
+
+    def add_counted(self, counted: Counted) -> None:
+        """Count what was counted of the pulses that follow."""
+        self._illumination.add_cells(counted.cell, counted.origin_m)
+        self.paths += counted.paths
+        self.rain_echoes += counted.rain_echoes
+        self._told = self._told[0] + counted.paths, self._told[1] + counted.rain_echoes
 
     def lit(self) -> Bool[np.ndarray, "row column"]:
         """Return the cells that the main beam reached."""

@@ -52,11 +52,12 @@ def demo(
     output: OutputOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
     log_to_stderr(quiet)
-    session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet)
+    session = Session(scenario=DEMO, output=output or Path("results/demo"), overrides={}, quiet=quiet, resume=resume)
     _fly(session, None, map_coordinates, report)
 
 
@@ -73,10 +74,11 @@ def run_command(
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
@@ -93,6 +95,7 @@ def _fly(
     from sionna_radar.report.survey.points_table import check_parquet
     from sionna_radar.report.survey.products import MARKER, Report, write_survey
     from sionna_radar.report.survey.table import print_survey
+    from sionna_radar.scenario.input_files import identity
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.recording import BLOCK_SIZE
 
@@ -108,17 +111,17 @@ def _fly(
                 survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
             )
 
+    def fly(progress: "Progress", keep: "Keep") -> "Survey":
+        files, size = outside | inside, block_size or BLOCK_SIZE
+        if files:
+            return run(checked, block_size=size, recordings=files, sample_type=sample_type, progress=progress)
+        return run(checked, block_size=size, parts=keep(identity(checked, size)), progress=progress)
+
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
-            lambda progress, _: run(
-                checked,
-                block_size=block_size or BLOCK_SIZE,
-                recordings=outside | inside,
-                sample_type=sample_type,
-                progress=progress,
-            ),
+            fly,
             suffix="",
             marker=MARKER,
             write=write,

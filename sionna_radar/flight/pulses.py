@@ -221,13 +221,18 @@ class PulseSequence(ABC):
             yield self.pulses(np.arange(start, min(start + block_size, len(self))))
 
     def line_blocks(self, block_size: int) -> Iterator[Pulses]:
-        """Yield the pulses in blocks of whole scan lines: as many as fit into `block_size`, at least one."""
+        """Yield the pulses in blocks of whole scan lines; see `line_bounds`."""
+        for start, end in self.line_bounds(block_size):
+            yield self.pulses(np.arange(start, end))
+
+    def line_bounds(self, block_size: int) -> Iterator[tuple[int, int]]:
+        """Yield first pulse and end of blocks of whole scan lines: as many as fit into `block_size`, at least one."""
         ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
         start = 0
         while start < len(self):
             fitting = ends[(ends > start) & (ends <= start + block_size)]
             end = int(fitting[-1] if len(fitting) else ends[ends > start][0])
-            yield self.pulses(np.arange(start, end))
+            yield start, end
             start = end
 
     def sample(self, count: int) -> Pulses:

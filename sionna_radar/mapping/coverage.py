@@ -14,18 +14,30 @@ Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Boo
 class Illumination:
     """The cells that the main beam reached, collected block by block, and where each was seen from."""
 
-    def __init__(self, grid: Grid) -> None:
-        self._grid = grid
+    def __init__(self, grid: Grid, *, keeps_track: bool = False) -> None:
+        self._grid, self._keeps_track = grid, keeps_track
         self._origin_m = np.full((*grid.shape, 3), np.nan)
+        self._new: list[Int[np.ndarray, " cell"]] = []
 
     def add(self, hit_m: Float[np.ndarray, "hit 3"], origin_m: Float[np.ndarray, "hit 3"]) -> None:
         """Mark the cells under hits of the main beam, seen from their origins."""
         row, column, inside = self._grid.cell_of(hit_m)
         self._origin_m[row[inside], column[inside]] = origin_m[inside]
+        if self._keeps_track:
+            self._new.append(np.unique(row[inside] * self._grid.columns + column[inside]))
 
     def add_cells(self, cell: Int[np.ndarray, " lit"], origin_m: Float[np.ndarray, "lit 3"]) -> None:
         """Mark cells, by their number in the grid, seen from their origins; of several the last counts."""
         self._origin_m.reshape(-1, 3)[cell] = origin_m
+
+    def taken(self) -> tuple[Int[np.ndarray, " lit"], Float[np.ndarray, "lit 3"]]:
+        """Return the cells collected since the last call, by their numbers, and where each was last seen from."""
+        new = np.zeros(self._grid.rows * self._grid.columns, dtype=bool)
+        for cell in self._new:
+            new[cell] = True
+        self._new.clear()
+        cell = np.flatnonzero(new)
+        return cell, self._origin_m.reshape(-1, 3)[cell]
 
     def mask(self, gap_m: float, surface: Raster, visible: Visible) -> Bool[np.ndarray, "row column"]:
         """Return the illuminated cells, with the gaps between scan lines closed if narrower than `gap_m`.

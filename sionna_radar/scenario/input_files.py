@@ -7,6 +7,16 @@ from typing import Any
 from sionna_radar.scenario.scenario import Scenario
 
 
+def identity(scenario: Scenario, block_size: int) -> dict[str, Any]:
+    """Return what the parts of a survey depend on, as a JSON document."""
+    return {
+        "scenario": scenario.model_dump(mode="json"),
+        "seed": scenario.seed,
+        "block size": block_size,
+        "input file": input_files(scenario),
+    }
+
+
 def input_files(scenario: Scenario) -> dict[str, list[int]]:
     """Return size in bytes and time of the last change, in nanoseconds, of the files that a scenario names."""
     stamps = {}

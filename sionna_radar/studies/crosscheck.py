@@ -111,7 +111,7 @@ def _fly(prepared: Prepared, engine: str, seed: int, block_size: int, progress: 
     # Of a pair of sweeps the engines are compared on the first alone.
     receiver = replace(prepared.receiver, sweeps=prepared.receiver.sweeps[:1])
     radar = Radar(replace(prepared.sensor_inputs(), custom_engine=build, receiver=receiver))
-    for block in fly(prepared.flight, radar, block_size):
+    for block in fly(prepared.flight.line_blocks(block_size), radar):
         pulses, here = block.pulses, block.pulses.index
         echoes = radar.correct(block.observation.echoes, here, pulses.measured)
         power[here], range_m[here], incidence[here] = _means(block.observation.paths, int(here[0]), len(here))

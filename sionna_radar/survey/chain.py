@@ -12,6 +12,7 @@ from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.foundation.progress import Progress, default_progress
@@ -47,6 +48,7 @@ def run(
     dem_method: DemMethod | None = None,
     recordings: Mapping[str, str | Path] | None = None,
     sample_type: SampleType = "float64",
+    parts: KeptParts | None = None,
     progress: Progress | None = None,
 ) -> Survey:
     """Fly a survey and return its points, its DEM and its error.
@@ -68,6 +70,9 @@ def run(
         `process`), "paths" or "profiles".
     sample_type:
         How recorded samples of beat signals are kept; those of "float64" give the same result again, bit for bit.
+    parts:
+        Where finished stretches of the flight are kept as they come, and those that are there already are taken from;
+        see `kept_parts`. A survey that is recorded is flown as a whole.
     progress:
         Called at the start of each stage and after each of its steps; see `Progress`. Without it a notebook shows a
         bar, and a script nothing.
@@ -109,7 +114,7 @@ def run(
     if block_size < 1:
         raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
     with default_progress(progress) as shown:
-        return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), shown)
+        return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), parts, shown)
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,12 @@ class _Recordings:
 
 @on_one_thread
 def _run(
-    scenario: Scenario | Prepared, custom: CustomParts, block_size: int, recordings: _Recordings, progress: Progress
+    scenario: Scenario | Prepared,
+    custom: CustomParts,
+    block_size: int,
+    recordings: _Recordings,
+    parts: KeptParts | None,
+    progress: Progress,
 ) -> Survey:
     watch = Stopwatch()
     with watch("prepare"):
@@ -147,7 +157,15 @@ def _run(
         progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
     with recordings.recorders(prepared) as kept:
-        recording = record(prepared, sensor, block_size=block_size, progress=progress, watch=watch, recorders=kept)
+        recording = record(
+            prepared,
+            sensor,
+            block_size=block_size,
+            progress=progress,
+            watch=watch,
+            recorders=kept,
+            parts=None if kept else parts,
+        )
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)

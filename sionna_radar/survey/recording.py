@@ -11,14 +11,18 @@ from sionna_radar.accuracy.truth import Comparison, Tally
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
+from sionna_radar.survey.stretches import FinishedStretch, Stretch
 
 BLOCK_SIZE = 256
+# Blocks that are kept together, so that a long survey has not too many parts.
+STRETCH_BLOCKS = 8
 # How recorders keep the samples of beat signals.
 SampleType = Literal["float64", "float32", "int16"]
 
@@ -48,14 +52,13 @@ class ObservedBlock:
     observation: Observation
 
 
-def fly(schedule: PulseSchedule, sensor: Sensor, block_size: int = BLOCK_SIZE) -> Iterator[ObservedBlock]:
-    """Yield a survey block by block, as the sensor observes it.
+def fly(blocks: Iterator[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
+    """Yield blocks of pulses as the sensor observes them.
 
     A sensor with a method `expect` is told of each block before it observes the one in front of it, and may begin with
     it in another thread.
     """
     expect = getattr(sensor, "expect", None)
-    blocks = schedule.line_blocks(block_size)
     current = next(blocks, None)
     if expect is not None and current is not None:
         expect(current)
@@ -101,37 +104,81 @@ def record(
     progress: Progress = silent,
     watch: Stopwatch | None = None,
     recorders: Sequence[Recorder] = (),
+    parts: KeptParts | None = None,
 ) -> Recording:
-    """Fly a prepared survey and return what the sensor observed, block by block; recorders keep more of it."""
+    """Fly a prepared survey and return what the sensor observed, block by block.
+
+    Recorders keep more of it. Finished stretches of `STRETCH_BLOCKS` blocks are kept in `parts`, and those that are
+    there already are not flown again.
+    """
     watch = watch or Stopwatch()
-    tally = Tally(prepared.truth(), prepared.receiver.chirp)
-    keeps_profiles = prepared.mapper.keeps_profiles
-    echoes, profiles, lost = [], [], 0
+    tally = Tally(prepared.truth(), prepared.receiver.chirp, keeps_track=parts is not None)
+    flying = _Flying(prepared, sensor, tally, watch, recorders)
+    bounds = list(prepared.flight.line_bounds(block_size))
+    stretches = [bounds[first : first + STRETCH_BLOCKS] for first in range(0, len(bounds), STRETCH_BLOCKS)]
+    kept = [None if parts is None else parts.get(_key(stretch)) for stretch in stretches]
+    wanted = (
+        prepared.flight.pulses(np.arange(*block))
+        for stretch, content in zip(stretches, kept, strict=True)
+        if content is None
+        for block in stretch
+    )
+    observed, found = fly(wanted, sensor), []
     progress("tracing", 0, len(prepared))
-    for block in fly(prepared.flight, sensor, block_size):
-        pulses, seen = block.pulses, block.observation
-        echoes.append(seen.echoes)
-        if keeps_profiles and seen.profiles is not None:
-            profiles.append(seen.profiles)
-        with watch("map"):
-            tally.add(seen.paths, pulses)
-        if recorders:
-            with watch("record"):
-                for recorder in recorders:
-                    recorder.write(pulses, seen)
-        if seen.through_volume:
-            lost += len(pulses) - len(np.unique(seen.echoes.pulse))
-        else:
-            tally.add_echoes(sensor.correct(seen.echoes, pulses.index, pulses.measured), seen.paths)
-        progress("tracing", int(pulses.index[-1]) + 1, len(prepared))
+    for stretch, content in zip(stretches, kept, strict=True):
+        if content is not None:
+            finished = FinishedStretch.unpacked(content)
+            found.append(finished.seen)
+            tally.add_counted(finished.counted)
+            progress("tracing", stretch[-1][1], len(prepared))
+            continue
+        for _, end in stretch:
+            found.append(flying.counted(next(observed)))
+            progress("tracing", end, len(prepared))
+        if parts is not None:
+            seen = Stretch.joined(found[-len(stretch) :])
+            parts.put(_key(stretch), FinishedStretch(seen=seen, counted=tally.taken()).packed())
+    whole = Stretch.joined(found)
     return Recording(
-        echoes=Echoes.concatenate(echoes),
-        profiles=Profiles.concatenate(profiles) if profiles else None,
+        echoes=whole.echoes,
+        profiles=whole.profiles,
         lit=tally.lit(),
         paths=tally.paths,
         rain_echoes=tally.rain_echoes,
-        lost_to_rain=lost,
+        lost_to_rain=whole.lost,
     )
+
+
+def _key(stretch: Sequence[tuple[int, int]]) -> str:
+    return f"blocks {list(stretch)}"
+
+
+@dataclass(frozen=True)
+class _Flying:
+    """Counts what a sensor observes of a survey, and lets recorders keep it."""
+
+    prepared: Prepared
+    sensor: Sensor
+    tally: Tally
+    watch: Stopwatch
+    recorders: Sequence[Recorder]
+
+    def counted(self, block: ObservedBlock) -> Stretch:
+        """Return what is kept of a block."""
+        pulses, seen = block.pulses, block.observation
+        lost = 0
+        with self.watch("map"):
+            self.tally.add(seen.paths, pulses)
+        if self.recorders:
+            with self.watch("record"):
+                for recorder in self.recorders:
+                    recorder.write(pulses, seen)
+        if seen.through_volume:
+            lost = len(pulses) - len(np.unique(seen.echoes.pulse))
+        else:
+            self.tally.add_echoes(self.sensor.correct(seen.echoes, pulses.index, pulses.measured), seen.paths)
+        profiles = seen.profiles if self.prepared.mapper.keeps_profiles else None
+        return Stretch(echoes=seen.echoes, profiles=profiles, lost=lost)
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = BLOCK_SIZE) -> Points:
