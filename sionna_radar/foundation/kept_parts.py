@@ -99,15 +99,16 @@ def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iter
     except OSError as error:
         message = f"output = {directory} cannot be written ({error.strerror}); name another folder"
         raise OutputError(message) from error
-    parts = KeptParts(folder)
+    parts, begun = KeptParts(folder), False
     try:
         _take_over(parts, directory, json.loads(json.dumps(run)), resume)
+        begun = True
         yield parts
     except BaseException:
         lock.release()
-        if len(parts):
+        if len(parts) and begun:
             say_how_to_go_on("finished parts are kept; the same command with --resume goes on from them")
-        else:
+        elif len(parts) == 0:
             _remove(folder, directory if made else None)
         raise
     lock.release()

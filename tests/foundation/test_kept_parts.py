@@ -6,10 +6,17 @@ import signal
 
 import pytest
 
+from sionna_radar.foundation import interrupts
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.interrupts import how_to_go_on
 from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}
+
+
+@pytest.fixture(autouse=True)
+def nothing_said(monkeypatch):
+    monkeypatch.setattr(interrupts, "_how_to_go_on", [])
 
 
 def leave(directory, count, run=RUN):
@@ -45,8 +52,11 @@ def test_an_interrupt_before_the_first_part_leaves_nothing(tmp_path):
 @pytest.mark.parametrize("key", ["scenario", "seed", "version"])
 def test_parts_of_another_run_are_refused(tmp_path, key):
     leave(tmp_path / "out", 2)
+    assert "--resume" in how_to_go_on()
+    interrupts._how_to_go_on.clear()
     with pytest.raises(OutputError, match=rf"2 finished parts of a run with another {key};"):
         leave(tmp_path / "out", 0, RUN | {key: "other"})
+    assert how_to_go_on() == ""
     assert len(KeptParts(tmp_path / "out" / FOLDER)) == 2
 
 
