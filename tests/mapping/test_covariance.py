@@ -5,7 +5,17 @@ import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
 
-from sionna_radar.mapping.covariance import ROUGHER, TABLE, Covariance, Group, Measured, _loss, repeated
+from sionna_radar.mapping.covariance import (
+    ROUGHER,
+    TABLE,
+    Covariance,
+    Group,
+    Measured,
+    _loss,
+    fit_covariance,
+    neighbours,
+    repeated,
+)
 from sionna_radar.mapping.covariance_table import CovarianceTable
 
 TERRAIN = Covariance(1.5, 8.0, 2.0)
@@ -56,3 +66,27 @@ def test_nothing_lies_beyond_a_groups_table(measured):
     assert group.entry.max() == TABLE - 2
     assert group.share.min() >= 0
     assert group.share.max() <= 1
+
+
+def test_speckle_that_dense_pulses_share_does_not_pass_for_rough_ground():
+    """Smooth ground in lines 4 m apart of pulses every 0.2 m, whose noise is shared in another way than is modelled."""
+    rng = np.random.default_rng(8)
+    along, line = np.meshgrid(np.arange(0, 40, 0.2), np.arange(0, 40, 4.0))
+    place = np.column_stack([along.ravel(), line.ravel()])
+    wave = rng.normal(0.0, 0.2, (200, 2))
+    ground = np.cos(place @ wave.T + rng.uniform(0, 2 * np.pi, 200)).sum(axis=1) / 10
+    noise = np.zeros(len(place))
+    for number in range(1, len(place)):
+        noise[number] = np.exp(-1 / 6) * noise[number - 1] + rng.normal(0.0, 0.1)
+    noise *= 0.15 / noise.std()
+    dense = Measured(
+        place_m=place,
+        height_m=ground + noise,
+        sigma_m=np.full(len(place), 0.15),
+        spread_m=np.full(len(place), 0.5),
+        order=np.arange(len(place), dtype=float),
+        reach=np.full(len(place), 6.0),
+    )
+    assert fit_covariance(dense).covariance.smoothness > 1.5
+    (group, *_) = neighbours(dense)
+    assert group.table_m.max() > 40.0  # few of many pulses, over all of the ground
