@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from sionna_radar.foundation.kept_parts import FOLDER
+
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX systems")
 
 # What a program may be doing when the signal comes: `strike` sends it to the process itself.
@@ -80,7 +82,9 @@ def test_an_interrupt_is_told_in_one_line(kind: str, number: signal.Signals) -> 
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.study), signal.SIGTERM])
-def test_a_flight_is_interrupted_without_a_trace(small: Path, tmp_path: Path, number: signal.Signals) -> None:
+def test_an_interrupted_flight_leaves_nothing_but_its_finished_parts(
+    small: Path, tmp_path: Path, number: signal.Signals
+) -> None:
     code = f"""
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -91,8 +95,9 @@ from sionna_radar.__main__ import main
 main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr, done.stdout) == (128 + number, "interrupted\n", "")
-    assert list(tmp_path.iterdir()) == []
+    said = "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
+    assert (done.returncode, done.stderr, done.stdout) == (128 + number, said, "")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
 
 
 HELD_BACK = """
