@@ -3,8 +3,9 @@
 What lies below the footprint the echoes hardly tell, and one covariance, however likely, would state it as if it were
 known. So the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al.
 1999): for each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times
-the prior. Smoothness has a scale of its own, so the prior is even in its logarithm, but falls as (1 + smoothness)^-3:
-ground smoother than that of a once differentiable random walk is rarer than rough ground.
+the prior. That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough
+ground. The exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and
+surveys that it was not chosen on agree (`docs/theory/uncertainty.md`).
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from sionna_radar.mapping.covariance import (
     search_bounds,
 )
 
-# Prior power of (1 + smoothness), and the smoothnesses that are tried: about evenly spaced in their logarithms.
+# The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
 RARER = 3.0
 TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
 # Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
