@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
     from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.crosscheck_result import CrossCheck
-    from sionna_radar.studies.sweep import Sweep
+    from sionna_radar.studies.sweep_result import Sweep
     from sionna_radar.survey.result import Survey
 
 DEMO = "san_francisco"

@@ -23,7 +23,7 @@ from sionna_radar.report.sweep.table import sweep_table
 from sionna_radar.studies.budget import Budget
 from sionna_radar.studies.crosscheck_result import CrossCheck
 from sionna_radar.studies.images import Imagery
-from sionna_radar.studies.sweep import Sweep
+from sionna_radar.studies.sweep_result import Sweep
 from sionna_radar.survey.result import Survey
 
 # For a screen, next to text; the files for print are finer.

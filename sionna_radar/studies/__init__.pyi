@@ -12,9 +12,9 @@ from .planning import FlightPlan as FlightPlan
 from .planning import Wanted as Wanted
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
-from .sweep import Case as Case
-from .sweep import Sweep as Sweep
-from .sweep import Trial as Trial
+from .sweep_result import Case as Case
+from .sweep_result import Sweep as Sweep
+from .sweep_result import Trial as Trial
 from .sweep import fly_sweep as fly_sweep
 from .sweep_plan import Axis as Axis
 from .sweep_plan import label as label

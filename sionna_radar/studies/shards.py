@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.studies.sweep import Case, Sweep
 from sionna_radar.studies.sweep_plan import Shard
+from sionna_radar.studies.sweep_result import Case, Sweep
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:

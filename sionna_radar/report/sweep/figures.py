@@ -14,8 +14,8 @@ from matplotlib.transforms import ScaledTranslation
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.quantities import readable, shown
-from sionna_radar.studies.sweep import Case, Sweep
 from sionna_radar.studies.sweep_plan import Axis
+from sionna_radar.studies.sweep_result import Case, Sweep
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")

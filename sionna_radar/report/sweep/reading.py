@@ -10,8 +10,8 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
 from sionna_radar.report.sweep.products import MARKER
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.sweep import Case, Sweep, Trial
 from sionna_radar.studies.sweep_plan import Axis
+from sionna_radar.studies.sweep_result import Case, Sweep, Trial
 
 REMEDY = "give a folder that `sionna-radar sweep --shard` wrote"
 

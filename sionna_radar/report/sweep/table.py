@@ -3,8 +3,8 @@
 from rich.table import Table
 
 from sionna_radar.report.terminal import NONE, console, number
-from sionna_radar.studies.sweep import STATISTICS, Case, Sweep
 from sionna_radar.studies.sweep_plan import label
+from sionna_radar.studies.sweep_result import STATISTICS, Case, Sweep
 
 HEADINGS = {
     "rms_m": "RMS",
