@@ -12,14 +12,14 @@ from .planning import FlightPlan as FlightPlan
 from .planning import Wanted as Wanted
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
-from .sweep_result import Case as Case
-from .sweep_result import Sweep as Sweep
-from .sweep_result import Trial as Trial
 from .sweep import fly_sweep as fly_sweep
 from .sweep_plan import Axis as Axis
 from .sweep_plan import label as label
 from .sweep_plan import parse_axes as parse_axes
 from .sweep_plan import plan_sweep as plan_sweep
+from .sweep_result import Case as Case
+from .sweep_result import Sweep as Sweep
+from .sweep_result import Trial as Trial
 
 __all__ = [
     "Axis",
