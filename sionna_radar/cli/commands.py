@@ -15,9 +15,11 @@ from sionna_radar.cli.options import (
     ReportOption,
     ResumeOption,
     ScenarioArgument,
+    SchedulerOption,
     SeedOption,
     SetFileOption,
     SetOption,
+    WorkersOption,
     complete_key,
 )
 from sionna_radar.cli.recordings import (
@@ -236,6 +238,8 @@ def sweep(
         str | None,
         typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
     ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -245,13 +249,25 @@ def sweep(
     from sionna_radar.studies.sweep import fly_sweep
     from sionna_radar.studies.sweep_plan import Shard, parse_axes, plan_sweep
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     axes, part = parse_axes(vary), Shard.parse(shard) if shard else None
 
     def fly(progress: "Progress", keep: "Keep") -> "Sweep":
-        plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
-        parts = keep({**plan.identity(), "shard": str(part or "")})
-        return fly_sweep(plan, progress=progress, parts=parts, shard=part)
+        with session.team() as team:
+            plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
+            parts = keep({**plan.identity(), "shard": str(part or "")})
+            return fly_sweep(plan, progress=progress, parts=parts, shard=part, workers=team)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write_sweep, show=print_sweep)

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.input_files import input_files
@@ -202,12 +202,6 @@ def plan_sweep(
     if len(refused) == len(settings):
         raise _whole_refusal(refused, source)
     return SweepPlan(source=str(source), axes=axes, repeat=repeat, cells=tuple(cells))
-
-
-def one_line(error: Exception) -> str:
-    """Return what is wrong, its problems one after another."""
-    problems = getattr(error, "problems", ())
-    return "; ".join(map(str, problems)) or str(error)
 
 
 def _remedy(error: Exception, source: str | Path, overrides: Mapping[str, Any]) -> str:

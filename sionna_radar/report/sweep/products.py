@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.accuracy.compare import LE90_MEANING, DemError
+from sionna_radar.foundation.versions import versions
 from sionna_radar.report.folder import write_study
-from sionna_radar.report.survey.summary import versions
 from sionna_radar.report.sweep.figures import draw_all
 from sionna_radar.studies.sweep_result import STATISTICS, Sweep
 
