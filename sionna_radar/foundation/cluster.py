@@ -97,20 +97,24 @@ def _local_client(count: int) -> Iterator["Client"]:
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
     }
-    quiet = logging.getLogger("distributed")
-    level = quiet.level
+    # What it tells of its connections is for those who run a cluster; some comes when all is over.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory(prefix="sionna-radar-", ignore_cleanup_errors=True) as folder:
-        with dask.config.set(settings):
+        with dask.config.set(settings | {"temporary-directory": folder}):
             cluster = LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
                 memory_limit=None,
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
-                scheduler_kwargs={"allowed_failures": ATTEMPTS - 1},
+                scheduler_kwargs={
+                    "allowed_failures": ATTEMPTS - 1,
+                    # Its pages cannot be left out: on a port that is free, and without what draws them.
+                    "dashboard": False,
+                    "dashboard_address": "127.0.0.1:0",
+                },
                 env={THREADS_VARIABLE: str(threads)},
                 preload=[__name__],
             )
@@ -119,7 +123,6 @@ def _local_client(count: int) -> Iterator["Client"]:
                 yield client
         finally:
             _end(cluster)
-            quiet.setLevel(level)
 
 
 def dask_setup(_: Any) -> None:

@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from sionna_radar.foundation import errors
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError, WorkerError, one_line
@@ -74,6 +74,7 @@ class Failure:
         return WorkerError(f"{self.kind}: {self.text}")
 
 
+@runtime_checkable
 class Workers(Protocol):
     """What does tasks.
 
@@ -156,3 +157,8 @@ def each_kept(
 def document_bytes(document: Any) -> bytes:
     """Return a JSON document as bytes, its numbers exact."""
     return json.dumps(document).encode()
+
+
+def document_of(content: bytes) -> Any:
+    """Return the JSON document of some bytes."""
+    return json.loads(content)

@@ -5,7 +5,6 @@ statistics of a case are means over its trials, and their spread is the standard
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
@@ -13,7 +12,7 @@ from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, each_kept
+from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, document_of, each_kept
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan
 from sionna_radar.studies.sweep_result import Case, Sweep, Trial
@@ -77,7 +76,7 @@ def fly_sweep(
         for key, found in each_kept(workers or InProcess(), fly_trial, tasks, parts, progress):
             if isinstance(found, Failure) and found.kind == BackendError.__name__:
                 raise found.error()
-            result = found if isinstance(found, Failure) else Trial.of_document(json.loads(found))
+            result = found if isinstance(found, Failure) else Trial.of_document(document_of(found))
             flown |= dict.fromkeys(places[key], result)
             progress("surveys", len(flown), len(flights))
     except (KeyboardInterrupt, Interrupted):
