@@ -1,6 +1,6 @@
 """Studies: one scenario flown over and over, some of its values varied, with several seeds each.
 
-Every combination of the varied values is a case, and every case is flown with the seeds s, s + 1, ... The
+Every setting of the varied keys is a case, and every case is flown with the seeds s, s + 1, ... The
 statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
@@ -14,7 +14,7 @@ from sionna_radar.foundation.interrupts import Interrupted, raise_received
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Shard, SweepPlan, one_line
+from sionna_radar.studies.sweep_plan import Shard, SweepPlan, failure
 from sionna_radar.studies.sweep_result import Case, Sweep, Trial
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.recording import BLOCK_SIZE
@@ -79,7 +79,7 @@ def fly_sweep(
                 # Hours of other trials must not be lost by one, whatever it fails of.
                 raise_received()
                 logger.debug("a trial failed", exc_info=True)
-                reasons[number] = f"seed {scenario.seed + repeat}: {type(error).__name__}: {one_line(error)}"
+                reasons[number] = failure(error, scenario, repeat)
         progress("surveys", sum(map(len, trials)), len(flights))
     except (KeyboardInterrupt, Interrupted):
         if parts is not None:
@@ -127,4 +127,6 @@ def _fly(scenario: Scenario, block_size: int, progress: Progress) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
+        wall_s=survey.timing_s["total"],
+        peak_memory_mb=survey.peak_memory_mb,
     )
