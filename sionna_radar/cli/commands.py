@@ -1,5 +1,6 @@
 """The commands that fly: each builds its study, and says how its result is written and printed."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,6 +32,7 @@ from sionna_radar.cli.recordings import (
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
+from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
@@ -220,20 +222,34 @@ def image(
 def sweep(
     scenario: ScenarioArgument,
     vary: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--vary",
-            metavar="KEY=V1,V2,...",
-            help="Values of a dotted key; repeat for all combinations.",
+            metavar="KEY=V1,V2,...|LOW:HIGH[:log]",
+            help="Values of a dotted key, or a range of it for --sample; repeat for all combinations.",
             autocompletion=complete_key,
         ),
-    ],
-    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each combination.")] = 1,
+    ] = None,
+    sample: Annotated[
+        str | None,
+        typer.Option("--sample", metavar="sobol|lhs:N", help="How the ranges are sampled, and how often."),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--table", metavar="FILE", help="Settings as CSV: keys in its first line, a setting in each other."
+        ),
+    ] = None,
+    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
     output: OutputOption = None,
     set_: SetOption = None,
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    runs: Annotated[
+        list[RunsFile] | None,
+        typer.Option("--runs", help="Write a row for each survey as runs.csv, runs.parquet or both (repeat)."),
+    ] = None,
     shard: Annotated[
         str | None,
         typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
@@ -243,11 +259,13 @@ def sweep(
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Fly a scenario for every combination of some values, and tabulate and draw the error of its DEM."""
+    """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
+    from sionna_radar.report.survey.points_table import check_parquet
     from sionna_radar.report.sweep.products import MARKER, write_sweep
     from sionna_radar.report.sweep.table import print_sweep
+    from sionna_radar.studies.design_text import parse_design
     from sionna_radar.studies.sweep import fly_sweep
-    from sionna_radar.studies.sweep_plan import Shard, parse_axes, plan_sweep
+    from sionna_radar.studies.sweep_plan import Shard, plan_sweep
 
     session = Session.of(
         scenario,
@@ -261,16 +279,20 @@ def sweep(
         workers=workers,
         scheduler=scheduler,
     )
-    axes, part = parse_axes(vary), Shard.parse(shard) if shard else None
+    design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
+    files = runs or RUNS_FILES
+    if RunsFile.PARQUET in files:
+        check_parquet("runs.parquet")
 
     def fly(progress: "Progress", keep: "Keep") -> "Sweep":
         with session.team() as team:
-            plan = plan_sweep(scenario, axes, repeat, session.overrides, progress)
+            plan = plan_sweep(scenario, design, repeat, session.overrides, progress)
             parts = keep({**plan.identity(), "shard": str(part or "")})
             return fly_sweep(plan, progress=progress, parts=parts, shard=part, workers=team)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
-    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write_sweep, show=print_sweep)
+    write = partial(write_sweep, runs=files)
+    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep)
     _tell_failures(result)
 
 
@@ -297,8 +319,8 @@ def merge(
 
 
 def _tell_failures(result: "Sweep") -> None:
-    """Say how many combinations failed, and end with the exit code 1 if any did."""
+    """Say how many settings failed, and end with the exit code 1 if any did."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
-        typer.echo(f"{failed} of {len(result.cases)} combinations could not be flown in full", err=True)
+        typer.echo(f"{failed} of {len(result.cases)} settings could not be flown in full", err=True)
         raise typer.Exit(1)

@@ -8,6 +8,7 @@ import logging
 import os
 import queue
 import signal
+import socket
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError
@@ -148,8 +150,11 @@ def _remote_client(address: str) -> Iterator["Client"]:
     from distributed import Client
 
     try:
+        # Dask may hang where it finds no scheduler a second time, so that somebody must answer first.
+        host, port = _host_and_port(address)
+        socket.create_connection((host, port), timeout=CONNECT_S).close()
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError) as error:
         message = f"--scheduler: no dask scheduler answers at {address!r} ({error}); give tcp://HOST:PORT of one"
         raise WorkerError(message) from error
     with client:
@@ -159,6 +164,14 @@ def _remote_client(address: str) -> Iterator["Client"]:
             message = f"--scheduler: the cluster at {address} has no workers; start some with `dask worker {address}`"
             raise WorkerError(message) from error
         yield client
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    found = urlsplit(address)
+    if found.scheme != "tcp" or not found.hostname or not found.port:
+        message = "this is no such address"
+        raise ValueError(message)
+    return found.hostname, found.port
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,13 +9,18 @@ Only the lightest modules of the standard library are imported here, as this com
 
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
+# A second signal this soon is the first one, come by another way.
+SAME_WITHIN_S = 0.5
+
 _received: list[int] = []
+_last_at: list[float] = [0.0]
 # Number of signals received in each block that defers the first of them.
 _held_back: list[int] = []
 # What a program that ends early should tell.
@@ -78,6 +83,11 @@ def interrupts_reported() -> Iterator[None]:
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
+    now = time.monotonic()
+    if _received and now - _last_at[0] < SAME_WITHIN_S:
+        # Batch systems send a signal to all processes, and the one that watches this one passes it on.
+        return
+    _last_at[:] = [now]
     _received.append(number)
     if _held_back:
         _held_back[-1] += 1

@@ -30,6 +30,7 @@ class Stream(IntEnum):
     CHECKPOINTS = 60
     VARIOGRAM = 61
     CELLS = 62
+    SAMPLES = 63
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:

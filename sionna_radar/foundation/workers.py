@@ -66,11 +66,11 @@ class Failure:
         """Return it as an error to raise: of its own class, if that is the program's or Python's, else WorkerError."""
         if self.cause is not None:
             return self.cause
-        if self.problems:
+        if self.kind == ScenarioError.__name__:
             return ScenarioError([Problem(*problem) for problem in self.problems], self.source)
         kind = getattr(errors, self.kind, None) or getattr(builtins, self.kind, None)
         if isinstance(kind, type) and issubclass(kind, RadarError | MemoryError | ValueError):
-            return kind(self.text) if kind is not ScenarioError else WorkerError(self.text)
+            return kind(self.text)
         return WorkerError(f"{self.kind}: {self.text}")
 
 

@@ -12,8 +12,10 @@ from pathlib import Path
 from sionna_radar.foundation.errors import OutputError
 
 MANIFEST = "manifest.json"
-# What a run took: the only file that the same scenario and seed do not give again, byte for byte.
+# What a run took differs from run to run: these files, and the last columns of this table, are not hashed.
 COSTS = "costs.json"
+UNHASHED = (COSTS, "runs.parquet")
+TABLE, COSTS_COLUMNS = "runs.csv", 2
 PROGRAM = "sionna-radar"
 
 
@@ -22,7 +24,7 @@ class Manifest:
     """The files of one result, by their paths inside the folder, with forward slashes.
 
     kind: file that every result of this kind contains, such as `summary.json`.
-    sha256, size_bytes: of each file; "" and 0 for one that no two runs write alike.
+    sha256, size_bytes: of each file; "" and 0 for one that no two runs write alike, see `UNHASHED` and `TABLE`.
     """
 
     kind: str
@@ -36,8 +38,8 @@ class Manifest:
         names = [path.relative_to(folder).as_posix() for path in files]
         return Manifest(
             kind=kind,
-            sha256={n: "" if n == COSTS else _sha256(path) for n, path in zip(names, files, strict=True)},
-            size_bytes={n: 0 if n == COSTS else path.stat().st_size for n, path in zip(names, files, strict=True)},
+            sha256=dict(zip(names, map(_sha256, files), strict=True)),
+            size_bytes=dict(zip(names, map(_size, files), strict=True)),
         )
 
     @property
@@ -51,10 +53,8 @@ class Manifest:
         return (
             path.is_file()
             and path.resolve() == folder.resolve() / name  # neither a link nor below one, nor outside the folder
-            and (
-                not self.sha256[name]
-                or (path.stat().st_size == self.size_bytes[name] and _sha256(path) == self.sha256[name])
-            )
+            and _size(path) == self.size_bytes[name]
+            and _sha256(path) == self.sha256[name]
         )
 
     def changed(self, folder: Path) -> list[str]:
@@ -96,5 +96,20 @@ def read_manifest(path: Path) -> Manifest | None:
 
 
 def _sha256(path: Path) -> str:
+    if path.name in UNHASHED:
+        return ""
+    if path.name == TABLE:
+        return hashlib.sha256(lasting_columns(path.read_bytes())).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _size(path: Path) -> int:
+    if path.name in UNHASHED:
+        return 0
+    return len(lasting_columns(path.read_bytes())) if path.name == TABLE else path.stat().st_size
+
+
+def lasting_columns(table: bytes) -> bytes:
+    """Return the text of `TABLE` without its last columns, which hold plain numbers."""
+    return b"\n".join(line.rsplit(b",", COSTS_COLUMNS)[0] for line in table.split(b"\n"))

@@ -2,6 +2,12 @@ from .budget import Budget as Budget
 from .budget import navigation_budget as navigation_budget
 from .crosscheck_result import CrossCheck as CrossCheck
 from .crosscheck_result import Tolerances as Tolerances
+from .design import Axis as Axis
+from .design import Design as Design
+from .design import Sampler as Sampler
+from .design import Span as Span
+from .design_text import parse_design as parse_design
+from .design_text import read_settings as read_settings
 from .gamma_fit import fit_material as fit_material
 from .images import Imagery as Imagery
 from .images import fly_images as fly_images
@@ -13,9 +19,7 @@ from .planning import Wanted as Wanted
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
 from .sweep import fly_sweep as fly_sweep
-from .sweep_plan import Axis as Axis
 from .sweep_plan import label as label
-from .sweep_plan import parse_axes as parse_axes
 from .sweep_plan import plan_sweep as plan_sweep
 from .sweep_result import Case as Case
 from .sweep_result import Sweep as Sweep
@@ -26,9 +30,12 @@ __all__ = [
     "Budget",
     "Case",
     "CrossCheck",
+    "Design",
     "FlightPlan",
     "Imagery",
     "LogInspection",
+    "Sampler",
+    "Span",
     "Sweep",
     "Tolerances",
     "Trial",
@@ -40,8 +47,9 @@ __all__ = [
     "inspect_log",
     "label",
     "navigation_budget",
-    "parse_axes",
+    "parse_design",
     "plan_flight",
     "plan_sweep",
     "planned_scenario",
+    "read_settings",
 ]

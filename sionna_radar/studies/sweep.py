@@ -1,6 +1,6 @@
 """Studies: one scenario flown over and over, some of its values varied, with several seeds each.
 
-Every combination of the varied values is a case, and every case is flown with the seeds s, s + 1, ... The
+Every setting of the varied keys is a case, and every case is flown with the seeds s, s + 1, ... The
 statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
@@ -8,13 +8,13 @@ that cannot be flown, or that fails in flight, keeps its place with the reason; 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from sionna_radar.foundation.errors import BackendError
+from sionna_radar.foundation.errors import BackendError, InputFileError, ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, document_of, each_kept
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan
+from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan, refusal
 from sionna_radar.studies.sweep_result import Case, Sweep, Trial
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.recording import BLOCK_SIZE
@@ -115,8 +115,16 @@ def _case(
         if isinstance(found, Trial):
             trials.append(found)
         elif not reason:
-            reason = "interrupted" if found is None else f"seed {seed + repeat}: {found.kind}: {found.text}"
+            reason = "interrupted" if found is None else _why(found, cell.scenario, seed + repeat)
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
+
+
+def _why(failed: Failure, scenario: Scenario | None, seed: int) -> str:
+    """Return why a survey has failed: what cannot be flown with any seed, or else the seed and the error."""
+    error = failed.error()
+    if isinstance(error, ScenarioError | InputFileError):
+        return refusal(error, scenario)
+    return f"seed {seed}: {failed.kind}: {failed.text}"
 
 
 def fly_trial(task: Task, progress: Progress) -> bytes:
@@ -135,4 +143,6 @@ def _fly(scenario: Scenario, block_size: int, progress: Progress) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
+        wall_s=survey.timing_s["total"],
+        peak_memory_mb=survey.peak_memory_mb,
     )

@@ -1,7 +1,7 @@
 """What a study returns: trials, the cases that they are of, and the statistics of these."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ from jaxtyping import Float
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Axis, label
+from sionna_radar.studies.design import Axis
+from sionna_radar.studies.sweep_plan import label
 
 # Cases that `repr` names.
 MAX_LINES = 8
@@ -24,7 +25,10 @@ STATISTICS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One survey of a sweep; its errors are those of `Survey`."""
+    """One survey of a sweep; its errors are those of `Survey`.
+
+    wall_s, peak_memory_mb: what it took; no two flights take the same, so that these make no difference.
+    """
 
     seed: int
     echoes: int
@@ -33,6 +37,8 @@ class Trial:
     lit_error: DemError
     off_wall_error: DemError | None
     warnings: tuple[str, ...]
+    wall_s: float = field(compare=False)
+    peak_memory_mb: float = field(compare=False)
 
     @staticmethod
     def of_document(found: Mapping[str, Any]) -> "Trial":
@@ -46,7 +52,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One combination of the varied values, with its trials; `reason` says why some or all are missing."""
+    """One setting of the varied keys, with its trials; `reason` says why some or all are missing."""
 
     setting: dict[str, Any]
     scenario: Scenario | None
@@ -72,7 +78,7 @@ class Sweep(Brief):
     """A finished study, or as much of it as an interrupt has left.
 
     source, axes, repeat: what was varied of which scenario, with how many seeds.
-    cases: one for each combination of values, the last axis fastest.
+    cases: one for each setting.
     interrupted: whether an interrupt ended it.
     shard: which part of the study it is, as I/N; "" for the whole.
 

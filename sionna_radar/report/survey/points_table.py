@@ -101,10 +101,10 @@ def write_points_parquet(
             file.write_table(pa.table(list(columns.values()), schema=schema))
 
 
-def check_parquet() -> None:
-    """Raise OutputError, before anything is flown, where Parquet cannot be written."""
+def check_parquet(name: str = "points.parquet") -> None:
+    """Raise OutputError, before anything is flown, where a file of Parquet cannot be written."""
     if find_spec("pyarrow") is None:
-        message = "points.parquet needs pyarrow; install sionna-radar[parquet], or write CSV with --points csv"
+        message = f"{name} needs pyarrow; install sionna-radar[parquet], or write CSV with --{Path(name).stem} csv"
         raise OutputError(message)
 
 

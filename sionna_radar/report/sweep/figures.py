@@ -1,5 +1,7 @@
 """The figure of a sweep: DEM error against the varied parameters, with the spread over the trials."""
 
+import re
+from functools import partial
 from itertools import cycle
 from numbers import Real
 from pathlib import Path
@@ -10,11 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator, PercentFormatter
 from matplotlib.transforms import ScaledTranslation
+from scipy.stats import rankdata
 
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.figure_files import ReportFigure, save_figures
 from sionna_radar.report.quantities import readable, shown
-from sionna_radar.studies.sweep_plan import Axis
+from sionna_radar.studies.design import Axis
 from sionna_radar.studies.sweep_result import Case, Sweep
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
@@ -31,19 +34,27 @@ SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
 # Distance of the dots of the trials from their mean, in points, so that its bar does not hide them.
 BESIDE_PT = 7.0
+# A rank correlation of fewer settings says nothing.
+LEAST_RANKED = 8
 MAX_LEGEND = 14
 # Number of label letters that fit side by side under one panel.
 MOST_LETTERS = 45
 
 
 def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
-    """Draw the figure into a directory as PNG, and return the file."""
-    return save_figures(sweep, {"sweep": errors}, directory)
+    """Draw a figure for each varied key into a directory as PNG, and return the files."""
+    main = abscissa(sweep.axes)
+    others = [axis for axis in sweep.axes if axis != main and len(axis.values) > 1]
+    against = {f"sweep_{re.sub('[^A-Za-z0-9]+', '_', axis.key)}": partial(errors, across=axis) for axis in others}
+    return save_figures(sweep, {"sweep": errors, **against}, directory)
 
 
-def errors(sweep: Sweep) -> Figure:
-    """Draw the errors of lit cells and the coverage against one varied key, one line per setting of the others."""
-    across = abscissa(sweep.axes)
+def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
+    """Draw the errors of lit cells and the coverage against one varied key, a line per setting of the listed others.
+
+    Values that are sampled or from a table are dots without a line, with Spearman's rank correlation beside them.
+    """
+    across = across or abscissa(sweep.axes)
     lines = _lines(sweep, across)
     statistics = _panels(sweep)
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
@@ -53,11 +64,12 @@ def errors(sweep: Sweep) -> Figure:
             zip(lines.items(), zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
         ):
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
-            _draw_line(axes, across, cases, statistic, (title, colour, marker, shift))
+            _draw_line(axes, across, cases, statistic, (title, colour, marker, shift), joined=_joined(sweep, across))
         axes.set_ylabel(PANELS[statistic])
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
         _finish_ordinate(axes, sweep, statistic)
+        axes.set_title(_correlation(sweep, across, statistic), fontsize="small", loc="right")
     for axes in panels[2:]:
         _finish_abscissa(axes, across)
     several = f"bars: standard deviation over {sweep.repeat} seeds; dots beside: trials"
@@ -102,18 +114,39 @@ def _numeric(axis: Axis) -> bool:
 
 
 def _lines(sweep: Sweep, across: Axis) -> dict[str, list[Case]]:
-    """Return the cases of each setting of the other keys, in the order of the abscissa."""
+    """Return the cases of each setting of the other listed keys, in the order of the abscissa."""
+    listed = [axis.key for axis in sweep.axes if axis.crossed and axis.key != across.key]
     lines: dict[str, list[Case]] = {}
     for case in sweep.cases:
-        others = {key: value for key, value in case.setting.items() if key != across.key}
-        name = ", ".join(f"{readable(key)}: {shown(value)}" for key, value in others.items())
-        lines.setdefault(name, []).append(case)
+        others = [(key, case.setting[key]) for key in listed]
+        name = ", ".join(f"{readable(key)}: {shown(value)}" for key, value in others)
+        if across.key in case.setting:
+            lines.setdefault(name, []).append(case)
     if _numeric(across):
         return {name: sorted(cases, key=lambda c: c.setting[across.key]) for name, cases in lines.items()}
     return lines
 
 
-def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, style: tuple[str, str, str, float]) -> None:
+def _joined(sweep: Sweep, across: Axis) -> bool:
+    """Return whether the dots of a line differ in nothing but their abscissa, which is a number."""
+    return _numeric(across) and all(axis.crossed for axis in sweep.axes)
+
+
+def _correlation(sweep: Sweep, across: Axis, statistic: str) -> str:
+    """Return the rank correlation of a statistic with a key whose values are not listed; "" where there is none."""
+    there = [case for case in sweep.cases if across.key in case.setting and np.isfinite(case.mean(statistic))]
+    if across.crossed or not _numeric(across) or len(there) < LEAST_RANKED:
+        return ""
+    pairs = np.array([(case.setting[across.key], case.mean(statistic)) for case in there])
+    ranks = [rankdata(values) for values in pairs.T]
+    if min(map(np.ptp, ranks)) == 0:
+        return ""
+    return f"rank correlation {np.corrcoef(ranks)[0, 1]:+.2f}"
+
+
+def _draw_line(
+    axes: Axes, across: Axis, cases: list[Case], statistic: str, style: tuple[str, str, str, float], *, joined: bool
+) -> None:
     name, colour, marker, shift = style
     numeric = _numeric(across)
     x = np.array([_place(across, case.setting[across.key]) for case in cases], dtype=float)
@@ -126,9 +159,10 @@ def _draw_line(axes: Axes, across: Axis, cases: list[Case], statistic: str, styl
             at = np.full(len(values), place)
             axes.plot(at, values, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
     mean = [case.mean(statistic) for case in cases]
-    spread = [np.nan_to_num(case.spread(statistic)) for case in cases]
-    line = "-" if numeric else ""
-    axes.errorbar(x, mean, spread, ls=line, lw=1.2, marker=marker, ms=6, capsize=4, color=colour, label=name)
+    spread = [case.spread(statistic) for case in cases]
+    line, size = ("-", 6) if joined else ("", 4)
+    mean = [case.mean(statistic) for case in cases]
+    axes.errorbar(x, mean, spread, ls=line, lw=1.2, marker=marker, ms=size, capsize=4, color=colour, label=name)
 
 
 def _place(across: Axis, value: Any) -> float:

@@ -1,17 +1,26 @@
 """The folder of a sweep: its numbers as JSON and as tables, and its figure."""
 
-import csv
-import io
-from dataclasses import asdict, fields
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.accuracy.compare import LE90_MEANING, DemError
+from sionna_radar.accuracy.compare import LE90_MEANING
 from sionna_radar.foundation.versions import versions
-from sionna_radar.report.folder import write_study
+from sionna_radar.report.folder import strict_json, write_folder, write_text
 from sionna_radar.report.sweep.figures import draw_all
-from sionna_radar.studies.sweep_result import STATISTICS, Sweep
+from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
+from sionna_radar.report.sweep.runs_table import (
+    COSTS,
+    RUNS_CSV,
+    RUNS_PARQUET,
+    Row,
+    runs_csv,
+    setting_text,
+    table_text,
+    write_runs_parquet,
+)
+from sionna_radar.studies.sweep_result import STATISTICS, Case, Sweep, Trial
 
 MARKER = "sweep.json"
 MEANING = {
@@ -23,17 +32,35 @@ MEANING = {
 }
 
 
-def write_sweep(sweep: Sweep, directory: Path) -> list[Path]:
-    """Write `sweep.json`, `table.csv`, `runs.csv` and the figure, all or nothing, and return the files.
+def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_FILES) -> list[Path]:
+    """Write `sweep.json`, `table.csv`, a table of all surveys and the figures, all or nothing, and return the files.
+
+    Parameters
+    ----------
+    sweep:
+        The study.
+    directory:
+        Output folder; only the files of an earlier result in it are replaced.
+    runs:
+        Formats of the table with a row for each survey.
 
     Raises
     ------
     OutputError
-        The directory holds something else, or cannot be written; see `write_folder`.
+        The directory holds something else, or cannot be written (see `write_folder`), or Parquet without pyarrow.
 
     """
-    tables = {"table.csv": table_csv(sweep), "runs.csv": runs_csv(sweep)}
-    return write_study(directory, MARKER, summary(sweep), partial(draw_all, sweep), tables)
+
+    def fill(folder: Path) -> None:
+        write_text(folder / MARKER, strict_json(summary(sweep)))
+        write_text(folder / "table.csv", table_csv(sweep))
+        if RunsFile.CSV in runs:
+            write_text(folder / RUNS_CSV, runs_csv(sweep))
+        if RunsFile.PARQUET in runs:
+            write_runs_parquet(folder / RUNS_PARQUET, sweep)
+        draw_all(sweep, folder / "figures")
+
+    return write_folder(directory, MARKER, fill)
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
@@ -50,7 +77,7 @@ def summary(sweep: Sweep) -> dict[str, Any]:
                 "setting": case.setting,
                 "reason": case.reason or None,
                 "statistics": {s: {"mean": case.mean(s), "spread": case.spread(s)} for s in STATISTICS},
-                "runs": [asdict(t) for t in case.trials],
+                "runs": [_document(trial) for trial in case.trials],
                 "scenario": case.scenario.model_dump(mode="json") if case.scenario else None,
             }
             for case in sweep.cases
@@ -64,42 +91,17 @@ def table_csv(sweep: Sweep) -> str:
 
     The errors are those of lit cells unless the column name says otherwise.
     """
-    keys = [axis.key for axis in sweep.axes]
-    header = [*keys, "runs", *(column for s in STATISTICS for column in (s, f"{s}_spread")), "reason"]
-    rows = [
-        [
-            *case.setting.values(),
-            len(case.trials),
-            *(v for s in STATISTICS for v in (case.mean(s), case.spread(s))),
-            case.reason,
-        ]
-        for case in sweep.cases
-    ]
-    return _csv(header, rows)
+    return table_text([_row(case, sweep) for case in sweep.cases])
 
 
-def runs_csv(sweep: Sweep) -> str:
-    """Return one row per survey: setting, seed and every error statistic, of lit cells and of the others."""
-    names = [f.name for f in fields(DemError)]
-    kinds = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
-    header = [*(axis.key for axis in sweep.axes), "run_seed", "echoes"]
-    header += [f"{prefix}{name}" for prefix in kinds for name in names]
-    rows = [
-        [
-            *case.setting.values(),
-            t.seed,
-            t.echoes,
-            *(getattr(getattr(t, kind), name, float("nan")) for kind in kinds.values() for name in names),
-        ]
-        for case in sweep.cases
-        for t in case.trials
-    ]
-    return _csv(header, rows)
+def _row(case: Case, sweep: Sweep) -> Row:
+    row: Row = {axis.key: setting_text(case.setting, axis.key) for axis in sweep.axes}
+    row["runs"] = len(case.trials)
+    for statistic in STATISTICS:
+        row |= {statistic: case.mean(statistic), f"{statistic}_spread": case.spread(statistic)}
+    return {name: "" if value != value else value for name, value in row.items()} | {"reason": case.reason}
 
 
-def _csv(header: list[str], rows: list[list[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([["" if value != value else value for value in row] for row in rows])
-    return text.getvalue()
+def _document(trial: Trial) -> dict[str, Any]:
+    """Return a trial without what it took, which would differ from run to run."""
+    return {name: value for name, value in asdict(trial).items() if name not in COSTS}

@@ -2,6 +2,8 @@
 
 from rich.table import Table
 
+from sionna_radar.report.quantities import shown
+from sionna_radar.report.sweep.runs_table import setting_text
 from sionna_radar.report.terminal import NONE, console, number
 from sionna_radar.studies.sweep_plan import label
 from sionna_radar.studies.sweep_result import STATISTICS, Case, Sweep
@@ -17,6 +19,8 @@ HEADINGS = {
     "off_wall_rms_m": "RMS off walls",
     "all_cells_rms_m": "RMS all cells",
 }
+# Settings that a terminal shows; the files have all of them.
+MOST_ROWS = 60
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
@@ -27,7 +31,10 @@ def print_sweep(result: Sweep) -> None:
     # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
     needed = console(width=1000).measure(table).maximum
     console(width=max(out.width, needed)).print(table)
-    for case in result.cases:
+    more = len(result.cases) - MOST_ROWS
+    if more > 0:
+        out.print(f"and {more:,} more settings in table.csv")
+    for case in result.cases[:MOST_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
 
@@ -41,11 +48,12 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
     table = Table(title=title, title_justify="left")
     for axis in result.axes:
         table.add_column(axis.key, justify="right", overflow="fold")
-    shown = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
-    for statistic in shown:
+    columns = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    for statistic in columns:
         table.add_column(HEADINGS[statistic], justify="right")
-    for case in result.cases:
-        table.add_row(*map(str, case.setting.values()), *(_with_spread(case, s, sign) for s in shown))
+    for case in result.cases[:MOST_ROWS]:
+        setting = (shown(setting_text(case.setting, axis.key)) for axis in result.axes)
+        table.add_row(*setting, *(_with_spread(case, s, sign) for s in columns))
     return table
 
 

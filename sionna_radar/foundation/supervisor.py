@@ -1,0 +1,78 @@
+"""A program in a process of its own, so that somebody is left to say what ended it.
+
+The ray tracer calls abort() where it cannot go on, and a system without memory kills whom it likes: neither leaves
+Python a chance to speak. A fork taken before anything heavy is loaded costs a millisecond. The one that waits passes
+SIGTERM and Ctrl-C on, and its own death ends the other one.
+
+Only the lightest modules of the standard library are imported here, as this comes before all other imports.
+"""
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+PASSED_ON = (signal.SIGINT, signal.SIGTERM)
+# Code of a signal that a terminal has sent to all processes in the foreground, so that it needs no passing on (Linux).
+SI_KERNEL = 0x80
+PR_SET_PDEATHSIG = 1
+ADVICE = (
+    "the result of an earlier command stands as it was; a smaller survey, block size or number of workers takes less "
+    "memory, and where the output folder holds finished parts the same command with --resume goes on from them"
+)
+
+
+def supervised(program: Callable[[], None]) -> None:
+    """Run a program in a child process, and exit with its code; with 1 and a line of text if something killed it.
+
+    Where processes cannot be watched like that, on anything but Linux, it runs in this one.
+    """
+    if not sys.platform.startswith("linux"):
+        program()
+        return
+    watched = {*PASSED_ON, signal.SIGCHLD}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
+    parent = os.getpid()
+    child = os.fork()
+    if child == 0:
+        _die_with(parent)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        program()
+        return
+    sys.exit(_code(_watch(child, watched)))
+
+
+def _watch(child: int, watched: set[signal.Signals]) -> int:
+    """Pass signals on until the child has ended, and return its status, as `os.waitpid` does."""
+    while True:
+        came = signal.sigwaitinfo(watched)
+        if came.si_signo in PASSED_ON:
+            if came.si_code != SI_KERNEL:
+                os.kill(child, came.si_signo)
+            continue
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status
+
+
+def _code(status: int) -> int:
+    """Return the exit code for a status of a child, and tell of one that did not end by itself."""
+    code = os.waitstatus_to_exitcode(status)
+    if code >= 0:
+        return code
+    number = -code
+    if number in PASSED_ON:
+        return 128 + number
+    name = signal.Signals(number).name
+    cause = "most likely for want of memory" if number == signal.SIGKILL else "by a library that could not go on"
+    sys.stderr.write(f"error: the program was ended {cause} ({name}); {ADVICE}\n")
+    return 1
+
+
+def _die_with(parent: int) -> None:
+    """Have the system end this process when its parent ends, however that ends."""
+    import ctypes
+
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)

@@ -1,0 +1,203 @@
+"""What a study varies: values that are all combined, ranges that are sampled, and the rows of a table.
+
+Every row is combined with every sample, and these with every combination of the listed values, the last key fastest.
+Samples fill their ranges evenly, in all keys at once: a scrambled Sobol sequence (Owen 1998) or a Latin hypercube
+(McKay, Beckman & Conover 1979), both of `scipy.stats.qmc` and drawn from the scenario's seed.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal, NoReturn, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.randomness import Stream
+from sionna_radar.scenario import Scenario
+
+Setting = dict[str, Any]
+SamplerName = Literal["sobol", "lhs"]
+MAX_SETTINGS = 10_000
+# Digits of a sampled value: enough for any study, and short enough to read.
+DIGITS = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """One varied key of the scenario and the values it takes.
+
+    crossed: whether each value is flown with every combination of the other keys; otherwise sampled, or from a table.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    crossed: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """A range of a key that is sampled, evenly or evenly in its logarithm.
+
+    Raises ScenarioError for one that is empty, not finite, or logarithmic and not positive.
+    """
+
+    key: str
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def __post_init__(self) -> None:
+        text = f"{self.low:g}:{self.high:g}"
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            refuse(f"{self.key} = {text} is no range; give finite LOW:HIGH with LOW below HIGH")
+        if self.logarithmic and self.low <= 0:
+            refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0")
+
+    def at(self, share: Float[np.ndarray, " sample"], *, whole: bool) -> list[float] | list[int]:
+        """Return the values at some shares, from 0 to below 1, of the way from low to high."""
+        if whole:
+            # Every whole number, both ends included, has the same share of the way.
+            low, high = math.ceil(self.low), math.floor(self.high) + 1
+            if low >= high:
+                refuse(f"{self.key} = {self.low:g}:{self.high:g} holds no whole number, which that key must be")
+            return [int(v) for v in np.floor(self._between(float(low), float(high), share))]
+        drawn = [float(f"{value:.{DIGITS}g}") for value in self._between(self.low, self.high, share)]
+        return [min(max(value, self.low), self.high) for value in drawn]
+
+    def _between(self, low: float, high: float, share: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+        if self.logarithmic:
+            return np.asarray(low * (high / low) ** share)
+        return low + (high - low) * share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampler:
+    """How ranges are sampled, and how often."""
+
+    name: SamplerName
+    count: int
+
+    def __post_init__(self) -> None:
+        if self.name not in get_args(SamplerName) or not 1 <= self.count <= MAX_SETTINGS:
+            message = f"{self.name}:{self.count} is no sample; give sobol:N or lhs:N with N from 1 to {MAX_SETTINGS:,}"
+            refuse(message, "--sample")
+
+    def shares(self, keys: int, seed: int) -> Float[np.ndarray, "sample key"]:
+        """Return points of the unit cube, one axis for each key."""
+        from scipy.stats import qmc
+
+        engine = {"sobol": qmc.Sobol, "lhs": qmc.LatinHypercube}[self.name]
+        rng = np.random.default_rng([seed, int(Stream.SAMPLES)])
+        with warnings.catch_warnings():
+            # Fewer points than the next power of two are a little less even, which is no reason to fly more of them.
+            warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
+            return np.asarray(engine(keys, rng=rng).random(self.count))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """What a study varies; see the module.
+
+    listed: keys whose values are all combined.
+    spans, sampler: keys that are sampled within ranges.
+    rows: settings given one by one; a key that a row leaves out keeps its value.
+
+    Raises ScenarioError for a key that is varied twice, ranges without a sampler or the other way round, and nothing
+    to vary.
+    """
+
+    listed: tuple[Axis, ...] = ()
+    spans: tuple[Span, ...] = ()
+    sampler: Sampler | None = None
+    rows: tuple[Setting, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.spans and self.sampler is None:
+            refuse(f"{self.spans[0].key} is given a range; say how often it is sampled, e.g. --sample sobol:64")
+        if self.sampler is not None and not self.spans:
+            refuse("no range is there to sample; give at least one --vary KEY=LOW:HIGH", "--sample")
+        if not (self.listed or self.spans or self.rows):
+            refuse("nothing is varied; give at least one KEY=V1,V2,...")
+        keys = self.keys
+        twice = [key for index, key in enumerate(keys) if key in keys[:index]]
+        if twice:
+            refuse(f"{twice[0]} is varied twice; name all its values once")
+        if len(self) > MAX_SETTINGS:
+            refuse(f"{len(self):,} settings are more than {MAX_SETTINGS:,}; name fewer values, samples or rows")
+
+    @staticmethod
+    def of(varied: "Design | Sequence[Axis] | Mapping[str, Sequence[Any]]") -> "Design":
+        """Return a design, made from axes or the values by their keys where it is not yet one."""
+        if isinstance(varied, Design):
+            return varied
+        if isinstance(varied, Mapping):
+            varied = [Axis(key=key, values=tuple(values)) for key, values in varied.items()]
+        return Design(listed=tuple(varied))
+
+    def __len__(self) -> int:
+        samples = self.sampler.count if self.sampler else 1
+        return max(len(self.rows), 1) * samples * math.prod(len(axis.values) for axis in self.listed)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The varied keys: those of the table, those that are sampled, those that are listed."""
+        of_rows = dict.fromkeys(key for row in self.rows for key in row)
+        return (*of_rows, *(span.key for span in self.spans), *(axis.key for axis in self.listed))
+
+    def settings(self, base: Scenario | None = None) -> list[Setting]:
+        """Return all settings in the order flown; the seed of the scenario, which ranges need, draws the samples."""
+        listed = [
+            dict(zip([axis.key for axis in self.listed], values, strict=True))
+            for values in product(*(axis.values for axis in self.listed))
+        ]
+        return [
+            row | sample | values for row in self.rows or ({},) for sample in self._samples(base) for values in listed
+        ]
+
+    def axes(self, settings: Sequence[Setting]) -> tuple[Axis, ...]:
+        """Return the varied keys with the values that they take in some settings."""
+        listed = {axis.key: axis for axis in self.listed}
+        return tuple(listed.get(key) or _axis(key, settings) for key in self.keys)
+
+    def _samples(self, base: Scenario | None) -> list[Setting]:
+        if self.sampler is None or base is None:
+            return [{}]
+        shares = self.sampler.shares(len(self.spans), base.seed)
+        columns = [
+            span.at(share, whole=is_whole(base, span.key)) for span, share in zip(self.spans, shares.T, strict=True)
+        ]
+        keys = [span.key for span in self.spans]
+        return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _axis(key: str, settings: Sequence[Setting]) -> Axis:
+    values: list[Any] = []
+    for setting in settings:
+        if key in setting and setting[key] not in values[-1:]:
+            values.append(setting[key])
+    return Axis(key=key, values=tuple(_without_repeats(values)), crossed=False)
+
+
+def _without_repeats(values: Sequence[Any]) -> list[Any]:
+    """Return values once each, in their order; lists among them cannot be hashed."""
+    return list({repr(value): value for value in values}.values())
+
+
+def is_whole(base: Scenario, key: str) -> bool:
+    """Return whether a key of a scenario holds whole numbers alone."""
+    *tables, name = key.split(".")
+    table: Any = base
+    for part in tables:
+        table = table.get(part) if isinstance(table, Mapping) else getattr(table, part, None)
+    field = getattr(type(table), "model_fields", {}).get(name)
+    kinds = () if field is None else (get_args(field.annotation) or (field.annotation,))
+    return int in kinds and float not in kinds
+
+
+def refuse(message: str, field: str = "--vary") -> NoReturn:
+    """Raise ScenarioError for what a study cannot vary."""
+    raise ScenarioError([Problem(field, message)], "command line")

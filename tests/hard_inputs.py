@@ -1,0 +1,236 @@
+"""Inputs that no survey has, drawn by hypothesis: scenarios, rasters, tables, patterns and command lines."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import tomli_w
+from hypothesis import strategies as st
+from rasterio import Affine
+
+from beams import make_antenna
+from conftest import SMALL
+from pattern_files import WRITERS
+from scenario_keys import keys_of
+from sionna_radar.foundation.input_file import parse_toml
+from sionna_radar.scenario import Scenario, parse_scenario
+
+TABLES = (("terrain",), ("platform",), ("radar",))
+KEYS = sorted(".".join(key) for key in keys_of(Scenario) if key not in TABLES)
+WORDS = ("", "x", "none", "\0", "[/x]", "ä" * 200, "flat", "hills", "fractal", "all", "refined", "smooth", "stepped",
+         "linear", "triangular", "persistent", "per_pulse", "lidar", "gamma", "path_solver", "9" * 50)  # fmt: skip
+NUMBERS = (
+    0, 1, -1, 2, 7, 0.5, -0.0, 1e-300, 5e-324, 1e-15, 1e-9, 1e-3, 30.0, 89.9, 90, 180, 360.0, 1e3, 1e5, 1e9, 1e15, 1e30,
+    1e38, 1e300, 2**20, 2**31, 2**53, 2**63 - 1, math.nan, math.inf, -math.inf,
+)  # fmt: skip
+FACTORS = (1e-6, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e6)
+
+
+@dataclass(frozen=True)
+class HardInput:
+    """A command line, and the files that it reads by their names."""
+
+    arguments: list[str]
+    files: dict[str, bytes | Callable[[], bytes]] = field(default_factory=dict)
+
+
+def _default(base: Scenario, key: str) -> object:
+    node: object = base
+    for name in key.split("."):
+        node = getattr(node, name, None)
+    return node
+
+
+def _put(data: dict, key: str, value: object) -> None:
+    *tables, last = key.split(".")
+    for name in tables:
+        data = data.setdefault(name, {})
+        if not isinstance(data, dict):
+            return
+    data[last] = value
+
+
+# Read once, and what that imports loaded with it: hypothesis wants nothing random where it draws.
+DEFAULTS = {key: _default(parse_scenario(parse_toml(SMALL)), key) for key in KEYS}
+
+numbers = st.sampled_from(NUMBERS) | st.floats() | st.integers(-(2**63), 2**63 - 1)
+plain = numbers | st.sampled_from(WORDS) | st.booleans() | st.text(max_size=8)
+values = st.recursive(
+    plain,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(("a", "kind", "model", "path")), inner),
+    max_leaves=5,
+)
+
+
+@st.composite
+def key_values(draw: st.DrawFn) -> tuple[str, object]:
+    """A key of a scenario, and its default moved by some orders of magnitude, or anything."""
+    key = draw(st.sampled_from(KEYS))
+    default = DEFAULTS[key]
+    if isinstance(default, int | float) and not isinstance(default, bool) and draw(st.integers(0, 3)):
+        moved = default * draw(st.sampled_from(FACTORS))
+        return key, int(moved) if isinstance(default, int) else moved
+    return key, draw(values)
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> HardInput:
+    """A survey of half a second, some of its keys changed."""
+    data = parse_toml(SMALL)
+    data["platform"]["length_m"] = 4.0
+    if draw(st.booleans()):
+        data["terrain"]["kind"] = draw(st.sampled_from(("hills", "fractal")))
+    for key, value in draw(st.lists(key_values(), min_size=1, max_size=3)):
+        _put(data, key, value)
+    return HardInput(["run", "hard.toml", "--no-report"], {"hard.toml": _toml(data)})
+
+
+HEIGHTS = {
+    "level": lambda x, _: 0 * x + 10,
+    "waves": lambda x, noise: 3 * np.sin(x) + noise,
+    "steep": lambda x, _: 1e3 * x,
+    "huge": lambda _, noise: 1e30 * noise,
+    "below": lambda _, noise: noise - 1e4,
+    "holes": lambda _, noise: np.where(noise > 0, np.nan, noise),
+    "infinite": lambda _, noise: np.where(noise > 1, np.inf, noise),
+    "nothing": lambda x, _: np.nan * x,
+    "mark": lambda _, noise: np.where(noise > 0.5, -9999.0, noise),
+}
+
+
+@st.composite
+def rasters(draw: st.DrawFn) -> HardInput:
+    """A survey over a GeoTIFF of odd size, place, type or heights, or with some of its bytes changed."""
+    dtype = draw(st.sampled_from(("float32", "float64", "int16", "uint8", "int32")))
+    columns = draw(st.integers(1, 60))
+    step = draw(st.sampled_from((5.0, 20.0, 1.0, 1e-6, 1e7, 0.0001)))
+    shear = draw(st.sampled_from((0.0, 0.0, 0.0, 1.0, 5.0)))
+    west, north = draw(st.sampled_from(((690_000.0, 5_330_000.0), (11.5, 48.1), (-5.0 * columns, 100.0), (1e12, 0.0))))
+    profile = {
+        "driver": "GTiff",
+        "count": draw(st.sampled_from((1, 1, 1, 3))),
+        "dtype": dtype,
+        "height": draw(st.integers(1, 60)),
+        "width": columns,
+        "transform": Affine(step, shear, west, shear, -step, north),
+        "crs": draw(st.sampled_from(("EPSG:32632", "EPSG:4326", "EPSG:3857", "EPSG:2263", None))),
+        "nodata": draw(st.sampled_from((None, -9999.0, 0.0))) if dtype != "uint8" else None,
+    }
+    kind, seed, change = draw(st.sampled_from(sorted(HEIGHTS))), draw(st.integers(0, 99)), draw(changes())
+    data = parse_toml(SMALL)
+    data["platform"] |= {"length_m": 4.0, "altitude_m": draw(st.sampled_from((50.0, 50.0, 5.0)))}
+    data["terrain"] = {"kind": "raster", "path": "hard.tif"}
+    for key, value in draw(st.lists(key_values().filter(lambda pair: pair[0].startswith("terrain.")), max_size=1)):
+        _put(data, key, value)
+    # Written by the test: hypothesis wants nothing random where it draws, and GDAL names its files at random.
+    files = {"hard.toml": _toml(data), "hard.tif": lambda: change(_raster(profile, kind, seed))}
+    return HardInput(["run", "hard.toml", "--no-report"], files)
+
+
+def _raster(profile: dict, kind: str, seed: int) -> bytes:
+    rows, columns = profile["height"], profile["width"]
+    noise = np.random.default_rng(seed).normal(size=(rows, columns))
+    with np.errstate(all="ignore"):
+        heights = HEIGHTS[kind](np.arange(columns) + 0 * noise, noise)
+        if profile["dtype"][0] != "f":
+            heights = np.nan_to_num(heights)
+        heights = heights.astype(profile["dtype"])
+    with rasterio.MemoryFile() as memory:
+        with memory.open(**profile) as file:
+            for band in range(1, profile["count"] + 1):
+                file.write(heights, band)
+        return memory.read()
+
+
+@st.composite
+def changes(draw: st.DrawFn) -> Callable[[bytes], bytes]:
+    """What leaves a content as it is, cuts it short, or changes some of its bytes."""
+    kind, cut = draw(st.integers(0, 3)), draw(st.floats(0, 1))
+    places = draw(st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8))
+
+    def changed(content: bytes) -> bytes:
+        if kind == 0:
+            return content[: int(cut * len(content))]
+        if kind > 1 or not content:
+            return content
+        found = bytearray(content)
+        for place, byte in places:
+            found[int(place * len(found))] = byte
+        return bytes(found)
+
+    return changed
+
+
+def _toml(data: dict) -> bytes:
+    return tomli_w.dumps(data).encode("utf-8", "surrogatepass")
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> HardInput:
+    """A study of a table of settings."""
+    keys = draw(st.lists(st.sampled_from(KEYS) | st.text(max_size=8), min_size=1, max_size=3))
+    cells = st.sampled_from(
+        ("", "none", "1", "2.5", "-1", "nan", "inf", "1e300", "[1, 2]", "[", "x", '"', "true", "{}")
+    )
+    rows = draw(st.lists(st.lists(cells | st.text(max_size=5), min_size=1, max_size=3), max_size=3))
+    text = "\n".join(",".join(line) for line in [keys, *rows]).encode("utf-8", "surrogatepass")
+    return HardInput(["sweep", "small.toml", "--table", "hard.csv"], {"hard.csv": draw(changes())(text)})
+
+
+@st.composite
+def patterns(draw: st.DrawFn) -> HardInput:
+    """A survey with a measured antenna whose file has bytes changed."""
+    name, content = draw(st.sampled_from(sorted(_patterns().items())))
+    pattern = ["--set", f"radar.antenna.pattern={name}"]
+    return HardInput(["run", "small.toml", "--no-report", *pattern], {name: draw(changes())(content)})
+
+
+def _patterns() -> dict[str, bytes]:
+    from tempfile import TemporaryDirectory
+
+    found = {}
+    with TemporaryDirectory() as folder:
+        for name, write in WRITERS.values():
+            found[name] = write(make_antenna(20.0, 20.0), Path(folder) / name).read_bytes()
+    return found
+
+
+QUICK = ("run", "sweep", "crosscheck", "image", "process", "log", "show", "compare", "merge", "validate", "plan", "fit")
+OPTIONS = (
+    "--set", "--vary", "--sample", "--table", "--repeat", "--seed", "--block-size", "--shard", "--set-file", "--runs",
+    "--points", "--record", "--record-as", "--resume", "--no-report", "--local-coordinates", "-q", "--help", "--area",
+    "--sampling", "--altitude", "--no-such-option",
+)  # fmt: skip
+ARGUMENTS = (
+    "small.toml", "hills", "nowhere.toml", "", "0", "-1", "1e999", "nan", "2/3", "sobol:4", "lhs:2", "sobol:x", "x=1:2",
+    "radar.snr_db=10:20", "radar.snr_db=10,20", "radar.snr_db=", "radar.snr_db=nan", "=", "200x150", "small.toml/x",
+    "signals=a.nc", "int16", "parquet", "csv", "radar.snr_db=3:6:log", "seed=1:3", "platform=3", "[", "{",
+)  # fmt: skip
+
+
+@st.composite
+def command_lines(draw: st.DrawFn) -> HardInput:
+    """A command with options and arguments that need not fit it."""
+    given: list[str] = [draw(st.sampled_from(QUICK)), draw(st.sampled_from(("small.toml", *ARGUMENTS)))]
+    words = st.sampled_from(ARGUMENTS) | st.text(st.characters(exclude_characters="/.~\0"), max_size=6)
+    for option in draw(st.lists(st.sampled_from(OPTIONS), max_size=4)):
+        given.append(option)
+        if draw(st.integers(0, 5)):
+            given.append(draw(words.filter(lambda word: _encodable(word))))
+    return HardInput(given)
+
+
+def _encodable(word: str) -> bool:
+    return not any(0xD800 <= ord(letter) < 0xE000 for letter in word)
+
+
+KINDS = {
+    "scenarios": scenarios(),
+    "rasters": rasters(),
+    "tables": tables(),
+    "patterns": patterns(),
+    "command lines": command_lines(),
+}

@@ -1,0 +1,110 @@
+"""Whole commands with hard inputs, each in a process that may die alone: a correct result, or one clear error.
+
+The suite runs a few of each kind; `pytest -m study -n 0 tests/hostile/test_hard_inputs.py` more than a thousand.
+"""
+
+import csv
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+import rasterio
+from hypothesis import HealthCheck, given, seed, settings
+
+from command_server import CommandServer, Ended
+from conftest import SMALL
+from hard_inputs import KINDS, HardInput
+
+WITHIN_S = 90.0
+# Everything loaded, and a survey of the greatest size that is let through.
+MOST_MB = 4000.0
+# Commands that end with 1 where the result is bad news: settings that failed, engines that disagree.
+MAY_END_WITH_1 = ("sweep", "merge", "crosscheck")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """A process that runs commands in a folder with a small scenario."""
+    folder = tmp_path_factory.mktemp("hard")
+    (folder / "small.toml").write_text(SMALL.replace("length_m = 10.0", "length_m = 4.0"))
+    server = CommandServer(folder)
+    yield server
+    server.stop()
+
+
+def check(server: CommandServer, hard: HardInput) -> None:
+    """Run a command, and see that it ended as it should."""
+    for name, content in hard.files.items():
+        (server.folder / name).write_bytes(content() if callable(content) else content)
+    before = {path.name for path in server.folder.iterdir()} | {"stdout", "stderr"}
+    ended = server.run([*hard.arguments, "-o", "out"], WITHIN_S)
+    try:
+        assert_ended_well(ended, hard)
+        left = {path.name for path in server.folder.iterdir()} - before
+        if ended.code == 2:
+            assert not left, f"left behind: {left}"
+        elif (server.folder / "out").is_dir():
+            for path in (server.folder / "out").rglob("*"):
+                assert_without_nan(path)
+    finally:
+        for path in server.folder.iterdir():
+            if path.name not in before:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        for name in hard.files:
+            (server.folder / name).unlink()
+
+
+def assert_ended_well(ended: Ended, hard: HardInput) -> None:
+    assert ended.code in (0, 1, 2), ended
+    assert "Traceback" not in ended.stderr
+    assert ended.peak_mb < MOST_MB
+    if ended.code == 1:
+        assert hard.arguments[0] in MAY_END_WITH_1, ended
+    if ended.code == 2:
+        # Either ours, or that of the library that reads command lines.
+        assert ended.stderr.count("error:") + ended.stderr.count("Error:") + ended.stderr.count("╭─ Error") == 1, ended
+        assert len(ended.stderr) < 10_000
+
+
+def assert_without_nan(path) -> None:
+    """Numbers that are not there are null, empty or no data, never NaN."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(path, word)
+
+    if path.suffix in (".json", ".geojson"):
+        json.loads(path.read_text(), parse_constant=refuse)
+    elif path.suffix == ".csv":
+        with path.open(newline="") as file:
+            assert not any(value.lower() in ("nan", "inf", "-inf") for row in csv.reader(file) for value in row), path
+    elif path.suffix == ".tif":
+        with rasterio.open(path) as file:
+            assert file.nodata is not None
+            assert np.all(np.isfinite(file.read(masked=True).compressed())), path
+            assert all(map(math.isfinite, file.transform)), path
+
+
+def many(kind: str, count: int):
+    """Return a test of so many inputs of a kind, the same ones every time."""
+
+    @seed(sum(map(ord, kind)))
+    @settings(max_examples=count, database=None, suppress_health_check=list(HealthCheck), print_blob=True)
+    @given(KINDS[kind])
+    def run(server: CommandServer, hard: HardInput) -> None:
+        check(server, hard)
+
+    return run
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_few_hard_inputs(kind, server):
+    many(kind, 8)(server)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("kind", "count"), [("scenarios", 500), ("rasters", 200), ("tables", 100), ("patterns", 100),
+                                             ("command lines", 300)])  # fmt: skip
+def test_more_than_a_thousand_hard_inputs(kind, count, server):
+    many(kind, count)(server)
