@@ -1,7 +1,7 @@
 """Inputs that no survey has, drawn by hypothesis: scenarios, rasters, tables, patterns and command lines."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,9 +17,11 @@ from pattern_files import WRITERS
 from scenario_keys import keys_of
 from sionna_radar.foundation.input_file import parse_toml
 from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario.terrain import RasterTerrain
 
 TABLES = (("terrain",), ("platform",), ("radar",))
 KEYS = sorted(".".join(key) for key in keys_of(Scenario) if key not in TABLES)
+RASTER_KEYS = [f"terrain.{name}" for name in RasterTerrain.model_fields if name != "path"]
 WORDS = ("", "x", "none", "\0", "[/x]", "ä" * 200, "flat", "hills", "fractal", "all", "refined", "smooth", "stepped",
          "linear", "triangular", "persistent", "per_pulse", "lidar", "gamma", "path_solver", "9" * 50)  # fmt: skip
 NUMBERS = (
@@ -66,10 +68,10 @@ values = st.recursive(
 
 
 @st.composite
-def key_values(draw: st.DrawFn) -> tuple[str, object]:
+def key_values(draw: st.DrawFn, keys: Sequence[str] = KEYS) -> tuple[str, object]:
     """A key of a scenario, and its default moved by some orders of magnitude, or anything."""
-    key = draw(st.sampled_from(KEYS))
-    default = DEFAULTS[key]
+    key = draw(st.sampled_from(keys))
+    default = DEFAULTS.get(key)
     if isinstance(default, int | float) and not isinstance(default, bool) and draw(st.integers(0, 3)):
         moved = default * draw(st.sampled_from(FACTORS))
         return key, int(moved) if isinstance(default, int) else moved
@@ -105,25 +107,29 @@ HEIGHTS = {
 def rasters(draw: st.DrawFn) -> HardInput:
     """A survey over a GeoTIFF of odd size, place, type or heights, or with some of its bytes changed."""
     dtype = draw(st.sampled_from(("float32", "float64", "int16", "uint8", "int32")))
-    columns = draw(st.integers(1, 60))
-    step = draw(st.sampled_from((5.0, 20.0, 1.0, 1e-6, 1e7, 0.0001)))
+    rows, columns = (draw(st.just(60) | st.just(100) | st.integers(1, 60)) for _ in range(2))
+    step = draw(st.sampled_from((5.0, 5.0, 5.0, 20.0, 1.0, 1e-6, 1e7, 0.0001)))
     shear = draw(st.sampled_from((0.0, 0.0, 0.0, 1.0, 5.0)))
-    west, north = draw(st.sampled_from(((690_000.0, 5_330_000.0), (11.5, 48.1), (-5.0 * columns, 100.0), (1e12, 0.0))))
+    west, north = draw(
+        st.sampled_from((*2 * ((690_000.0, 5_330_000.0),), (11.5, 48.1), (-5.0 * columns, 100.0), (1e12, 0.0)))
+    )
     profile = {
         "driver": "GTiff",
         "count": draw(st.sampled_from((1, 1, 1, 3))),
         "dtype": dtype,
-        "height": draw(st.integers(1, 60)),
+        "height": rows,
         "width": columns,
         "transform": Affine(step, shear, west, shear, -step, north),
-        "crs": draw(st.sampled_from(("EPSG:32632", "EPSG:4326", "EPSG:3857", "EPSG:2263", None))),
+        "crs": draw(
+            st.sampled_from(("EPSG:32632", "EPSG:32632", "EPSG:25832", "EPSG:4326", "EPSG:3857", "EPSG:2263", None))
+        ),
         "nodata": draw(st.sampled_from((None, -9999.0, 0.0))) if dtype != "uint8" else None,
     }
     kind, seed, change = draw(st.sampled_from(sorted(HEIGHTS))), draw(st.integers(0, 99)), draw(changes())
     data = parse_toml(SMALL)
     data["platform"] |= {"length_m": 4.0, "altitude_m": draw(st.sampled_from((50.0, 50.0, 5.0)))}
     data["terrain"] = {"kind": "raster", "path": "hard.tif"}
-    for key, value in draw(st.lists(key_values().filter(lambda pair: pair[0].startswith("terrain.")), max_size=1)):
+    for key, value in draw(st.lists(key_values(RASTER_KEYS), max_size=1)):
         _put(data, key, value)
     # Written by the test: hypothesis wants nothing random where it draws, and GDAL names its files at random.
     files = {"hard.toml": _toml(data), "hard.tif": lambda: change(_raster(profile, kind, seed))}
@@ -148,7 +154,7 @@ def _raster(profile: dict, kind: str, seed: int) -> bytes:
 @st.composite
 def changes(draw: st.DrawFn) -> Callable[[bytes], bytes]:
     """What leaves a content as it is, cuts it short, or changes some of its bytes."""
-    kind, cut = draw(st.integers(0, 3)), draw(st.floats(0, 1))
+    kind, cut = draw(st.integers(0, 5)), draw(st.floats(0, 1))
     places = draw(st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8))
 
     def changed(content: bytes) -> bytes:
