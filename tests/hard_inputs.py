@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args, get_origin
 
 import numpy as np
 import rasterio
@@ -58,6 +59,28 @@ def _put(data: dict, key: str, value: object) -> None:
 # Read once, and what that imports loaded with it: hypothesis wants nothing random where it draws.
 DEFAULTS = {key: _default(parse_scenario(parse_toml(SMALL)), key) for key in KEYS}
 
+
+def _fitting() -> dict[str, object]:
+    """Return the keys of `SMALL` that hold a number ("whole" or "real"), or one of some words or truth values."""
+    base, found = parse_scenario(parse_toml(SMALL)), {}
+    for key in KEYS:
+        *tables, name = key.split(".")
+        node: object = base
+        for table in tables:
+            node = getattr(node, table, None)
+        field = getattr(type(node), "model_fields", {}).get(name)
+        if field is None:
+            continue
+        kinds = [field.annotation, *get_args(field.annotation)]
+        words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
+        if words or bool in kinds:
+            found[key] = words or [True, False]
+        elif float in kinds or int in kinds:
+            found[key] = "real" if float in kinds else "whole"
+    return found
+
+
+FITTING = _fitting()
 numbers = st.sampled_from(NUMBERS) | st.floats() | st.integers(-(2**63), 2**63 - 1)
 plain = numbers | st.sampled_from(WORDS) | st.booleans() | st.text(max_size=8)
 values = st.recursive(
@@ -69,13 +92,20 @@ values = st.recursive(
 
 @st.composite
 def key_values(draw: st.DrawFn, keys: Sequence[str] = KEYS) -> tuple[str, object]:
-    """A key of a scenario, and its default moved by some orders of magnitude, or anything."""
-    key = draw(st.sampled_from(keys))
-    default = DEFAULTS.get(key)
-    if isinstance(default, int | float) and not isinstance(default, bool) and draw(st.integers(0, 3)):
-        moved = default * draw(st.sampled_from(FACTORS))
-        return key, int(moved) if isinstance(default, int) else moved
-    return key, draw(values)
+    """A key of a scenario with anything in it."""
+    return draw(st.sampled_from(keys)), draw(values)
+
+
+@st.composite
+def fitting_values(draw: st.DrawFn) -> tuple[str, object]:
+    """A key of a scenario with a value of its kind: another word, or its number moved by some orders of magnitude."""
+    key = draw(st.sampled_from(sorted(FITTING)))
+    kind, default = FITTING[key], DEFAULTS[key]
+    if not isinstance(kind, str):
+        return key, draw(st.sampled_from(kind))
+    start = default or draw(st.sampled_from((1, 10)))
+    moved = start * draw(st.sampled_from(FACTORS))
+    return key, max(int(moved), 1) if kind == "whole" else float(moved)
 
 
 @st.composite
@@ -85,7 +115,10 @@ def scenarios(draw: st.DrawFn) -> HardInput:
     data["platform"]["length_m"] = 4.0
     if draw(st.booleans()):
         data["terrain"]["kind"] = draw(st.sampled_from(("hills", "fractal")))
-    for key, value in draw(st.lists(key_values(), min_size=1, max_size=3)):
+    changed = draw(st.lists(fitting_values(), max_size=3)) + draw(
+        st.lists(key_values(), max_size=draw(st.integers(0, 1)))
+    )
+    for key, value in changed:
         _put(data, key, value)
     return HardInput(["run", "hard.toml", "--no-report"], {"hard.toml": _toml(data)})
 

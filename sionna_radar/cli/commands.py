@@ -16,9 +16,11 @@ from sionna_radar.cli.options import (
     ReportOption,
     ResumeOption,
     ScenarioArgument,
+    SchedulerOption,
     SeedOption,
     SetFileOption,
     SetOption,
+    WorkersOption,
     complete_key,
 )
 from sionna_radar.cli.recordings import (
@@ -252,6 +254,8 @@ def sweep(
         str | None,
         typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
     ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -263,16 +267,28 @@ def sweep(
     from sionna_radar.studies.sweep import fly_sweep
     from sionna_radar.studies.sweep_plan import Shard, plan_sweep
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
     files = runs or RUNS_FILES
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
     def fly(progress: "Progress", keep: "Keep") -> "Sweep":
-        plan = plan_sweep(scenario, design, repeat, session.overrides, progress)
-        parts = keep({**plan.identity(), "shard": str(part or "")})
-        return fly_sweep(plan, progress=progress, parts=parts, shard=part)
+        with session.team() as team:
+            plan = plan_sweep(scenario, design, repeat, session.overrides, progress)
+            parts = keep({**plan.identity(), "shard": str(part or "")})
+            return fly_sweep(plan, progress=progress, parts=parts, shard=part, workers=team)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     write = partial(write_sweep, runs=files)

@@ -76,4 +76,12 @@ NetworkOption = Annotated[
 ResumeOption = Annotated[
     bool, typer.Option("--resume", help="Go on with the finished parts that an interrupted run left in the folder.")
 ]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", help="Share the work among N processes of this machine; needs dask."),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option("--scheduler", metavar="ADDRESS", help="Share the work among a dask cluster: tcp://HOST:PORT."),
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]

@@ -16,6 +16,7 @@ from sionna_radar.report.folder import check_output
 
 if TYPE_CHECKING:
     from sionna_radar.foundation.progress import Progress
+    from sionna_radar.foundation.workers import Workers
     from sionna_radar.scenario import Scenario
 
 Result = TypeVar("Result")
@@ -33,6 +34,7 @@ class Session:
     quiet: print nothing but errors.
     network: whether files may be read from the network.
     resume: whether to go on with finished parts in the output folder.
+    workers, scheduler: how many processes share the work, or the address of a dask cluster that does.
     """
 
     scenario: str
@@ -41,6 +43,8 @@ class Session:
     quiet: bool = False
     network: bool = False
     resume: bool = False
+    workers: int | None = None
+    scheduler: str | None = None
 
     @staticmethod
     def of(
@@ -53,17 +57,32 @@ class Session:
         *,
         network: bool = False,
         resume: bool = False,
+        workers: int | None = None,
+        scheduler: str | None = None,
     ) -> "Session":
         """Return the session of a command line."""
         log_to_stderr(quiet)
         overrides = overrides_of(assignments, files, seed)
         return Session(
-            scenario=scenario, output=output, overrides=overrides, quiet=quiet, network=network, resume=resume
+            scenario=scenario,
+            output=output,
+            overrides=overrides,
+            quiet=quiet,
+            network=network,
+            resume=resume,
+            workers=workers,
+            scheduler=scheduler,
         )
 
     def reach(self) -> AbstractContextManager[None]:
         """Return the context in which files are read: with the network, if the user allows it."""
         return allow_network() if self.network else nullcontext()
+
+    def team(self) -> "AbstractContextManager[Workers]":
+        """Return the context of the workers that share the work: this process alone, unless the user has others."""
+        from sionna_radar.foundation.cluster import open_workers
+
+        return open_workers(self.workers, self.scheduler)
 
     def load(self) -> "Scenario":
         """Return the scenario."""
@@ -102,7 +121,7 @@ class Session:
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> KeptParts:
-                from sionna_radar.report.survey.summary import versions
+                from sionna_radar.foundation.versions import versions
 
                 described = {"command": marker, "version": versions(), **run}
                 return until_written.enter_context(kept_parts(directory, described, resume=self.resume))

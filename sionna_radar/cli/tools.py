@@ -116,8 +116,8 @@ def doctor() -> None:
     """Report Python, the ray tracer's variant, libLLVM, the GPU and installed plug-ins; trace one ray."""
     import platform
 
+    from sionna_radar.foundation.versions import versions
     from sionna_radar.raytracer.backend import describe_backend
-    from sionna_radar.report.survey.summary import versions
     from sionna_radar.scenario.parts import custom_parts
     from sionna_radar.scenario.registry import load_plugins
 

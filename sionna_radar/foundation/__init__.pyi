@@ -6,6 +6,7 @@ from .errors import PluginError as PluginError
 from .errors import Problem as Problem
 from .errors import RadarError as RadarError
 from .errors import ScenarioError as ScenarioError
+from .errors import WorkerError as WorkerError
 from .georeference import Georeference as Georeference
 from .network import allow_network as allow_network
 from .progress import Progress as Progress
@@ -29,6 +30,7 @@ __all__ = [
     "Raster",
     "ScenarioError",
     "Stream",
+    "WorkerError",
     "allow_network",
     "pulse_generator",
     "pulse_uniforms",

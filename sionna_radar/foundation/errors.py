@@ -73,3 +73,13 @@ class BackendError(RadarError, RuntimeError):
 
 class PluginError(RadarError, TypeError):
     """A part that cannot be registered: its name is taken, or its table of parameters is not one."""
+
+
+class WorkerError(RadarError, RuntimeError):
+    """Workers of a cluster that cannot be had or used, or a task that they could not do."""
+
+
+def one_line(error: Exception) -> str:
+    """Return what is wrong, its problems one after another."""
+    problems = getattr(error, "problems", ())
+    return "; ".join(map(str, problems)) or str(error)

@@ -6,7 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import TypeVar
 
+from sionna_radar.foundation.errors import Problem, ScenarioError
+
 Result = TypeVar("Result")
+
+# How many threads this process may use, where that is less than its cores: what workers on one machine are told.
+THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 
 # Fewer rows than this in a part are not worth a thread.
 LEAST_ROWS = 16
@@ -43,8 +48,27 @@ def over_rows(work: Callable[[int, int], None], rows: int) -> None:
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of cores that this process may use, or less if it is to use so few threads."""
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(available, given_threads() or available)
+
+
+def given_threads() -> int | None:
+    """Return the number of threads that the environment allows; None if it does not say.
+
+    Raises
+    ------
+    ScenarioError
+        It is not a number, or less than 1.
+
+    """
+    text = os.environ.get(THREADS_VARIABLE)
+    if text is None:
+        return None
+    if not text.isdecimal() or int(text) < 1:
+        message = f"{text!r} is no number of threads; give 1 or more, or unset it"
+        raise ScenarioError([Problem(THREADS_VARIABLE, message)], "environment")
+    return int(text)
 
 
 @cache

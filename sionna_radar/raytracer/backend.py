@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import BackendError
+from sionna_radar.foundation.threads import given_threads
 
 OLDEST_LLVM = 17
 FEWEST_THREADS = 2
@@ -106,19 +107,20 @@ def load_mitsuba() -> Any:
     if mitsuba.variant() not in VARIANTS:
         mitsuba.set_variant(VARIANTS[0] if use_cuda else VARIANTS[1])
     if not use_cuda:
-        _use_two_threads()
+        _use_threads()
     return mitsuba
 
 
-def _use_two_threads() -> None:
-    """Make Dr.Jit use at least two threads, even on a single core.
+def _use_threads() -> None:
+    """Make Dr.Jit use as many threads as this process may, and at least two, even on a single core.
 
     With one, rays along the edge of two triangles give different hits; from two on, their number does not matter.
     """
     import drjit
 
-    if drjit.thread_count() < FEWEST_THREADS:
-        drjit.set_thread_count(FEWEST_THREADS)
+    wanted = max(given_threads() or drjit.thread_count(), FEWEST_THREADS)
+    if drjit.thread_count() != wanted:
+        drjit.set_thread_count(wanted)
 
 
 def _wheel_libraries() -> list[Path]:

@@ -5,21 +5,22 @@ statistics of a case are means over its trials, and their spread is the standard
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 """
 
-import logging
-from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from sionna_radar.foundation.errors import BackendError
-from sionna_radar.foundation.interrupts import Interrupted, raise_received
+from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, document_of, each_kept
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Shard, SweepPlan, failure
+from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan, failure
 from sionna_radar.studies.sweep_result import Case, Sweep, Trial
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.recording import BLOCK_SIZE
 
-logger = logging.getLogger("sionna_radar")
+# A cell of the plan, and how far the seed is raised.
+Place = tuple[int, int]
 
 
 def fly_sweep(
@@ -29,11 +30,12 @@ def fly_sweep(
     progress: Progress = silent,
     parts: KeptParts | None = None,
     shard: Shard | None = None,
+    workers: Workers | None = None,
 ) -> Sweep:
-    """Fly all trials of a study one after another, or those of a shard of it.
+    """Fly all trials of a study, or those of a shard of it: one after another, or on workers.
 
-    A trial that fails ends its case, which says why. An interrupt ends the study, which keeps the trials done: those
-    of `parts` in their folder, from where it goes on.
+    A case of which a trial fails says why. An interrupt ends the study, which keeps the trials done: those of `parts`
+    in their folder, from where it goes on.
 
     Parameters
     ----------
@@ -47,11 +49,15 @@ def fly_sweep(
         Where finished trials are kept, and those that are there already are taken from.
     shard:
         Which of them are flown; see `Shard`. Without it all.
+    workers:
+        What flies them, from `open_workers`; without it this process. It never changes the result.
 
     Raises
     ------
     BackendError
         The ray tracer cannot run here.
+    WorkerError
+        The workers are gone, or have another version of the program.
 
     Examples
     --------
@@ -61,60 +67,62 @@ def fly_sweep(
     False
 
     """
-    trials: list[list[Trial]] = [[] for _ in plan.cells]
-    reasons = [cell.refusal for cell in plan.cells]
-    interrupted = False
     flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
-    wanted = Counter(number for number, _, _ in flights)
+    places, tasks = _tasks(flights, block_size)
+    flown: dict[Place, Trial | Failure] = {}
+    interrupted = False
+    progress("surveys", 0, len(flights))
     try:
-        for number, scenario, repeat in flights:
-            if reasons[number]:
-                continue
-            progress("surveys", sum(map(len, trials)), len(flights))
-            try:
-                trials[number].append(_flown(scenario, repeat, block_size, progress, parts))
-            except BackendError:
-                raise
-            except Exception as error:
-                # Hours of other trials must not be lost by one, whatever it fails of.
-                raise_received()
-                logger.debug("a trial failed", exc_info=True)
-                reasons[number] = failure(error, scenario, repeat)
-        progress("surveys", sum(map(len, trials)), len(flights))
+        for key, found in each_kept(workers or InProcess(), fly_trial, tasks, parts, progress):
+            if isinstance(found, Failure) and found.kind == BackendError.__name__:
+                raise found.error()
+            result = found if isinstance(found, Failure) else Trial.of_document(document_of(found))
+            flown |= dict.fromkeys(places[key], result)
+            progress("surveys", len(flown), len(flights))
     except (KeyboardInterrupt, Interrupted):
         if parts is not None:
             raise
         interrupted = True
-    cases = [
-        Case(
-            setting=cell.setting,
-            scenario=cell.scenario,
-            trials=tuple(flown),
-            reason=reason or ("" if len(flown) == wanted[number] else "interrupted"),
-        )
-        for number, (cell, flown, reason) in enumerate(zip(plan.cells, trials, reasons, strict=True))
-    ]
+    wanted: dict[int, list[int]] = {}
+    for number, _, repeat in flights:
+        wanted.setdefault(number, []).append(repeat)
     return Sweep(
         source=plan.source,
         axes=plan.axes,
         repeat=plan.repeat,
-        cases=tuple(cases),
+        cases=tuple(_case(cell, number, wanted.get(number, ()), flown) for number, cell in enumerate(plan.cells)),
         interrupted=interrupted,
         shard=str(shard or ""),
     )
 
 
-def _flown(scenario: Scenario, repeat: int, block_size: int, progress: Progress, parts: KeptParts | None) -> Trial:
-    """Return a trial that was flown before, or fly it and keep it."""
-    scenario = scenario.model_copy(update={"seed": scenario.seed + repeat})
-    key = scenario.model_dump_json()
-    kept = parts.get_document(key) if parts is not None else None
-    if kept is not None:
-        return Trial.of_document(kept)
-    trial = _fly(scenario, block_size, progress)
-    if parts is not None:
-        parts.put_document(key, asdict(trial))
-    return trial
+def _tasks(
+    flights: Sequence[tuple[int, Scenario, int]], block_size: int
+) -> tuple[dict[str, list[Place]], dict[str, Task]]:
+    """Return the surveys as tasks by their keys, and the cells and seeds that each belongs to."""
+    places: dict[str, list[Place]] = {}
+    for number, scenario, repeat in flights:
+        key = scenario.model_copy(update={"seed": scenario.seed + repeat}).model_dump_json()
+        places.setdefault(key, []).append((number, repeat))
+    return places, {key: {"scenario": key, "block_size": block_size} for key in places}
+
+
+def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
+    """Return a setting with the trials that were flown of it, and why others were not."""
+    trials, reason = [], cell.refusal
+    for repeat in repeats:
+        found = flown.get((number, repeat))
+        if isinstance(found, Trial):
+            trials.append(found)
+        elif not reason and cell.scenario is not None:
+            reason = "interrupted" if found is None else failure(found, cell.scenario, repeat)
+    return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
+
+
+def fly_trial(task: Task, progress: Progress) -> bytes:
+    """Fly the survey of a task, and return its trial as a JSON document."""
+    scenario = Scenario.model_validate_json(task["scenario"])
+    return document_bytes(asdict(_fly(scenario, task["block_size"], progress)))
 
 
 def _fly(scenario: Scenario, block_size: int, progress: Progress) -> Trial:

@@ -10,8 +10,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import Failure
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.input_files import input_files
 from sionna_radar.studies.design import Axis, Design, Setting, refuse
@@ -153,12 +154,6 @@ def plan_sweep(
     return SweepPlan(source=str(source), axes=design.axes(settings), repeat=repeat, cells=tuple(cells))
 
 
-def one_line(error: Exception) -> str:
-    """Return what is wrong, its problems one after another."""
-    problems = getattr(error, "problems", ())
-    return "; ".join(map(str, problems)) or str(error)
-
-
 def refusal(error: Exception, scenario: Scenario | None) -> str:
     """Return why a scenario cannot be flown, and the number of samples with which it can, if that is all it lacks."""
     reason, problems = one_line(error), getattr(error, "problems", ())
@@ -176,11 +171,11 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
     return reason
 
 
-def failure(error: Exception, scenario: Scenario, repeat: int) -> str:
+def failure(found: Failure, scenario: Scenario, repeat: int) -> str:
     """Return why a survey of a study has failed: what cannot be flown with any seed, or else the seed and the error."""
-    if isinstance(error, ScenarioError | InputFileError):
-        return refusal(error, scenario)
-    return f"seed {scenario.seed + repeat}: {type(error).__name__}: {one_line(error)}"
+    if found.kind in (ScenarioError.__name__, InputFileError.__name__):
+        return refusal(found.error(), scenario)
+    return f"seed {scenario.seed + repeat}: {found.kind}: {found.text}"
 
 
 def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:

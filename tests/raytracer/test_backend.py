@@ -146,7 +146,7 @@ def test_one_core_is_given_two_threads():
     before = dr.thread_count()
     dr.set_thread_count(1)
     try:
-        backend._use_two_threads()
+        backend._use_threads()
         assert dr.thread_count() == 2
     finally:
         dr.set_thread_count(max(before, 2))

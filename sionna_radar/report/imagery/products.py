@@ -13,11 +13,11 @@ import numpy as np
 from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
 
+from sionna_radar.foundation.versions import versions
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.imaging.sar import SarImage
 from sionna_radar.report.folder import strict_json, write_folder, write_text
 from sionna_radar.report.imagery.figures import draw_all
-from sionna_radar.report.survey.summary import versions
 from sionna_radar.scenario import to_toml
 from sionna_radar.studies.images import Imagery, Reflector, Response
 

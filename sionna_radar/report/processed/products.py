@@ -9,6 +9,7 @@ import numpy as np
 import tomli_w
 
 from sionna_radar.foundation.memory import peak_memory_mb
+from sionna_radar.foundation.versions import versions
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import costs_json, strict_json, without_nan, write_folder, write_text
 from sionna_radar.report.manifest import COSTS
@@ -17,7 +18,7 @@ from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.points_table import write_points_csv
 from sionna_radar.report.survey.products import provenance
-from sionna_radar.report.survey.summary import crs_name, georeference, versions
+from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.survey.processed import Processed
 
 MARKER = "processed.json"

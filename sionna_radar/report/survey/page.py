@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.decibel import decibels
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.versions import versions
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.page import markup
 from sionna_radar.report.page.backscatter import MEANING as SIGMA0_MEANING
@@ -34,7 +35,7 @@ from sionna_radar.report.page.world import (
 )
 from sionna_radar.report.survey.page_chirps import chirps_of, packed_chirps, record_chirps
 from sionna_radar.report.survey.page_errors import errors_section, histogram_of, limit_of
-from sionna_radar.report.survey.summary import crs_name, summary, versions
+from sionna_radar.report.survey.summary import crs_name, summary
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey

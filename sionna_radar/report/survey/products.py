@@ -10,6 +10,7 @@ from pathlib import Path
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.versions import versions
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import costs_json, write_folder, write_text
@@ -20,7 +21,7 @@ from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.point_cloud import write_laz
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
-from sionna_radar.report.survey.summary import summary_json, versions
+from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.report.survey.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.survey.result import Survey

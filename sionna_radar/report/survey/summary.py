@@ -1,14 +1,13 @@
 """The numbers of a survey, as one JSON document."""
 
-import platform
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pyproj import CRS
 
 from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.versions import versions
 from sionna_radar.report.folder import strict_json, without_nan
 from sionna_radar.survey.result import Survey
 
@@ -34,7 +33,6 @@ MEANING = {
     "of the distance from the nearest echo; means: mean errors over windows against the standard deviations stated for "
     "them; null for a method that states none",
 }
-PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
 
 
 def summary(survey: Survey) -> dict[str, Any]:
@@ -107,16 +105,3 @@ def _datum(crs: CRS) -> str:
 def summary_json(survey: Survey) -> str:
     """Return the summary as strict JSON text."""
     return strict_json(summary(survey))
-
-
-def versions() -> dict[str, str | None]:
-    """Return the versions of Python and of the packages that affect the numbers; None if not installed."""
-    # Package metadata is read without loading Mitsuba and its LLVM.
-    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.accuracy.compare import LE90_MEANING
+from sionna_radar.foundation.versions import versions
 from sionna_radar.report.folder import strict_json, write_folder, write_text
-from sionna_radar.report.survey.summary import versions
 from sionna_radar.report.sweep.figures import draw_all
 from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
 from sionna_radar.report.sweep.runs_table import (

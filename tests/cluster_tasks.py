@@ -1,0 +1,42 @@
+"""Tasks of the tests, which workers import by the name of this module."""
+
+import logging
+import os
+import signal
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.network import network_allowed
+from sionna_radar.foundation.progress import Progress
+from sionna_radar.foundation.threads import cores
+from sionna_radar.foundation.workers import document_bytes
+
+
+def look(task: Mapping[str, Any], _: Progress) -> bytes:
+    """Do as the task says, and return what this process is."""
+    if task["do"] == "refuse":
+        raise ScenarioError([Problem("some.key", "1 is refused; give 2")])
+    if task["do"] == "fail":
+        raise KeyError(task["do"])
+    if task["do"] == "die":
+        with Path(task["deaths"]).open("a") as file:
+            file.write(f"{os.getpid()}\n")
+        os.kill(os.getpid(), signal.SIGKILL)
+    if task["do"] == "sleep":
+        time.sleep(60)
+    if task["do"] == "warn":
+        logging.getLogger("sionna_radar").warning("mind %s", "this")
+    return document_bytes({"pid": os.getpid(), "cores": cores(), "network": network_allowed(), "x": task["x"]})
+
+
+def fly_or_die(task: Mapping[str, Any], progress: Progress) -> bytes:
+    """Fly the surveys of a sweep, but for those of a beam that ends its worker."""
+    if '"beamwidth_deg":6' in task["scenario"]:
+        os.kill(os.getpid(), signal.SIGKILL)
+    # Only here: the other tasks begin at once.
+    from sionna_radar.studies.sweep import fly_trial
+
+    return fly_trial(task, progress)

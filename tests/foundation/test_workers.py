@@ -1,0 +1,164 @@
+"""Tasks give the same results in this process and on workers; what fails, or ends its worker, costs itself alone."""
+
+import json
+import logging
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import cluster_tasks
+from cluster_tasks import look
+from processes import all_ended
+from sionna_radar.foundation.cluster import open_workers
+from sionna_radar.foundation.errors import ScenarioError, WorkerError
+from sionna_radar.foundation.kept_parts import kept_parts
+from sionna_radar.foundation.network import allow_network
+from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
+from sionna_radar.foundation.workers import Failure, InProcess, each_kept, name_of, named
+
+TASKS = [{"do": "look", "x": 0.1}, {"do": "refuse"}, {"do": "look", "x": math.nan}, {"do": "fail"}]
+
+
+@pytest.fixture(scope="module")
+def pair():
+    with open_workers(2) as workers:
+        yield workers
+
+
+def seen(found):
+    return found if isinstance(found, Failure) else {**json.loads(found), "pid": 0, "cores": 0}
+
+
+def test_nobody_but_this_process_needs_no_dask():
+    """Neither does the command line, as long as it is not asked to share its work."""
+    code = (
+        "import sys; from sionna_radar.foundation.cluster import open_workers; import sionna_radar.cli.app\n"
+        "with open_workers() as workers: print(workers.count, 'dask' in sys.modules, 'distributed' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["0", "False", "False"]
+
+
+def test_a_function_is_found_by_its_name():
+    assert named(name_of(look)) is look
+
+
+def test_workers_give_what_this_process_gives(pair):
+    here, there = (
+        {n: seen(found) for n, found in workers.each(look, TASKS, lambda *_: None)} for workers in (InProcess(), pair)
+    )
+    assert repr(sorted(here.items())) == repr(sorted(there.items()))
+    refused, failed = there[1], there[3]
+    assert (refused.kind, refused.text) == ("ScenarioError", "some.key: 1 is refused; give 2")
+    with pytest.raises(ScenarioError, match=r"1 problem\n  some\.key: 1 is refused"):
+        raise refused.error()
+    with pytest.raises(WorkerError, match="KeyError: 'fail'"):
+        raise failed.error()
+    assert isinstance(here[3].error(), KeyError)
+
+
+def test_the_cores_are_shared_and_the_work_is_done_elsewhere(pair):
+    found = [json.loads(result) for _, result in pair.each(look, [{"do": "look", "x": n} for n in range(6)])]
+    assert {one["cores"] for one in found} == {max(cores() // 2, 1)}
+    assert {one["x"] for one in found} == set(range(6))
+    assert os.getpid() not in {one["pid"] for one in found}
+
+
+def test_warnings_and_the_leave_to_reach_the_network_travel(pair, caplog):
+    with caplog.at_level(logging.WARNING), allow_network():
+        (_, there), *_ = pair.each(look, [{"do": "warn", "x": 0}])
+    assert json.loads(there)["network"]
+    assert caplog.messages == ["mind this"]
+    (_, there), *_ = pair.each(look, TASKS[:1])
+    assert not json.loads(there)["network"]
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_done(pair, tmp_path):
+    deadly = {"do": "die", "deaths": str(tmp_path / "deaths")}
+    tasks = {f"{n}": {"do": "look", "x": n} for n in range(5)} | {"deadly": deadly}
+    with kept_parts(tmp_path / "out", {}, resume=False) as parts:
+        found = dict(each_kept(pair, look, dict(reversed(tasks.items())), parts))
+        assert len(parts) == 5
+        assert parts.get("deadly") is None
+    assert found["deadly"] == Failure(kind="WorkerError", text="its worker died 3 times; is there memory enough?")
+    assert [seen(found[f"{n}"])["x"] for n in range(5)] == list(range(5))
+    assert len(set((tmp_path / "deaths").read_text().split())) == 3
+
+
+@pytest.mark.parametrize(
+    ("count", "scheduler", "says"),
+    [(0, None, "0 workers do nothing"), (2, "tcp://127.0.0.1:1", "both --workers and --scheduler")],
+)
+def test_contradictory_requests_are_refused(count, scheduler, says):
+    with pytest.raises(ScenarioError, match=says), open_workers(count, scheduler):
+        pass
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "tcp://nowhere.invalid:8786", "http://a:1", ""])
+def test_an_address_without_a_scheduler_is_one_clear_error(address, monkeypatch):
+    monkeypatch.setattr("sionna_radar.foundation.cluster.CONNECT_S", 0.3)
+    with pytest.raises(WorkerError, match="no dask scheduler answers at"), open_workers(None, address):
+        pass
+
+
+def test_a_cluster_that_is_there_must_have_the_same_program(pair, monkeypatch):
+    address = pair.client.scheduler.address
+    with open_workers(None, address) as workers:
+        assert workers.count == 2
+        assert [seen(found)["x"] for _, found in workers.each(look, TASKS[:1])] == [0.1]
+    monkeypatch.setattr("sionna_radar.foundation.cluster.versions", lambda: {"numpy": "0.1"})
+    with pytest.raises(WorkerError, match=r"has numpy .* in place of 0\.1"), open_workers(None, address):
+        pass
+
+
+@pytest.mark.parametrize("text", ["0", "many", "-1", ""])
+def test_a_wrong_number_of_threads_is_refused(monkeypatch, text):
+    monkeypatch.setenv(THREADS_VARIABLE, text)
+    with pytest.raises(ScenarioError, match=THREADS_VARIABLE):
+        cores()
+
+
+INTERRUPTED = """
+import sys
+from pathlib import Path
+import cluster_tasks
+from cluster_tasks import look
+from processes import all_ended
+from sionna_radar.foundation.cluster import open_workers
+from sionna_radar.foundation.interrupts import interrupts_reported
+from sionna_radar.foundation.kept_parts import kept_parts
+from sionna_radar.foundation.workers import each_kept
+
+if __name__ == "__main__":
+    tasks = {str(n): {"do": "look", "x": n} for n in range(2)} | {f"slow {n}": {"do": "sleep"} for n in range(9)}
+    with interrupts_reported(), open_workers(2) as workers, kept_parts(Path(sys.argv[1]), {}, resume=False) as parts:
+        for _ in each_kept(workers, look, tasks, parts):
+            print("done", flush=True)
+"""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, code):
+    """Ctrl-C reaches every process of the terminal, SIGTERM the one that is named."""
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    began = {"start_new_session": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    paths = {"PYTHONPATH": str(Path(cluster_tasks.__file__).parent), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, script, tmp_path / "out"]
+    with subprocess.Popen(command, env=os.environ | paths, **began) as process:
+        assert [process.stdout.readline() for _ in range(2)] == ["done\n"] * 2
+        at = time.monotonic()
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        _, said = process.communicate()
+    assert time.monotonic() - at < 5
+    assert process.returncode == code, said
+    assert said == "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
+    assert all_ended(process.pid)
+    assert {path.name for path in tmp_path.iterdir()} == {"script.py", "out"}
