@@ -4,12 +4,12 @@ Run as a program it is that process: it reads a command as a line of JSON, runs 
 answers with a line of JSON. The heavy libraries are loaded once.
 """
 
-import contextlib
 import json
 import os
 import resource
 import subprocess
 import sys
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from select import select
@@ -74,15 +74,14 @@ def serve() -> None:
         with Path("stdout").open("w") as out, Path("stderr").open("w") as err:
             os.dup2(out.fileno(), 1)
             os.dup2(err.fileno(), 2)
-            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-                try:
-                    main()
-                except SystemExit as end:
-                    code = end.code or 0
-                except BaseException:
-                    import traceback
-
-                    traceback.print_exc()
+            try:
+                main()
+            except SystemExit as end:
+                code = end.code or 0
+            except BaseException:
+                traceback.print_exc()
+            sys.stdout.flush()
+            sys.stderr.flush()
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         answers.write(json.dumps({"code": code, "peak_mb": peak_mb}).encode() + b"\n")
         answers.flush()

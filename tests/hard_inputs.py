@@ -1,9 +1,10 @@
 """Inputs that no survey has, drawn by hypothesis: scenarios, rasters, tables, patterns and command lines."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args, get_origin
 
 import numpy as np
 import rasterio
@@ -17,9 +18,11 @@ from pattern_files import WRITERS
 from scenario_keys import keys_of
 from sionna_radar.foundation.input_file import parse_toml
 from sionna_radar.scenario import Scenario, parse_scenario
+from sionna_radar.scenario.terrain import RasterTerrain
 
 TABLES = (("terrain",), ("platform",), ("radar",))
 KEYS = sorted(".".join(key) for key in keys_of(Scenario) if key not in TABLES)
+RASTER_KEYS = [f"terrain.{name}" for name in RasterTerrain.model_fields if name != "path"]
 WORDS = ("", "x", "none", "\0", "[/x]", "ä" * 200, "flat", "hills", "fractal", "all", "refined", "smooth", "stepped",
          "linear", "triangular", "persistent", "per_pulse", "lidar", "gamma", "path_solver", "9" * 50)  # fmt: skip
 NUMBERS = (
@@ -56,6 +59,28 @@ def _put(data: dict, key: str, value: object) -> None:
 # Read once, and what that imports loaded with it: hypothesis wants nothing random where it draws.
 DEFAULTS = {key: _default(parse_scenario(parse_toml(SMALL)), key) for key in KEYS}
 
+
+def _fitting() -> dict[str, object]:
+    """Return the keys of `SMALL` that hold a number ("whole" or "real"), or one of some words or truth values."""
+    base, found = parse_scenario(parse_toml(SMALL)), {}
+    for key in KEYS:
+        *tables, name = key.split(".")
+        node: object = base
+        for table in tables:
+            node = getattr(node, table, None)
+        field = getattr(type(node), "model_fields", {}).get(name)
+        if field is None:
+            continue
+        kinds = [field.annotation, *get_args(field.annotation)]
+        words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
+        if words or bool in kinds:
+            found[key] = words or [True, False]
+        elif float in kinds or int in kinds:
+            found[key] = "real" if float in kinds else "whole"
+    return found
+
+
+FITTING = _fitting()
 numbers = st.sampled_from(NUMBERS) | st.floats() | st.integers(-(2**63), 2**63 - 1)
 plain = numbers | st.sampled_from(WORDS) | st.booleans() | st.text(max_size=8)
 values = st.recursive(
@@ -66,14 +91,21 @@ values = st.recursive(
 
 
 @st.composite
-def key_values(draw: st.DrawFn) -> tuple[str, object]:
-    """A key of a scenario, and its default moved by some orders of magnitude, or anything."""
-    key = draw(st.sampled_from(KEYS))
-    default = DEFAULTS[key]
-    if isinstance(default, int | float) and not isinstance(default, bool) and draw(st.integers(0, 3)):
-        moved = default * draw(st.sampled_from(FACTORS))
-        return key, int(moved) if isinstance(default, int) else moved
-    return key, draw(values)
+def key_values(draw: st.DrawFn, keys: Sequence[str] = KEYS) -> tuple[str, object]:
+    """A key of a scenario with anything in it."""
+    return draw(st.sampled_from(keys)), draw(values)
+
+
+@st.composite
+def fitting_values(draw: st.DrawFn) -> tuple[str, object]:
+    """A key of a scenario with a value of its kind: another word, or its number moved by some orders of magnitude."""
+    key = draw(st.sampled_from(sorted(FITTING)))
+    kind, default = FITTING[key], DEFAULTS[key]
+    if not isinstance(kind, str):
+        return key, draw(st.sampled_from(kind))
+    start = default or draw(st.sampled_from((1, 10)))
+    moved = start * draw(st.sampled_from(FACTORS))
+    return key, max(int(moved), 1) if kind == "whole" else float(moved)
 
 
 @st.composite
@@ -83,7 +115,10 @@ def scenarios(draw: st.DrawFn) -> HardInput:
     data["platform"]["length_m"] = 4.0
     if draw(st.booleans()):
         data["terrain"]["kind"] = draw(st.sampled_from(("hills", "fractal")))
-    for key, value in draw(st.lists(key_values(), min_size=1, max_size=3)):
+    changed = draw(st.lists(fitting_values(), max_size=3)) + draw(
+        st.lists(key_values(), max_size=draw(st.integers(0, 1)))
+    )
+    for key, value in changed:
         _put(data, key, value)
     return HardInput(["run", "hard.toml", "--no-report"], {"hard.toml": _toml(data)})
 
@@ -105,25 +140,29 @@ HEIGHTS = {
 def rasters(draw: st.DrawFn) -> HardInput:
     """A survey over a GeoTIFF of odd size, place, type or heights, or with some of its bytes changed."""
     dtype = draw(st.sampled_from(("float32", "float64", "int16", "uint8", "int32")))
-    columns = draw(st.integers(1, 60))
-    step = draw(st.sampled_from((5.0, 20.0, 1.0, 1e-6, 1e7, 0.0001)))
+    rows, columns = (draw(st.just(60) | st.just(100) | st.integers(1, 60)) for _ in range(2))
+    step = draw(st.sampled_from((5.0, 5.0, 5.0, 20.0, 1.0, 1e-6, 1e7, 0.0001)))
     shear = draw(st.sampled_from((0.0, 0.0, 0.0, 1.0, 5.0)))
-    west, north = draw(st.sampled_from(((690_000.0, 5_330_000.0), (11.5, 48.1), (-5.0 * columns, 100.0), (1e12, 0.0))))
+    west, north = draw(
+        st.sampled_from((*2 * ((690_000.0, 5_330_000.0),), (11.5, 48.1), (-5.0 * columns, 100.0), (1e12, 0.0)))
+    )
     profile = {
         "driver": "GTiff",
         "count": draw(st.sampled_from((1, 1, 1, 3))),
         "dtype": dtype,
-        "height": draw(st.integers(1, 60)),
+        "height": rows,
         "width": columns,
         "transform": Affine(step, shear, west, shear, -step, north),
-        "crs": draw(st.sampled_from(("EPSG:32632", "EPSG:4326", "EPSG:3857", "EPSG:2263", None))),
+        "crs": draw(
+            st.sampled_from(("EPSG:32632", "EPSG:32632", "EPSG:25832", "EPSG:4326", "EPSG:3857", "EPSG:2263", None))
+        ),
         "nodata": draw(st.sampled_from((None, -9999.0, 0.0))) if dtype != "uint8" else None,
     }
     kind, seed, change = draw(st.sampled_from(sorted(HEIGHTS))), draw(st.integers(0, 99)), draw(changes())
     data = parse_toml(SMALL)
     data["platform"] |= {"length_m": 4.0, "altitude_m": draw(st.sampled_from((50.0, 50.0, 5.0)))}
     data["terrain"] = {"kind": "raster", "path": "hard.tif"}
-    for key, value in draw(st.lists(key_values().filter(lambda pair: pair[0].startswith("terrain.")), max_size=1)):
+    for key, value in draw(st.lists(key_values(RASTER_KEYS), max_size=1)):
         _put(data, key, value)
     # Written by the test: hypothesis wants nothing random where it draws, and GDAL names its files at random.
     files = {"hard.toml": _toml(data), "hard.tif": lambda: change(_raster(profile, kind, seed))}
@@ -148,7 +187,7 @@ def _raster(profile: dict, kind: str, seed: int) -> bytes:
 @st.composite
 def changes(draw: st.DrawFn) -> Callable[[bytes], bytes]:
     """What leaves a content as it is, cuts it short, or changes some of its bytes."""
-    kind, cut = draw(st.integers(0, 3)), draw(st.floats(0, 1))
+    kind, cut = draw(st.integers(0, 5)), draw(st.floats(0, 1))
     places = draw(st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=8))
 
     def changed(content: bytes) -> bytes:

@@ -14,6 +14,8 @@ from sionna_radar.foundation.raster import Grid
 logger = logging.getLogger("sionna_radar")
 
 MAX_CELLS = 4_000_000
+# Finer cells are no terrain but come of a wrong transform.
+LEAST_SPACING_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,10 +32,16 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
 
     In the file's own projection the cells are aligned with the file's.
 
-    Raises ScenarioError if the file does not overlap the window, or the overlap is smaller than one cell.
+    Raises ScenarioError if the file does not overlap the window, the overlap is smaller than one cell, or cells have no
+    width.
     """
     west, south, east, north = _overlap_m(source, cutout)
     spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
+    if not LEAST_SPACING_M <= spacing < math.inf:
+        message = (
+            f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
+        )
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
     if spacing > min(east - west, north - south):
         message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
         raise ScenarioError([Problem("terrain.spacing_m", message)])

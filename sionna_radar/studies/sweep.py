@@ -8,13 +8,13 @@ that cannot be flown, or that fails in flight, keeps its place with the reason; 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from sionna_radar.foundation.errors import BackendError, InputFileError, ScenarioError
+from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, document_of, each_kept
 from sionna_radar.scenario import Scenario
-from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan, refusal
+from sionna_radar.studies.sweep_plan import Cell, Shard, SweepPlan, failure
 from sionna_radar.studies.sweep_result import Case, Sweep, Trial
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.recording import BLOCK_SIZE
@@ -83,12 +83,14 @@ def fly_sweep(
         if parts is not None:
             raise
         interrupted = True
-    wanted = [(number, scenario.seed, repeat) for number, scenario, repeat in flights]
+    wanted: dict[int, list[int]] = {}
+    for number, _, repeat in flights:
+        wanted.setdefault(number, []).append(repeat)
     return Sweep(
         source=plan.source,
         axes=plan.axes,
         repeat=plan.repeat,
-        cases=tuple(_case(cell, number, wanted, flown) for number, cell in enumerate(plan.cells)),
+        cases=tuple(_case(cell, number, wanted.get(number, ()), flown) for number, cell in enumerate(plan.cells)),
         interrupted=interrupted,
         shard=str(shard or ""),
     )
@@ -105,26 +107,16 @@ def _tasks(
     return places, {key: {"scenario": key, "block_size": block_size} for key in places}
 
 
-def _case(
-    cell: Cell, number: int, wanted: Sequence[tuple[int, int, int]], flown: Mapping[Place, Trial | Failure]
-) -> Case:
-    """Return a combination with the trials that were flown of it, and why others were not."""
+def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
+    """Return a setting with the trials that were flown of it, and why others were not."""
     trials, reason = [], cell.refusal
-    for _, seed, repeat in (flight for flight in wanted if flight[0] == number):
+    for repeat in repeats:
         found = flown.get((number, repeat))
         if isinstance(found, Trial):
             trials.append(found)
-        elif not reason:
-            reason = "interrupted" if found is None else _why(found, cell.scenario, seed + repeat)
+        elif not reason and cell.scenario is not None:
+            reason = "interrupted" if found is None else failure(found, cell.scenario, repeat)
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
-
-
-def _why(failed: Failure, scenario: Scenario | None, seed: int) -> str:
-    """Return why a survey has failed: what cannot be flown with any seed, or else the seed and the error."""
-    error = failed.error()
-    if isinstance(error, ScenarioError | InputFileError):
-        return refusal(error, scenario)
-    return f"seed {seed}: {failed.kind}: {failed.text}"
 
 
 def fly_trial(task: Task, progress: Progress) -> bytes:

@@ -12,6 +12,7 @@ from typing import Any
 
 from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import Failure
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.input_files import input_files
 from sionna_radar.studies.design import Axis, Design, Setting, refuse
@@ -168,6 +169,13 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
             continue
         return f"{reason} ({SAMPLES} = {samples} works)"
     return reason
+
+
+def failure(found: Failure, scenario: Scenario, repeat: int) -> str:
+    """Return why a survey of a study has failed: what cannot be flown with any seed, or else the seed and the error."""
+    if found.kind in (ScenarioError.__name__, InputFileError.__name__):
+        return refusal(found.error(), scenario)
+    return f"seed {scenario.seed + repeat}: {found.kind}: {found.text}"
 
 
 def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:

@@ -45,6 +45,7 @@ def check_limits(
     checks = [_chirps(scenario, route), _spectrum(scenario), _ranked(scenario), _steps(scenario, route.length_m)]
     checks += [
         _reach(chirp),
+        _nearest(scenario, chirp),
         _shift(route.speed_mps, chirp),
     ]
     if route.altitude_m is not None:
@@ -126,6 +127,14 @@ def _reach(chirp: Chirp) -> Problem | None:
         f"{FARTHEST_M:g}; raise it to {1.01 * chirp.bandwidth_hz * chirp.max_range_m / FARTHEST_M:.3g}"
     )
     return Problem("radar.bandwidth_hz", message)
+
+
+def _nearest(scenario: Scenario, chirp: Chirp) -> Problem | None:
+    nearest_m = scenario.processing.min_range_m
+    if nearest_m < chirp.max_range_m:
+        return None
+    message = f"{nearest_m:g} m is no nearer than the farthest echo, at {chirp.max_range_m:.3g} m; lower it"
+    return Problem("processing.min_range_m", message)
 
 
 def _shift(speed_mps: float, chirp: Chirp) -> Problem | None:

@@ -16,6 +16,7 @@ from sionna_radar.foundation.kept_parts import FOLDER, kept_parts
 from sionna_radar.report.folder import strict_json
 from sionna_radar.report.sweep.products import summary
 from sionna_radar.studies import sweep as sweep_module
+from sionna_radar.studies.design_text import parse_design
 from sionna_radar.studies.sweep import fly_sweep
 from sionna_radar.studies.sweep_plan import SweepPlan, plan_sweep
 
@@ -30,7 +31,7 @@ def pair() -> Iterator[DaskWorkers]:
 
 @pytest.fixture(scope="module")
 def plan(small) -> SweepPlan:
-    return plan_sweep(small, {BEAM: [2.0, 6.0]}, repeat=1)
+    return plan_sweep(small, parse_design([f"{BEAM}=2,6"]), repeat=1)
 
 
 def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
@@ -51,7 +52,7 @@ def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
 @pytest.mark.study
 def test_a_worker_that_is_killed_is_replaced_and_its_survey_flown_again(pair, small):
     """`pytest -m study -k is_killed`, half a minute."""
-    plan = plan_sweep(small, {BEAM: [2.0, 6.0]}, repeat=4)
+    plan = plan_sweep(small, parse_design([f"{BEAM}=2,6"]), repeat=4)
 
     def progress(stage, done, total):
         if stage == "surveys" and done in (1, 3):
