@@ -31,6 +31,7 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
 
@@ -78,11 +79,27 @@ def run_command(
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
+    if record and (workers is not None or scheduler is not None):
+        problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
+        raise ScenarioError([problem], "command line")
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
@@ -119,7 +136,8 @@ def _fly(
         files, size = outside | inside, block_size or BLOCK_SIZE
         if files:
             return run(checked, block_size=size, recordings=files, sample_type=sample_type, progress=progress)
-        return run(checked, block_size=size, parts=keep(identity(checked, size)), progress=progress)
+        with session.team() as team:
+            return run(checked, block_size=size, parts=keep(identity(checked, size)), workers=team, progress=progress)
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])

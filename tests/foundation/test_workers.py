@@ -146,7 +146,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [pytest.param(signal.SIGTERM, 143, marks=pytest.mark.study), (signal.SIGINT, 130)]
+)
 def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, code):
     """Ctrl-C reaches every process of the terminal, SIGTERM the one that is named."""
     script = tmp_path / "script.py"
