@@ -19,7 +19,7 @@ from sionna_radar.foundation.threads import cores
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
-from sionna_radar.survey.stretches import FinishedStretch, Stretch
+from sionna_radar.survey.stretches import FinishedStretch, Stretch, columns_of, packed, stretch_of
 
 BLOCK_SIZE = 256
 # Blocks that are kept together, so that a long survey has not too many parts, and a short one enough to share them.
@@ -94,6 +94,25 @@ class Recording:
     def behind_volume(self) -> bool:
         """Whether its profiles are of ground behind a volume of rain."""
         return self.profiles is not None and self.profiles.volume is not None
+
+    def packed(self) -> bytes:
+        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        seen = Stretch(echoes=self.echoes, profiles=self.profiles, lost=self.lost_to_rain)
+        return packed(seen=seen, lit=self.lit, paths=self.paths, rain_echoes=self.rain_echoes)
+
+    @staticmethod
+    def unpacked(content: bytes) -> "Recording":
+        """Return the recording of some bytes."""
+        columns = columns_of(content)
+        seen = stretch_of(columns)
+        return Recording(
+            echoes=seen.echoes,
+            profiles=seen.profiles,
+            lit=columns["lit"],
+            paths=int(columns["paths"]),
+            rain_echoes=int(columns["rain_echoes"]),
+            lost_to_rain=seen.lost,
+        )
 
 
 @on_one_thread

@@ -68,12 +68,12 @@ def refuse_custom(custom: CustomParts) -> None:
 
 def fly_task(task: Task, progress: Progress) -> bytes:
     """Fly the stretch of a task, and return the bytes of what was found."""
-    prepared, sensor = _ready(task["scenario"])
+    prepared, sensor = ready(task["scenario"])
     return fly_stretch(prepared, sensor, [(first, end) for first, end in task["blocks"]]).packed()
 
 
 @lru_cache(maxsize=1)
-def _ready(scenario: str) -> tuple[Prepared, Sensor]:
+def ready(scenario: str) -> tuple[Prepared, Sensor]:
     """Return a prepared survey and its sensor: a worker flies many stretches of one."""
     prepared = prepare(Scenario.model_validate_json(scenario))
     return prepared, prepared.build_sensor()

@@ -12,6 +12,7 @@ import pytest
 
 import cluster_tasks
 import processes
+from sionna_radar.flight.grades import GRADES
 from sionna_radar.foundation.cluster import DaskWorkers, open_workers
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.kept_parts import FOLDER, kept_parts
@@ -22,13 +23,18 @@ from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.report.sweep.products import summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies import sweep as sweep_module
+from sionna_radar.studies.budget import navigation_budget, navigation_errors
+from sionna_radar.studies.crosscheck import crosscheck
+from sionna_radar.studies.crosscheck_result import CrossCheck
 from sionna_radar.studies.design_text import parse_design
 from sionna_radar.studies.sweep import fly_sweep
 from sionna_radar.studies.sweep_plan import SweepPlan, plan_sweep
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.result import Survey
 
-SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48, "dem.method": "smooth"}
+SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
+# Nobody but this process; or, in half a minute, workers: `pytest -m study -k the_same_on_workers`.
+WHO = [None, pytest.param("pair", marks=pytest.mark.study)]
 BEAM = "radar.antenna.beamwidth_deg"
 
 
@@ -68,6 +74,28 @@ def test_a_survey_is_the_same_on_workers(pair, tmp_path):
         assert len(parts) == 3
     assert there == again == here
     assert everything(run(scenario, block_size=110, workers=pair)) == here
+
+
+@pytest.mark.parametrize("who", WHO)
+def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
+    asked = {"errors": navigation_errors()[6:8], "grades": {"rtk": GRADES["rtk"]}, "repeat": 2}
+    scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
+    here = navigation_budget(scenario, **asked)
+    with kept_parts(tmp_path, {}, resume=False) as parts:
+        assert navigation_budget(scenario, **asked, workers=workers, parts=parts) == here
+        assert navigation_budget(scenario, **asked, workers=Nobody(), parts=parts) == here
+        # A stretch of the flight, two limits and a grade.
+        assert len(parts) == 4
+
+
+@pytest.mark.parametrize("who", WHO)
+def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
+    scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
+    here = crosscheck(scenario, block_size=30)
+    with kept_parts(tmp_path, {}, resume=False) as parts:
+        assert bits(crosscheck(scenario, block_size=60, workers=workers, parts=parts)) == bits(here)
+        assert bits(crosscheck(scenario, block_size=60, workers=Nobody(), parts=parts)) == bits(here)
+        assert len(parts) >= 8
 
 
 def test_custom_parts_are_not_for_workers(pair, small):
@@ -136,12 +164,18 @@ def test_a_signal_ends_a_sweep_and_its_workers(small, tmp_path):
     assert processes.all_ended(process.pid)
 
 
+def bits(check: CrossCheck) -> list[bytes]:
+    runs = (check.sionna, check.sionna_again, check.gamma, check.gamma_again)
+    names = ("power", "range_m", "incidence_rad", "echo_range_m")
+    return [column.tobytes() for run in runs for column in (*(getattr(run, n) for n in names), run.dem.height_m)]
+
+
 class Nobody:
     """Workers that are never asked."""
 
     count = 1
 
-    def each(self, work, tasks, progress=None):
+    def each(self, work, tasks, progress=None, shared=None):
         assert not tasks
         return iter(())
 
