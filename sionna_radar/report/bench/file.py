@@ -13,7 +13,7 @@ from sionna_radar.foundation.threads import cores
 from sionna_radar.foundation.versions import versions
 from sionna_radar.report.folder import strict_json
 from sionna_radar.report.signed_file import SignedFile
-from sionna_radar.studies.bench import Ratio
+from sionna_radar.studies.ratio import Ratio
 
 BENCH_FILE = SignedFile(command="bench", before='{"written_by": "', after='",')
 REMEDY = "give a file that `sionna-radar bench -o` wrote"
