@@ -11,11 +11,13 @@ import rasterio
 import tomli_w
 from hypothesis import strategies as st
 from rasterio import Affine
+from typer.main import get_command
 
 from beams import make_antenna
 from conftest import SMALL
 from pattern_files import WRITERS
 from scenario_keys import keys_of
+from sionna_radar.cli.app import app
 from sionna_radar.foundation.input_file import parse_toml
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.terrain import RasterTerrain
@@ -237,12 +239,38 @@ def _patterns() -> dict[str, bytes]:
     return found
 
 
+# Options that would wait for a network, for other processes, or for an hour.
+NEVER = ("--allow-network", "--network", "--scheduler", "--workers", "-o", "--output")
 QUICK = ("run", "sweep", "crosscheck", "image", "process", "log", "show", "compare", "merge", "validate", "plan", "fit")
-OPTIONS = (
-    "--set", "--vary", "--sample", "--table", "--repeat", "--seed", "--block-size", "--shard", "--set-file", "--runs",
-    "--points", "--record", "--record-as", "--resume", "--no-report", "--local-coordinates", "-q", "--help", "--area",
-    "--sampling", "--altitude", "--no-such-option",
-)  # fmt: skip
+
+
+def _options() -> dict[str, dict[str, bool]]:
+    """Return the options of each quick command, and whether they take a value."""
+    commands = get_command(app).commands
+    return {
+        name: {option: not getattr(given, "is_flag", False) for given in commands[name].params for option in given.opts}
+        for name in QUICK
+    }
+
+
+OPTIONS = {
+    name: {option: value for option, value in given.items() if option[0] == "-" and option not in NEVER}
+    for name, given in _options().items()
+}
+# What a command needs to do anything, and values that fit their options.
+USUAL = {
+    "sweep": ["--vary", "radar.snr_db=10,20"],
+    "plan": ["--area", "40x30", "--sampling", "4"],
+    "fit": ["--material", "ground"],
+}
+FITTING_WORDS = {
+    "--set": ("radar.snr_db=20", "dem.method=smooth", "dem.spacing_m=0.5", "radar.antenna.beamwidth_deg=8", "seed=-1"),
+    "--vary": ("radar.antenna.beamwidth_deg=3:6", "seed=1,2", "processing.ranging=peak,centroid", "seed=1:9"),
+    "--sample": ("sobol:2", "lhs:3"), "--repeat": ("1", "2"), "--seed": ("0", "7", "18446744073709551615"),
+    "--block-size": ("1", "3", "100000"), "--shard": ("1/2", "2/2"), "--runs": ("csv",), "--points": ("csv", "laz"),
+    "--record": ("signals", "paths=a.nc", "profiles=b.nc"), "--record-as": ("int16", "float32"),
+    "--area": ("200x150", "0x1"), "--sampling": ("0.1", "1e-9"), "--altitude": ("50", "1e9"), "--heading": ("400",),
+}  # fmt: skip
 ARGUMENTS = (
     "small.toml", "hills", "nowhere.toml", "", "0", "-1", "1e999", "nan", "2/3", "sobol:4", "lhs:2", "sobol:x", "x=1:2",
     "radar.snr_db=10:20", "radar.snr_db=10,20", "radar.snr_db=", "radar.snr_db=nan", "=", "200x150", "small.toml/x",
@@ -252,13 +280,20 @@ ARGUMENTS = (
 
 @st.composite
 def command_lines(draw: st.DrawFn) -> HardInput:
-    """A command with options and arguments that need not fit it."""
-    given: list[str] = [draw(st.sampled_from(QUICK)), draw(st.sampled_from(("small.toml", *ARGUMENTS)))]
+    """A command with options of its own, and values that need not fit them."""
+    command = draw(st.sampled_from(QUICK))
+    given: list[str] = [command]
+    if command != "plan":
+        given.append("small.toml" if draw(st.integers(0, 4)) else draw(st.sampled_from(ARGUMENTS)))
+    given += USUAL.get(command, []) if draw(st.integers(0, 4)) else []
     words = st.sampled_from(ARGUMENTS) | st.text(st.characters(exclude_characters="/.~\0"), max_size=6)
-    for option in draw(st.lists(st.sampled_from(OPTIONS), max_size=4)):
+    for option in draw(st.lists(st.sampled_from(sorted(OPTIONS[command])), max_size=2)):
         given.append(option)
-        if draw(st.integers(0, 5)):
-            given.append(draw(words.filter(lambda word: _encodable(word))))
+        if OPTIONS[command][option]:
+            fits = FITTING_WORDS.get(option)
+            given.append(draw(st.sampled_from(fits) if fits and draw(st.booleans()) else words.filter(_encodable)))
+    if draw(st.integers(0, 9)) == 0:
+        given.append("--no-such-option")
     return HardInput(given)
 
 

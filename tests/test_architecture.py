@@ -206,7 +206,7 @@ def test_every_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads():
 
 def test_the_ray_tracer_works_with_the_libllvm_that_was_chosen():
     code = "import sionna_radar.tracing.engines.beam, mitsuba as mi; print(mi.Float([1, 2]) + 1)"
-    assert run(code, SIONNA_RADAR_VARIANT="llvm_ad_mono_polarized").strip() == "[2, 3]"
+    assert run(code, SIONNA_RADAR_BACKEND="llvm").strip() == "[2, 3]"
 
 
 def test_importing_the_package_loads_neither_numpy_nor_the_ray_tracer():

@@ -31,12 +31,14 @@ from sionna_radar.cli.recordings import (
     with_the_results,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
     from sionna_radar.foundation.progress import Progress
+    from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck_result import CrossCheck
     from sionna_radar.studies.sweep_result import Sweep
     from sionna_radar.survey.result import Survey
@@ -78,11 +80,27 @@ def run_command(
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume)
+    if record and (workers is not None or scheduler is not None):
+        problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
+        raise ScenarioError([problem], "command line")
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
@@ -119,7 +137,8 @@ def _fly(
         files, size = outside | inside, block_size or BLOCK_SIZE
         if files:
             return run(checked, block_size=size, recordings=files, sample_type=sample_type, progress=progress)
-        return run(checked, block_size=size, parts=keep(identity(checked, size)), progress=progress)
+        with session.team() as team:
+            return run(checked, block_size=size, parts=keep(identity(checked, size)), workers=team, progress=progress)
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
@@ -142,21 +161,39 @@ def crosscheck(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
     from sionna_radar.report.crosscheck.products import MARKER, write_crosscheck
     from sionna_radar.report.crosscheck.table import print_crosscheck
+    from sionna_radar.scenario.input_files import identity
     from sionna_radar.studies.crosscheck import crosscheck as check
+    from sionna_radar.survey.recording import BLOCK_SIZE
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     checked = session.load()
+
+    def fly(progress: "Progress", keep: "Keep") -> "CrossCheck":
+        with session.team() as team:
+            parts = keep(identity(checked, BLOCK_SIZE))
+            return check(checked, progress=progress, parts=parts, workers=team)
+
     result: CrossCheck = session.produce(
-        lambda progress, _: check(checked, progress=progress),
-        suffix="_crosscheck",
-        marker=MARKER,
-        write=write_crosscheck,
-        show=print_crosscheck,
+        fly, suffix="_crosscheck", marker=MARKER, write=write_crosscheck, show=print_crosscheck
     )
     if not result.agrees:
         raise typer.Exit(1)
@@ -174,24 +211,38 @@ def budget(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
     from sionna_radar.flight.grades import GRADES, load_grades
     from sionna_radar.report.budget.products import MARKER, write_budget
     from sionna_radar.report.budget.table import print_budget
-    from sionna_radar.studies.budget import navigation_budget
+    from sionna_radar.studies.budget import GROWTH, identity_of, navigation_budget
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    session = Session.of(
+        scenario,
+        output,
+        set_,
+        set_file,
+        seed,
+        quiet,
+        network=network,
+        resume=resume,
+        workers=workers,
+        scheduler=scheduler,
+    )
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
-    session.produce(
-        lambda progress, _: navigation_budget(checked, repeat=repeat, grades=known, progress=progress),
-        suffix="_budget",
-        marker=MARKER,
-        write=write_budget,
-        show=print_budget,
-    )
+
+    def fly(progress: "Progress", keep: "Keep") -> "Budget":
+        with session.team() as team:
+            parts = keep(identity_of(checked, GROWTH, repeat, known))
+            return navigation_budget(checked, repeat=repeat, grades=known, progress=progress, parts=parts, workers=team)
+
+    session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
 
 
 def image(

@@ -145,19 +145,38 @@ def doctor() -> None:
 
 def bench(
     quick: Annotated[bool, typer.Option("--quick", help="Smaller runs, noisier ratios.")] = False,
+    long: Annotated[
+        bool, typer.Option("--long", help="Growth with facets and pulses instead, up to 10,000,000 and 200,000.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write the ratios as JSON, to compare with later."),
+    ] = None,
+    compare: Annotated[
+        Path | None, typer.Option("--compare", metavar="FILE", help="Tell the ratios of an earlier run beside them.")
+    ] = None,
 ) -> None:
     """Measure the speed ratios that the program promises, side by side in one run."""
+    from sionna_radar.report.bench.file import BENCH_FILE, change, read_bench, write_bench
     from sionna_radar.studies.bench import RATIOS, measure
+    from sionna_radar.studies.bench_growth import GROWTH_RATIOS, measure_growth
 
-    missed = 0
+    if output is not None:
+        BENCH_FILE.check(output)
+    earlier = read_bench(compare, quick=quick) if compare is not None else {}
+    ratios = []
     with progress_of(quiet=False) as progress:
-        progress("ratios", 0, RATIOS)
-        for done, ratio in enumerate(measure(quick=quick), start=1):
-            progress("ratios", done, RATIOS)
-            typer.echo(ratio)
-            missed += not ratio.kept
+        count, measured = (GROWTH_RATIOS, measure_growth()) if long else (RATIOS, measure(quick=quick))
+        progress("ratios", 0, count)
+        for ratio in measured:
+            ratios.append(ratio)
+            progress("ratios", len(ratios), count)
+            typer.echo(f"{ratio}{change(ratio, earlier)}")
+    if output is not None:
+        typer.echo(f"ratios in {write_bench(output, ratios, quick=quick)}")
+    missed = sum(not ratio.kept for ratio in ratios)
     if missed:
-        typer.echo(f"{missed} of {RATIOS} bounds missed", err=True)
+        typer.echo(f"{missed} of {count} bounds missed", err=True)
         raise typer.Exit(1)
 
 

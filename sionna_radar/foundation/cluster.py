@@ -8,13 +8,16 @@ import logging
 import os
 import queue
 import signal
+import socket
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError
@@ -23,7 +26,7 @@ from sionna_radar.foundation.network import allow_network, network_allowed
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads
 from sionna_radar.foundation.versions import versions
-from sionna_radar.foundation.workers import Failure, InProcess, Task, Work, Workers, attempt, name_of, named
+from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, name_of, named
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
@@ -148,8 +151,11 @@ def _remote_client(address: str) -> Iterator["Client"]:
     from distributed import Client
 
     try:
+        # Dask may hang where it finds no scheduler a second time, so that somebody must answer first.
+        host, port = _host_and_port(address)
+        socket.create_connection((host, port), timeout=CONNECT_S).close()
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError) as error:
         message = f"--scheduler: no dask scheduler answers at {address!r} ({error}); give tcp://HOST:PORT of one"
         raise WorkerError(message) from error
     with client:
@@ -159,6 +165,14 @@ def _remote_client(address: str) -> Iterator["Client"]:
             message = f"--scheduler: the cluster at {address} has no workers; start some with `dask worker {address}`"
             raise WorkerError(message) from error
         yield client
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    found = urlsplit(address)
+    if found.scheme != "tcp" or not found.hostname or not found.port:
+        message = "this is no such address"
+        raise ValueError(message)
+    return found.hostname, found.port
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +205,7 @@ class DaskWorkers:
                 raise WorkerError(_other_program(address, different))
 
     def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent
+        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
     ) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result of each task, or why it has none, as they finish.
 
@@ -200,11 +214,12 @@ class DaskWorkers:
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
         waiting = iter(enumerate(tasks))
-        name, given = name_of(work), {"program": dict(self.program), "network": network_allowed()}
+        given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
+        at_hand = None if shared is None or not tasks else self._sent(shared)
         try:
             while True:
                 for number, task in _first(waiting, self.count - len(running)):
-                    future = self._submit(name, json.dumps(task), given)
+                    future = self._submit(json.dumps(task), json.dumps(given), at_hand)
                     running[future] = number
                     future.add_done_callback(finished.put)
                 if not running:
@@ -215,8 +230,16 @@ class DaskWorkers:
             for future in running:
                 future.cancel(reason="the study has ended")
 
-    def _submit(self, name: str, task: str, given: Mapping[str, Any]) -> "Future":
-        return self.client.submit(perform, name, task, json.dumps(given), key=f"sionna-radar-{uuid4().hex}", pure=False)
+    def _submit(self, task: str, given: str, shared: "Future | None") -> "Future":
+        key = f"sionna-radar-{uuid4().hex}"
+        return self.client.submit(perform, task, given, shared, key=key, pure=False)
+
+    def _sent(self, shared: bytes) -> "Future":
+        """Return what workers share, as a task, so that dask sends it again where a worker has taken it along."""
+        with warnings.catch_warnings():
+            # Dask would rather have it in a file that all can read.
+            warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
+            return self.client.submit(_itself, shared, key=f"sionna-radar-{uuid4().hex}", pure=False)
 
     def _next(self, finished: "queue.SimpleQueue[Future]") -> "Future":
         """Return the next finished task, interrupts heeded meanwhile."""
@@ -262,7 +285,11 @@ def _result(future: "Future") -> bytes | Failure:
     return reply["result"] if failure is None else Failure.of_document(failure)
 
 
-def perform(name: str, task: str, given: str) -> dict[str, Any]:
+def _itself(shared: bytes) -> bytes:
+    return shared
+
+
+def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
     """Do a task in a worker, and return its result or failure, and what was logged meanwhile."""
     settings, log = json.loads(given), _Log()
     different = differences(settings["program"])
@@ -270,7 +297,7 @@ def perform(name: str, task: str, given: str) -> dict[str, Any]:
     if different:
         return reply | {"host": os.uname().nodename if hasattr(os, "uname") else "a worker"}
     with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():
-        found = attempt(named(name), json.loads(task))
+        found = attempt(named(settings["name"]), {**json.loads(task), SHARED: shared})
     if isinstance(found, Failure):
         return reply | {"failure": found.document()}
     return reply | {"result": found}

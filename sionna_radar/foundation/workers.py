@@ -22,6 +22,8 @@ from sionna_radar.foundation.progress import Progress, silent
 logger = logging.getLogger("sionna_radar")
 
 Task = Mapping[str, Any]
+# Name of the entry of a task that is the same in all of them.
+SHARED = "shared"
 # A function of a module, by whose name workers find it: it returns the bytes of a result, and tells how far it is.
 Work = Callable[[Task, Progress], bytes]
 
@@ -66,11 +68,11 @@ class Failure:
         """Return it as an error to raise: of its own class, if that is the program's or Python's, else WorkerError."""
         if self.cause is not None:
             return self.cause
-        if self.problems:
+        if self.kind == ScenarioError.__name__:
             return ScenarioError([Problem(*problem) for problem in self.problems], self.source)
         kind = getattr(errors, self.kind, None) or getattr(builtins, self.kind, None)
         if isinstance(kind, type) and issubclass(kind, RadarError | MemoryError | ValueError):
-            return kind(self.text) if kind is not ScenarioError else WorkerError(self.text)
+            return kind(self.text)
         return WorkerError(f"{self.kind}: {self.text}")
 
 
@@ -87,9 +89,12 @@ class Workers(Protocol):
         ...
 
     def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent
+        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
     ) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the number of each task, and its result or why it has none, as they finish."""
+        """Yield the number of each task, and its result or why it has none, as they finish.
+
+        What is `shared` is an entry of every task: for workers bytes, which each is sent once.
+        """
         ...
 
 
@@ -99,11 +104,11 @@ class InProcess:
     count = 0
 
     def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent
+        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
     ) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result of each task in their order; `progress` is told of the steps within it."""
         for number, task in enumerate(tasks):
-            yield number, attempt(work, task, progress)
+            yield number, attempt(work, {**task, SHARED: shared}, progress)
 
 
 def attempt(work: Work, task: Task, progress: Progress = silent) -> bytes | Failure:
@@ -135,6 +140,7 @@ def each_kept(
     tasks: Mapping[str, Task],
     parts: KeptParts | None,
     progress: Progress = silent,
+    shared: Any = None,
 ) -> Iterator[tuple[str, bytes | Failure]]:
     """Yield the key of each task, and its result or failure: those kept as parts first, then others as they finish.
 
@@ -148,7 +154,7 @@ def each_kept(
         else:
             yield key, content
     keys = list(wanted)
-    for number, result in workers.each(work, list(wanted.values()), progress):
+    for number, result in workers.each(work, list(wanted.values()), progress, shared):
         if parts is not None and not isinstance(result, Failure):
             parts.put(keys[number], result)
         yield keys[number], result

@@ -15,17 +15,19 @@ import sys
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import given_threads
 
 OLDEST_LLVM = 17
 FEWEST_THREADS = 2
-VARIANTS = ("cuda_ad_mono_polarized", "llvm_ad_mono_polarized")
+VARIANTS = {"llvm": "llvm_ad_mono_polarized", "cuda": "cuda_ad_mono_polarized"}
 WHEEL = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
-VARIANT_VARIABLE = "SIONNA_RADAR_VARIANT"
+# auto, llvm or cuda; the workers of a cluster inherit it.
+BACKEND_VARIABLE = "SIONNA_RADAR_BACKEND"
+AUTO = "auto"
 
 REMEDIES = {
     "Linux": "install the wheel karellen-llvm-core, or your distribution's libllvm17 or newer",
@@ -76,24 +78,57 @@ def find_llvm() -> LlvmLibrary:
     raise BackendError(message)
 
 
+def use_backend(name: str) -> None:
+    """Choose the backend of this process and of those that it starts: "llvm" for the CPU, "cuda" for a GPU, or "auto".
+
+    Raises BackendError for another name, for "cuda" where no GPU is usable, and after another one was loaded.
+    """
+    before = os.environ.get(BACKEND_VARIABLE)
+    os.environ[BACKEND_VARIABLE] = name
+    try:
+        chosen = chosen_backend()
+        loaded = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
+        if loaded is not None and loaded != VARIANTS[chosen]:
+            message = f"backend = {name} comes too late: {loaded} is loaded already; choose it in a new process"
+            raise BackendError(message)
+    except BackendError:
+        os.environ.pop(BACKEND_VARIABLE)
+        if before is not None:
+            os.environ[BACKEND_VARIABLE] = before
+        raise
+
+
+def chosen_backend() -> Literal["llvm", "cuda"]:
+    """Return what rays are traced with: what SIONNA_RADAR_BACKEND says, and by default a GPU where one is usable.
+
+    Raises BackendError for an unknown name, or "cuda" where no GPU is usable.
+    """
+    wanted = os.environ.get(BACKEND_VARIABLE, AUTO)
+    if wanted not in (AUTO, *VARIANTS):
+        message = f"backend = {wanted} ({BACKEND_VARIABLE}) is unknown; use one of {', '.join((AUTO, *VARIANTS))}"
+        raise BackendError(message)
+    if wanted == "llvm":
+        return "llvm"
+    usable = _cuda_usable()
+    if wanted == "cuda" and not usable:
+        message = "backend = cuda has no usable GPU with a CUDA driver here; use llvm, or auto to take what there is"
+        raise BackendError(message)
+    return "cuda" if usable else "llvm"
+
+
 @functools.cache
 def load_mitsuba() -> Any:
     """Import Mitsuba with a variant that Sionna RT runs on, and return the module.
 
-    The variant is CUDA if a GPU is usable, otherwise LLVM; SIONNA_RADAR_VARIANT overrides the choice.
-
     Raises
     ------
     BackendError
-        SIONNA_RADAR_VARIANT is not a variant, no libLLVM is usable, or Dr.Jit was imported before one was selected.
+        The backend that is asked for cannot run here, no libLLVM is usable, or Dr.Jit was imported before one was
+        selected.
 
     """
-    wanted = os.environ.get(VARIANT_VARIABLE)
-    if wanted and wanted not in VARIANTS:
-        message = f"{VARIANT_VARIABLE} = {wanted} is unknown; use one of {', '.join(VARIANTS)}"
-        raise BackendError(message)
-    use_cuda = wanted == VARIANTS[0] or (not wanted and _cuda_usable())
-    if not use_cuda:
+    backend = chosen_backend()
+    if backend == "llvm":
         library = find_llvm()
         if "drjit" in sys.modules and os.environ.get(LLVM_VARIABLE) is None and library.origin != "system":
             message = (
@@ -104,9 +139,9 @@ def load_mitsuba() -> Any:
         os.environ[LLVM_VARIABLE] = library.path
     import mitsuba
 
-    if mitsuba.variant() not in VARIANTS:
-        mitsuba.set_variant(VARIANTS[0] if use_cuda else VARIANTS[1])
-    if not use_cuda:
+    if mitsuba.variant() not in VARIANTS.values():
+        mitsuba.set_variant(VARIANTS[backend])
+    if backend == "llvm":
         _use_threads()
     return mitsuba
 
@@ -167,6 +202,7 @@ def _llvm_version(path: str) -> str | None:
     return ".".join(map(str, numbers)) if numbers[0] >= OLDEST_LLVM else None
 
 
+@functools.cache
 def _cuda_usable() -> bool:
     """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"

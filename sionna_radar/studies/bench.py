@@ -3,7 +3,6 @@
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
@@ -12,6 +11,7 @@ import numpy as np
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.ratio import Ratio
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
@@ -30,28 +30,6 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
 RATIOS = 8 + len(BEAMS_DEG) + len(METHODS)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ratio:
-    """A measured ratio and the bound it must keep; None for one that is only told."""
-
-    name: str
-    value: float
-    bound: float | None
-    at_most: bool
-
-    @property
-    def kept(self) -> bool:
-        """Whether the bound is kept."""
-        return self.bound is None or (self.value <= self.bound) == self.at_most
-
-    def __str__(self) -> str:
-        if self.bound is None:
-            return f"{self.name:62}{self.value:12,.2f}"
-        word = "at most" if self.at_most else "at least"
-        verdict = "ok" if self.kept else "MISSED"
-        return f"{self.name:62}{self.value:12,.2f}   {word} {self.bound:,.2f}   {verdict}"
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:

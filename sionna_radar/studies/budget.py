@@ -6,16 +6,29 @@ square of several draws, constant ones by the worse of both signs.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from sionna_radar.flight.grades import GRADES, Grade
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import (
+    SHARED,
+    Failure,
+    InProcess,
+    Task,
+    Workers,
+    document_bytes,
+    document_of,
+    each_kept,
+)
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.input_files import identity
 from sionna_radar.scenario.navigation import NavigationTable
-from sionna_radar.survey.remapping import RecordedSurvey, record_survey
+from sionna_radar.survey.recording import BLOCK_SIZE
+from sionna_radar.survey.remapping import RecordedSurvey, record_survey, recorded_survey
 
 GROWTH = 0.1
 # The search ends this close to the growth asked for.
@@ -133,6 +146,8 @@ def navigation_budget(
     errors: tuple[NavigationError, ...] | None = None,
     grades: Mapping[str, Grade] = GRADES,
     progress: Progress = silent,
+    parts: KeptParts | None = None,
+    workers: Workers | None = None,
 ) -> Budget:
     """Fly a survey once and find how large each error of its navigation may be.
 
@@ -151,6 +166,10 @@ def navigation_budget(
         The errors to look at (all), and the grades of GPS/IMU to map with.
     progress:
         Called at the start of each stage and after each of its steps: the survey's, and then the rows of the table.
+    parts:
+        Where finished stretches of the flight, limits and grades are kept, and those that are there are taken from.
+    workers:
+        What flies and maps, from `open_workers`; without it this process. It never changes the result.
 
     Raises
     ------
@@ -165,9 +184,9 @@ def navigation_budget(
 
     """
     errors = navigation_errors() if errors is None else errors
-    rows = len(errors) + len(grades)
-    survey = record_survey(scenario, progress=progress)
-    progress("mapping", 0, rows)
+    workers = workers or InProcess()
+    survey = record_survey(scenario, progress=progress, parts=parts, workers=workers)
+    progress("mapping", 0, len(errors) + len(grades))
     exact = survey.lit_error(None).rms_m
     if not exact > LEAST_RMS_M:
         message = (
@@ -176,16 +195,50 @@ def navigation_budget(
             else f"the DEM has an error of {exact:g} m with the pose known exactly, and its growth cannot be measured"
         )
         raise ScenarioError([Problem("radar.snr_db" if math.isnan(exact) else "terrain", message)])
-    limits, results = [], []
-    for error in errors:
-        limits.append(Limit(error=error, size=find_limit(survey, error, exact, growth, repeat)))
-        progress("mapping", len(limits), rows)
-    for name, grade in grades.items():
-        results.append(fly_grade(survey, name, grade, exact, repeat))
-        progress("mapping", len(limits) + len(results), rows)
+    asked = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
+    tasks: dict[str, Task] = {f"limit {error}": {**asked, "error": asdict(error)} for error in errors}
+    tasks |= {f"grade {name} {grade}": {**asked, "grade": [name, _document(grade)]} for name, grade in grades.items()}
+    found: dict[str, Any] = {}
+    shared = survey.recording.packed() if workers.count else survey
+    for key, result in each_kept(workers, map_task, tasks, parts, shared=shared):
+        if isinstance(result, Failure):
+            raise result.error()
+        found[key] = document_of(result)
+        progress("mapping", len(found), len(tasks))
     return Budget(
-        scenario=scenario, growth=growth, repeat=repeat, rms_m=exact, limits=tuple(limits), grades=tuple(results)
+        scenario=scenario,
+        growth=growth,
+        repeat=repeat,
+        rms_m=exact,
+        limits=tuple(Limit(error=error, size=found[f"limit {error}"]) for error in errors),
+        grades=tuple(GradeResult(**found[f"grade {name} {grade}"]) for name, grade in grades.items()),
     )
+
+
+def map_task(task: Task, progress: Progress) -> bytes:
+    """Return the limit of the error of a task, or what its grade gives, as a JSON document."""
+    shared = task[SHARED]
+    survey = recorded_survey(task["scenario"], shared) if isinstance(shared, bytes) else shared
+    if "error" in task:
+        error = task["error"]
+        axes = error["axes"] and tuple(error["axes"])
+        limit = find_limit(
+            survey, NavigationError(**{**error, "axes": axes}), task["exact"], task["growth"], task["repeat"]
+        )
+        return document_bytes(limit)
+    name, (errors, source) = task["grade"]
+    grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
+    return document_bytes(asdict(fly_grade(survey, name, grade, task["exact"], task["repeat"])))
+
+
+def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:
+    """Return what the parts of a budget depend on, as a JSON document."""
+    named = [[name, *_document(grade)] for name, grade in grades.items()]
+    return {**identity(scenario, BLOCK_SIZE), "study": [growth, repeat], "grades": named}
+
+
+def _document(grade: Grade) -> list[Any]:
+    return [grade.errors.model_dump(mode="json"), grade.source]
 
 
 def rms_with(survey: RecordedSurvey, error: NavigationError, size: float, repeat: int) -> float:

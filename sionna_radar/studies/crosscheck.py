@@ -12,25 +12,32 @@ backscatter, point targets, and mirror reflections, which are traced apart from 
 a mirror outshines the diffuse echo the engines agree because it is one and the same.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_parts import KeptParts
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Workers, each_kept
 from sionna_radar.mapping.methods.linear import Linear
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.crosscheck_result import CrossCheck, EngineResult, Tolerances
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, fly
+from sionna_radar.survey.recording import BLOCK_SIZE, fly, key_of, stretches_of
 from sionna_radar.survey.sensors.radar import Radar
+from sionna_radar.survey.shared_flight import ready
+from sionna_radar.survey.stretches import columns_of, packed, table_of
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
+
+_last_radar: list[tuple[Prepared, str, int, Radar]] = []
 
 
 def crosscheck(
@@ -39,6 +46,8 @@ def crosscheck(
     tolerances: Tolerances | None = None,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
+    parts: KeptParts | None = None,
+    workers: Workers | None = None,
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare what they find.
 
@@ -52,6 +61,10 @@ def crosscheck(
         Pulses simulated at once; it changes the speed and the memory, never the result.
     progress:
         Called at the start of each stage and after each of its steps; the four runs are one stage.
+    parts:
+        Where finished stretches of the runs are kept, and those that are there already are taken from.
+    workers:
+        What flies them, from `open_workers`; without it this process. It never changes the result.
 
     Raises
     ------
@@ -69,13 +82,7 @@ def crosscheck(
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
         raise ScenarioError([Problem("sensor", message)])
     prepared = prepare(scenario, progress=progress)
-    total = 4 * len(prepared)
-    results: dict[str, EngineResult] = {}
-    for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):
-        seed = scenario.seed + repeat if scenario.seed + repeat < 2**63 else 0
-        engine = "gamma" if name.startswith("gamma") else "sionna"
-        offset = len(results) * len(prepared)
-        results[name] = _fly(prepared, engine, seed, block_size, partial(_report, progress, offset, total))
+    results = _fly_all(prepared, block_size, progress, parts, workers or InProcess())
     if not (results["sionna"].power > 0).any():
         message = "no pulse of the survey meets a surface; there is nothing to compare"
         raise ScenarioError([Problem("terrain", message)])
@@ -93,40 +100,92 @@ def _correlation_m(prepared: Prepared) -> float:
     return max(float(footprint), prepared.mapper.max_gap_m / 2)
 
 
-def _report(progress: Progress, offset: int, total: int, done: int) -> None:
-    progress("tracing", offset + done, total)
+def _fly_all(
+    prepared: Prepared, block_size: int, progress: Progress, parts: KeptParts | None, workers: Workers
+) -> dict[str, EngineResult]:
+    """Return what each engine made of the survey with each of its two seeds."""
+    first = prepared.scenario.seed
+    scenario, stretches = prepared.scenario.model_dump_json(), stretches_of(prepared, block_size)
+    runs, tasks, pulses = {}, {}, {}
+    for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):
+        seed = first + repeat if first + repeat < 2**63 else 0
+        runs[name] = seed
+        for stretch in stretches:
+            key = f"{name} {key_of(stretch)}"
+            engine = "gamma" if name.startswith("gamma") else "sionna"
+            tasks[key] = {"scenario": scenario, "engine": engine, "seed": seed, "blocks": stretch}
+            pulses[key] = stretch[-1][1] - stretch[0][0]
+    found: dict[str, bytes] = {}
+    done = 0
+    progress("tracing", 0, 4 * len(prepared))
+    for key, result in each_kept(workers, fly_task, tasks, parts, shared=None if workers.count else prepared):
+        if isinstance(result, Failure):
+            raise result.error()
+        found[key] = result
+        done += pulses[key]
+        progress("tracing", done, 4 * len(prepared))
+    return {
+        name: _joined(prepared, seed, [columns_of(found[f"{name} {key_of(stretch)}"]) for stretch in stretches])
+        for name, seed in runs.items()
+    }
 
 
-def _fly(prepared: Prepared, engine: str, seed: int, block_size: int, progress: Callable[[int], None]) -> EngineResult:
-    """Fly all pulses with an engine; noise, weather and targets are those of the scenario's seed."""
+def _joined(prepared: Prepared, seed: int, stretches: Sequence[Mapping[str, Any]]) -> EngineResult:
+    """Return what an engine made of a survey from what it made of its stretches."""
+    names = ("power", "range_m", "incidence_rad", "echo_range_m")
+    points = Points.concatenate([table_of(Points, "points", dict(columns)) for columns in stretches])
+    return EngineResult(
+        seed=seed,
+        **{name: np.concatenate([columns[name] for columns in stretches]) for name in names},
+        dem=Linear()(prepared.mapper.inputs(points)).dem,
+    )
+
+
+def fly_task(task: Task, progress: Progress) -> bytes:
+    """Fly the stretch of a task with its engine, and return the bytes of what it found."""
+    prepared = task[SHARED] or ready(task["scenario"])[0]
+    return _fly(prepared, task["engine"], task["seed"], [(first, end) for first, end in task["blocks"]])
+
+
+@on_one_thread
+def _fly(prepared: Prepared, engine: str, seed: int, stretch: Sequence[tuple[int, int]]) -> bytes:
+    """Fly some blocks with an engine; noise, weather and targets are those of the scenario's seed."""
+    radar, offset, count = _radar(prepared, engine, seed), stretch[0][0], stretch[-1][1] - stretch[0][0]
+    power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
+    located = []
+    for block in fly((prepared.flight.pulses(np.arange(*bounds)) for bounds in stretch), radar):
+        pulses, here = block.pulses, block.pulses.index
+        echoes = radar.correct(block.observation.echoes, here, pulses.measured)
+        at = here - offset
+        power[at], range_m[at], incidence[at] = _means(block.observation.paths, int(here[0]), len(here))
+        order = np.argsort(echoes.power, kind="stable")
+        echo_range_m[echoes.pulse[order] - offset] = echoes.range_m[order]
+        located.append(locate(echoes, here, pulses.measured))
+    return packed(
+        power=power,
+        range_m=range_m,
+        incidence_rad=incidence,
+        echo_range_m=echo_range_m,
+        points=Points.concatenate(located),
+    )
+
+
+def _radar(prepared: Prepared, engine: str, seed: int) -> Radar:
+    """Return a radar with an engine: the last one again, as the stretches of a run come one after another."""
+    for known, *its, radar in _last_radar:
+        if known is prepared and its == [engine, seed]:
+            return radar
     drawn_anew = {"engine": engine, "speckle": "per_pulse", "decorrelation_time_s": None}
     table = prepared.local.tracing.model_copy(update=drawn_anew)
 
     def build(given: EngineInputs) -> Engine:
         return build_engine(table, replace(given, tracing=table, seed=seed))
 
-    count = len(prepared)
-    power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
-    located = []
     # Of a pair of sweeps the engines are compared on the first alone.
     receiver = replace(prepared.receiver, sweeps=prepared.receiver.sweeps[:1])
     radar = Radar(replace(prepared.sensor_inputs(), custom_engine=build, receiver=receiver))
-    for block in fly(prepared.flight.line_blocks(block_size), radar):
-        pulses, here = block.pulses, block.pulses.index
-        echoes = radar.correct(block.observation.echoes, here, pulses.measured)
-        power[here], range_m[here], incidence[here] = _means(block.observation.paths, int(here[0]), len(here))
-        order = np.argsort(echoes.power, kind="stable")
-        echo_range_m[echoes.pulse[order]] = echoes.range_m[order]
-        located.append(locate(echoes, here, pulses.measured))
-        progress(int(here[-1]) + 1)
-    return EngineResult(
-        seed=seed,
-        power=power,
-        range_m=range_m,
-        incidence_rad=incidence,
-        echo_range_m=echo_range_m,
-        dem=Linear()(prepared.mapper.inputs(Points.concatenate(located))).dem,
-    )
+    _last_radar[:] = [(prepared, engine, seed, radar)]
+    return radar
 
 
 def _means(

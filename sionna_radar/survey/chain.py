@@ -17,6 +17,7 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import peak_memory_mb
 from sionna_radar.foundation.progress import Progress, default_progress
 from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.workers import Workers
 from sionna_radar.mapping.mapper import DemMethod
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import Scenario
@@ -27,6 +28,7 @@ from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place, record
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
+from sionna_radar.survey.shared_flight import record_on_workers
 from sionna_radar.survey.warnings import steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
@@ -49,6 +51,7 @@ def run(
     recordings: Mapping[str, str | Path] | None = None,
     sample_type: SampleType = "float64",
     parts: KeptParts | None = None,
+    workers: Workers | None = None,
     progress: Progress | None = None,
 ) -> Survey:
     """Fly a survey and return its points, its DEM and its error.
@@ -73,6 +76,9 @@ def run(
     parts:
         Where finished stretches of the flight are kept as they come, and those that are there already are taken from;
         see `kept_parts`. A survey that is recorded is flown as a whole.
+    workers:
+        What flies the stretches, from `open_workers`; without it this process. It never changes the result, and has no
+        custom parts. A survey that is recorded is flown by this process.
     progress:
         Called at the start of each stage and after each of its steps; see `Progress`. Without it a notebook shows a
         bar, and a script nothing.
@@ -88,7 +94,9 @@ def run(
     OutputError
         A recording exists already, or cannot be written.
     PluginError
-        A custom part lacks a method.
+        A custom part lacks a method, or there are some for workers.
+    WorkerError
+        The workers are gone, or have another version of the program.
 
     Examples
     --------
@@ -114,7 +122,7 @@ def run(
     if block_size < 1:
         raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
     with default_progress(progress) as shown:
-        return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), parts, shown)
+        return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), parts, workers, shown)
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,7 @@ def _run(
     block_size: int,
     recordings: _Recordings,
     parts: KeptParts | None,
+    workers: Workers | None,
     progress: Progress,
 ) -> Survey:
     watch = Stopwatch()
@@ -157,15 +166,19 @@ def _run(
         progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
     with recordings.recorders(prepared) as kept:
-        recording = record(
-            prepared,
-            sensor,
-            block_size=block_size,
-            progress=progress,
-            watch=watch,
-            recorders=kept,
-            parts=None if kept else parts,
-        )
+        if workers is None or workers.count == 0 or kept:
+            recording = record(
+                prepared,
+                sensor,
+                block_size=block_size,
+                progress=progress,
+                watch=watch,
+                recorders=kept,
+                parts=None if kept else parts,
+            )
+        else:
+            with watch("workers"):
+                recording = record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)

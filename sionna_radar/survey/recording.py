@@ -15,14 +15,15 @@ from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.threads import cores
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
-from sionna_radar.survey.stretches import FinishedStretch, Stretch
+from sionna_radar.survey.stretches import FinishedStretch, Stretch, columns_of, packed, stretch_of
 
 BLOCK_SIZE = 256
-# Blocks that are kept together, so that a long survey has not too many parts.
-STRETCH_BLOCKS = 8
+# Blocks that are kept together, so that a long survey has not too many parts, and a short one enough to share them.
+STRETCH_BLOCKS, FEWEST_STRETCHES = 8, 16
 # How recorders keep the samples of beat signals.
 SampleType = Literal["float64", "float32", "int16"]
 
@@ -56,9 +57,9 @@ def fly(blocks: Iterator[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
     """Yield blocks of pulses as the sensor observes them.
 
     A sensor with a method `expect` is told of each block before it observes the one in front of it, and may begin with
-    it in another thread.
+    it in another thread, if there is more than one core to do so.
     """
-    expect = getattr(sensor, "expect", None)
+    expect = getattr(sensor, "expect", None) if cores() > 1 else None
     current = next(blocks, None)
     if expect is not None and current is not None:
         expect(current)
@@ -94,6 +95,25 @@ class Recording:
         """Whether its profiles are of ground behind a volume of rain."""
         return self.profiles is not None and self.profiles.volume is not None
 
+    def packed(self) -> bytes:
+        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        seen = Stretch(echoes=self.echoes, profiles=self.profiles, lost=self.lost_to_rain)
+        return packed(seen=seen, lit=self.lit, paths=self.paths, rain_echoes=self.rain_echoes)
+
+    @staticmethod
+    def unpacked(content: bytes) -> "Recording":
+        """Return the recording of some bytes."""
+        columns = columns_of(content)
+        seen = stretch_of(columns)
+        return Recording(
+            echoes=seen.echoes,
+            profiles=seen.profiles,
+            lit=columns["lit"],
+            paths=int(columns["paths"]),
+            rain_echoes=int(columns["rain_echoes"]),
+            lost_to_rain=seen.lost,
+        )
+
 
 @on_one_thread
 def record(
@@ -114,9 +134,8 @@ def record(
     watch = watch or Stopwatch()
     tally = Tally(prepared.truth(), prepared.receiver.chirp, keeps_track=parts is not None)
     flying = _Flying(prepared, sensor, tally, watch, recorders)
-    bounds = list(prepared.flight.line_bounds(block_size))
-    stretches = [bounds[first : first + STRETCH_BLOCKS] for first in range(0, len(bounds), STRETCH_BLOCKS)]
-    kept = [None if parts is None else parts.get(_key(stretch)) for stretch in stretches]
+    stretches = stretches_of(prepared, block_size)
+    kept = [None if parts is None else parts.get(key_of(stretch)) for stretch in stretches]
     wanted = (
         prepared.flight.pulses(np.arange(*block))
         for stretch, content in zip(stretches, kept, strict=True)
@@ -137,7 +156,12 @@ def record(
             progress("tracing", end, len(prepared))
         if parts is not None:
             seen = Stretch.joined(found[-len(stretch) :])
-            parts.put(_key(stretch), FinishedStretch(seen=seen, counted=tally.taken()).packed())
+            parts.put(key_of(stretch), FinishedStretch(seen=seen, counted=tally.taken()).packed())
+    return joined(found, tally)
+
+
+def joined(found: Sequence[Stretch], tally: Tally) -> Recording:
+    """Return the recording of stretches of a survey, in their order, and of what was counted over them."""
     whole = Stretch.joined(found)
     return Recording(
         echoes=whole.echoes,
@@ -149,8 +173,26 @@ def record(
     )
 
 
-def _key(stretch: Sequence[tuple[int, int]]) -> str:
+def stretches_of(prepared: Prepared, block_size: int) -> list[list[tuple[int, int]]]:
+    """Return the blocks of each stretch of a survey, by their first pulses and their ends."""
+    bounds = list(prepared.flight.line_bounds(block_size))
+    count = min(STRETCH_BLOCKS, -(-len(bounds) // FEWEST_STRETCHES))
+    return [bounds[first : first + count] for first in range(0, len(bounds), count)]
+
+
+def key_of(stretch: Sequence[tuple[int, int]]) -> str:
+    """Return the name of a stretch among the parts of its survey."""
     return f"blocks {list(stretch)}"
+
+
+@on_one_thread
+def fly_stretch(prepared: Prepared, sensor: Sensor, stretch: Sequence[tuple[int, int]]) -> FinishedStretch:
+    """Return what a sensor observes over some blocks of a survey, and the true hits over them."""
+    tally = Tally(prepared.truth(), prepared.receiver.chirp, keeps_track=True)
+    flying = _Flying(prepared, sensor, tally, Stopwatch(), ())
+    blocks = (prepared.flight.pulses(np.arange(*block)) for block in stretch)
+    seen = Stretch.joined([flying.counted(block) for block in fly(blocks, sensor)])
+    return FinishedStretch(seen=seen, counted=tally.taken())
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,21 @@ correction, their location, the DEM and its comparison are done anew.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.truth import GroundTruth
 from sionna_radar.flight.pulses import Navigation, build_navigation
+from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.workers import Workers
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place, record
 from sionna_radar.survey.sensors.sensor import Sensor
+from sionna_radar.survey.shared_flight import ready, record_on_workers
 
 # Poses alone are small; mapping takes many at once.
 MAPPED_AT_ONCE = 4096
@@ -62,6 +66,8 @@ def record_survey(
     custom: CustomParts | None = None,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
+    parts: KeptParts | None = None,
+    workers: Workers | None = None,
 ) -> RecordedSurvey:
     """Fly a survey and keep what is needed to map it again.
 
@@ -69,7 +75,7 @@ def record_survey(
     ----------
     scenario:
         The survey; its own errors of navigation play no part.
-    custom, block_size, progress:
+    custom, block_size, progress, parts, workers:
         As for `prepare` and `sionna_radar.run`.
 
     Raises
@@ -80,5 +86,17 @@ def record_survey(
     """
     prepared = prepare(scenario, custom, progress)
     sensor = prepared.build_sensor()
-    recording = record(prepared, sensor, block_size=block_size, progress=progress)
+    if workers is None or workers.count == 0:
+        recording = record(prepared, sensor, block_size=block_size, progress=progress, parts=parts)
+    else:
+        recording = record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
     return RecordedSurvey(prepared=prepared, sensor=sensor, recording=recording, truth=prepared.truth())
+
+
+@lru_cache(maxsize=1)
+def recorded_survey(scenario: str, recording: bytes) -> RecordedSurvey:
+    """Return a survey that another process has flown, from the JSON text of its scenario and its packed recording."""
+    prepared, sensor = ready(scenario)
+    return RecordedSurvey(
+        prepared=prepared, sensor=sensor, recording=Recording.unpacked(recording), truth=prepared.truth()
+    )

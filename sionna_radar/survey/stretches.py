@@ -47,28 +47,40 @@ class FinishedStretch:
 
     def packed(self) -> bytes:
         """Return its bytes, from which `unpacked` makes it again, bit for bit."""
-        content = io.BytesIO()
-        np.savez(content, **_columns("", self))
-        return content.getvalue()
+        return packed(seen=self.seen, counted=self.counted)
 
     @staticmethod
     def unpacked(content: bytes) -> "FinishedStretch":
         """Return the stretch of some bytes."""
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            columns = {name: file[name] for name in file.files}
-        profiles, of_profiles = None, f"seen{OF}profiles"
-        if f"{of_profiles}{OF}pulse" in columns:
-            inner = f"{of_profiles}{OF}volume"
-            volume = _table(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
-            profiles = _table(Profiles, of_profiles, columns, volume=volume)
-        return FinishedStretch(
-            seen=Stretch(
-                echoes=_table(Echoes, f"seen{OF}echoes", columns),
-                profiles=profiles,
-                lost=int(columns[f"seen{OF}lost"]),
-            ),
-            counted=_table(Counted, "counted", columns),
-        )
+        columns = columns_of(content)
+        return FinishedStretch(seen=stretch_of(columns), counted=table_of(Counted, "counted", columns))
+
+
+def packed(**values: Any) -> bytes:
+    """Return the bytes of some tables, which may be nested, arrays and numbers by their names."""
+    content = io.BytesIO()
+    np.savez(
+        content, **{key: column for name, value in values.items() for key, column in _columns(name, value).items()}
+    )
+    return content.getvalue()
+
+
+def columns_of(content: bytes) -> dict[str, Any]:
+    """Return the arrays of some bytes, those of a table by its name, a dot and theirs."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def stretch_of(columns: dict[str, Any]) -> Stretch:
+    """Return what was packed as `seen`."""
+    profiles, of_profiles = None, f"seen{OF}profiles"
+    if f"{of_profiles}{OF}pulse" in columns:
+        inner = f"{of_profiles}{OF}volume"
+        volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
+        profiles = table_of(Profiles, of_profiles, columns, volume=volume)
+    return Stretch(
+        echoes=table_of(Echoes, f"seen{OF}echoes", columns), profiles=profiles, lost=int(columns[f"seen{OF}lost"])
+    )
 
 
 def _columns(name: str, value: Any) -> dict[str, Any]:
@@ -83,7 +95,7 @@ def _columns(name: str, value: Any) -> dict[str, Any]:
     return found
 
 
-def _table(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
+def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
     """Return a table from its columns; a column without axes is a number."""
     own = {f.name: columns[f"{name}{OF}{f.name}"] for f in fields(kind) if f.name not in others}
     return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)

