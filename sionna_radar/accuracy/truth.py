@@ -72,7 +72,8 @@ class GroundTruth:
     @cached_property
     def walls(self) -> Walls:
         """The walls within the map."""
-        return walls_on(self.grid, self.built.scene, self.buildings)
+        scene, where = self.built.scene, (repr(self.grid), repr(self.buildings))
+        return self.built.caster.once("walls", where, lambda: walls_on(self.grid, scene, self.buildings))
 
     def compare(self, dem: Raster, points: Points, lit: Bool[np.ndarray, "row column"]) -> Comparison:
         """Return a DEM's error; the points give the size of the footprints next to walls."""

@@ -15,10 +15,12 @@ import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.integrate import cumulative_simpson, simpson
 
+from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.radar.two_way_grid import TwoWayGrid, two_way_grid
 from sionna_radar.scenario.bases import AntennaParameters
+from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import ANTENNAS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import PACKAGE, require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
@@ -364,7 +366,15 @@ def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable
 
 
 def build_antenna(table: AntennaParameters) -> Antenna:
-    """Return the antenna of a scenario."""
-    antenna: Antenna = ANTENNAS.entry(table.kind)(table)
-    require(antenna, Antenna, str(ANTENNAS.entry(table.kind)))
+    """Return the antenna of a scenario; that of the last one is kept, with what is computed of it."""
+    entry = ANTENNAS.entry(table.kind)
+    key = content_key({"antenna": table}) if entry.origin == PACKAGE else None
+    if key is not None:
+        kept: Antenna = _LAST.once(key, lambda: entry(table))
+        return kept
+    antenna: Antenna = entry(table)
+    require(antenna, Antenna, str(entry))
     return antenna
+
+
+_LAST = KeptValues(1)

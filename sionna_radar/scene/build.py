@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.registry import require
-from sionna_radar.scene.buildings import build_box
-from sionna_radar.scene.footprints import build_footprints
-from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, build_landscape
-from sionna_radar.scene.model import Scene, Surface, Target
-from sionna_radar.scene.objects import build_objects
+from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.parts import MATERIALS
+from sionna_radar.scenario.registry import PACKAGE
+from sionna_radar.scene.ground import build_ground, shared_ground
+from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
+from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
@@ -46,7 +46,7 @@ def build_scene(
     materials: Mapping[str, Backscatter] | None = None,
     step: Step = no_step,
 ) -> BuiltScene:
-    """Build the scene of a scenario.
+    """Build the scene of a scenario, or take what the last survey built of the same one; see `shared_ground`.
 
     Parameters
     ----------
@@ -68,7 +68,36 @@ def build_scene(
     """
     radar = scenario.radar
     given = TerrainInputs(window_m=window_m, carrier_hz=radar.carrier_hz, channel=channel_of(radar))
-    custom = dict(materials or {})
+    known = _materials(scenario, materials or {})
+    share = terrain is None and not materials
+    ground = shared_ground(scenario, given) if share else build_ground(scenario, given, terrain)
+    land = ground.land
+    _check_materials(land, known)
+    step()
+    place = (repr(scenario.targets), Same(known))
+
+    def build() -> Scene:
+        return Scene(
+            surfaces=ground.surfaces,
+            materials=known | land.materials,
+            targets=_targets(scenario, land),
+            ground_material=land.ground_material,
+            georeference=land.georeference,
+        )
+
+    scene = ground.caster.once("scene", place, build)
+    step()
+    step()
+    return BuiltScene(
+        scene=scene,
+        ground_m=land.ground_m,
+        caster=ground.caster,
+        may_overhang=land.may_overhang or bool(scenario.objects),
+    )
+
+
+def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[str, Backscatter]:
+    """Return the materials of a scenario and custom ones; those of the last scenario are kept."""
     for name, model in custom.items():
         if name not in scenario.all_materials:
             message = (
@@ -77,54 +106,24 @@ def build_scene(
             raise ScenarioError([Problem(f"materials.{name}", message)])
         check_backscatter(model, f"materials.{name}")
     tables = {name: table for name, table in scenario.all_materials.items() if name not in custom}
-    known: dict[str, Backscatter] = {**build_materials(tables, radar), **custom}
-    land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
-    _check_landscape(land, known)
-    step()
-    boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
-    scene = Scene(
-        surfaces=land.surfaces + _objects(scenario, land) + _footprints(scenario, land, window_m) + boxes,
-        materials=known | land.materials,
-        targets=_targets(scenario, land),
-        ground_material=land.ground_material,
-        georeference=land.georeference,
-    )
-    step()
-    caster = RayCaster(scene.surfaces)
-    step()
-    return BuiltScene(
-        scene=scene,
-        ground_m=land.ground_m,
-        caster=caster,
-        may_overhang=land.may_overhang or bool(scenario.objects),
-    )
+    radar = scenario.radar
+    key = None
+    if not custom and all(MATERIALS.entry(table.model).origin == PACKAGE for table in tables.values()):
+        key = content_key({"materials": tables, "carrier": radar.carrier_hz, "channel": channel_of(radar)})
+    if key is None:
+        return {**build_materials(tables, radar), **custom}
+    return _MATERIALS.once(key, lambda: {**build_materials(tables, radar)})
 
 
-def _check_landscape(land: Landscape, known: Mapping[str, Backscatter]) -> None:
-    require(land, Landscape, "terrain")
-    if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
-        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
-        raise ScenarioError([Problem("terrain", message)])
+_MATERIALS = KeptValues(1)
+
+
+def _check_materials(land: Landscape, known: Mapping[str, Backscatter]) -> None:
     used = {land.ground_material, *(surface.material for surface in land.surfaces)}
     missing = sorted(used - set(known) - set(land.materials))
     if missing:
         message = f"its material {missing[0]!r} is not defined; add [materials.{missing[0]}]"
         raise ScenarioError([Problem("terrain", message)])
-
-
-def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
-    datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
-    return build_objects(scenario.objects, land.ground_m, datum_m)
-
-
-def _footprints(
-    scenario: Scenario, land: Landscape, window_m: tuple[float, float, float, float]
-) -> tuple[Surface, ...]:
-    if not scenario.footprints:
-        return ()
-    frame = frame_of(land.georeference)
-    built = [build_footprints(f, i, frame, window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
-    return tuple(surface for surface in built if surface is not None)
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

@@ -1,17 +1,20 @@
 """Casting rays against the meshes of a scene: the truth seen from above, and visibility."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.relief import Relief
+
+Value = TypeVar("Value")
 
 # Offset of the second vertical ray that detects slips between triangles, and the least difference that is a slip.
 EDGE_STEP_M = np.array([7e-4, 4e-4])
@@ -66,9 +69,13 @@ class _Meshes:
 
 
 class RayCaster:
-    """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba."""
+    """Casts rays against a set of surfaces: ground on a grid by its heights, all others by Mitsuba.
 
-    def __init__(self, surfaces: Sequence[Surface]) -> None:
+    shared: by the surveys of a scene; then what depends on the surfaces is kept with it, see `once`.
+    """
+
+    def __init__(self, surfaces: Sequence[Surface], *, shared: bool = False) -> None:
+        self._kept: dict[str, KeptValues] | None = {} if shared else None
         self._surfaces = dict(enumerate(surfaces))
         self._reliefs = {n: Relief(s.relief) for n, s in self._surfaces.items() if s.relief is not None}
 
@@ -92,6 +99,12 @@ class RayCaster:
     def surface_of_shape(self) -> Int[np.ndarray, " shape"]:
         """The surface that each shape pointer of `mi_scene`, as an integer, stands for; -1 for none."""
         return self._whole.surface_of_shape
+
+    def once(self, what: str, key: Hashable, make: Callable[[], Value]) -> Value:
+        """Return something made from the surfaces and what the key says; the last one is kept if they are shared."""
+        if self._kept is None:
+            return make()
+        return self._kept.setdefault(what, KeptValues(1)).once(key, make)
 
     def cast(self, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]) -> Hits:
         """Return the first hits of rays along unit vectors."""

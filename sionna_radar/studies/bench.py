@@ -11,6 +11,7 @@ import numpy as np
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.bench_reuse import REUSE_RATIOS, measure_reuse
 from sionna_radar.studies.ratio import Ratio
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -29,7 +30,7 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("san_francisco", {"dem.method": "stepped"}, 1.0),
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
-RATIOS = 8 + len(BEAMS_DEG) + len(METHODS)
+RATIOS = 8 + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:
@@ -40,6 +41,7 @@ def measure(*, quick: bool = False) -> Iterator[Ratio]:
     yield from _persistent_over_per_pulse(256 if quick else 512, repeats=3 if quick else 7)
     yield from _faster_than_flight(length_m=300.0 if quick else 900.0)
     yield from _methods({"platform.length_m": 20.0} if quick else {})
+    yield from measure_reuse(*((8, 30.0) if quick else (20, 100.0)))
     yield _linear_in_length(*((100.0, 400.0) if quick else (200.0, 2000.0)))
     yield _memory_growth(1000 if quick else 5000)
 

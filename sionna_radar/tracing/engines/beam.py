@@ -24,7 +24,7 @@ from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import sionna_angles
-from sionna_radar.tracing.sionna.scene import SionnaScene
+from sionna_radar.tracing.sionna.scene import sionna_scene
 
 # isort: split
 # Loads libLLVM, which the import above has selected.
@@ -50,7 +50,7 @@ class BeamEngine:
         caster: RayCaster | None = None,
     ) -> None:
         check_sionna()
-        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz, caster)
+        self._sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
         self._sampler = beam_sampler(paths_per_pulse, side_lobe_share)
         self._rays = beam_rays(antenna)
         self._seed = seed

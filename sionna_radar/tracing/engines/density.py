@@ -54,6 +54,11 @@ class DensityMap:
         return self.west_m, self.south_m, self.step_m, self.per_m2
 
     @property
+    def key(self) -> tuple[float, float, float, tuple[int, ...], bytes]:
+        """Its content, to be compared."""
+        return self.west_m, self.south_m, self.step_m, self.per_m2.shape, self.per_m2.tobytes()
+
+    @property
     def typical_per_m2(self) -> float:
         """Median of the densities; zero without any."""
         some = self.per_m2[self.per_m2 > 0]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.two_way_grid import TwoWayGrid
 
@@ -40,8 +41,16 @@ class FilledBeam:
         return float(min(np.pi * self.left * self.up, 2 * np.pi))
 
 
+# Surveys in a row look through the same antenna, and an electronic scan through several.
+_BEAMS, _GRIDS = KeptValues(64), KeptValues(2)
+
+
 def filled_beam(antenna: Antenna) -> FilledBeam:
     """Return the part of an antenna's beam that scatterers fill."""
+    return _BEAMS.once(Same(antenna), lambda: _filled_beam(antenna))
+
+
+def _filled_beam(antenna: Antenna) -> FilledBeam:
     grid = power_grid(antenna)
     left, up = grid.reach(SHAPE_SHARE)
     ahead, across, along = grid.direction.T
@@ -55,8 +64,10 @@ def filled_beam(antenna: Antenna) -> FilledBeam:
 
 def power_grid(antenna: Antenna) -> TwoWayGrid:
     """Return the two-way power in front of an antenna, for a separable one from its cuts."""
-    if not antenna.separable:
-        return antenna.two_way
+    return _GRIDS.once(Same(antenna), lambda: _separable_grid(antenna)) if antenna.separable else antenna.two_way
+
+
+def _separable_grid(antenna: Antenna) -> TwoWayGrid:
     (left, across), (up, along) = (_cells(cut) for cut in (antenna.azimuth, antenna.elevation))
     middle = ((left[1:] + left[:-1]) / 2) ** 2 + (((up[1:] + up[:-1]) / 2) ** 2)[:, None]
     # G^2 dOmega = A^4 E^4 cos^2 du dv / cos.

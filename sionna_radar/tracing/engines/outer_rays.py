@@ -7,6 +7,7 @@ spread evenly. They are drawn anew in each pulse: they carry the right power, bu
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.low_discrepancy import halton
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
@@ -34,9 +35,7 @@ class OuterRays:
 
     def __init__(self, antenna: Antenna, filled: FilledBeam, rays: int, seed: int) -> None:
         self._grid = power_grid(antenna)
-        self._power = np.where(_within(self._grid, filled), 0.0, self._grid.power_sr)
-        self._power /= max(self._power.sum(), 1e-300)
-        self._below = np.cumsum(self._power.ravel())
+        self._power, self._below = _POWERS.once((Same(antenna), filled), lambda: _outside(self._grid, filled))
         self._ahead = antenna.separable
         following = round(rays * FOLLOWING) if self._below[-1] > 0 else 0
         self.rays, self._share, self._seed = rays, following / rays, seed
@@ -84,6 +83,17 @@ class OuterRays:
         anywhere = np.where(direction[:, 0] > 0, 1 / (2 * np.pi), 0.0) if self._ahead else 1 / (4 * np.pi)
         whole = np.abs(np.einsum("ni,ni->n", direction, direction) - 1) < 1e-6
         return np.where(whole, self._share * following + (1 - self._share) * anywhere, 0.0)
+
+
+# Surveys in a row look through the same antenna.
+_POWERS = KeptValues(2)
+
+
+def _outside(grid: TwoWayGrid, filled: FilledBeam) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " cell"]]:
+    """Return the share of the power in each cell outside a part of a beam, and the sums of those up to each."""
+    power = np.where(_within(grid, filled), 0.0, grid.power_sr)
+    power /= max(power.sum(), 1e-300)
+    return power, np.cumsum(power.ravel())
 
 
 def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row column"]:

@@ -32,7 +32,7 @@ from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import sionna_angles
-from sionna_radar.tracing.sionna.scene import SionnaScene
+from sionna_radar.tracing.sionna.scene import sionna_scene
 from sionna_radar.tracing.wander import wander_hz
 
 # isort: split
@@ -68,9 +68,9 @@ class PersistentEngine:
         caster: RayCaster | None = None,
     ) -> None:
         check_sionna()
-        self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz, caster)
+        self._sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
         self._density = density if isinstance(density, DensityMap) else DensityMap.constant(density)
-        self._scatterers = Scatterers(scene, self._density, seed, region_m)
+        self._scatterers = Scatterers(scene, self._density, seed, region_m, caster)
         self._region_m, self._seed, self._outer_rays = region_m, seed, outer_rays
         self._wander_hz = 0.0 if decorrelation_time_s is None else wander_hz(decorrelation_time_s)
         self._look_through(antenna)

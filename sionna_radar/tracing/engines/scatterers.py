@@ -15,11 +15,12 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scene.model import Scene
+from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.cell_tree import CellTree
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import FilledBeam
 from sionna_radar.tracing.engines.seen_places import SeenPlaces
-from sionna_radar.tracing.engines.surface_cells import Triangles, cells_of, corners_of, expected_of
+from sionna_radar.tracing.engines.surface_cells import SurfaceCells, Triangles, cells_of, corners_of, expected_of
 
 # Scatterers kept for later pulses; those of one block may be more.
 KEPT = 2_000_000
@@ -83,16 +84,30 @@ class Scatterers:
         Each surface draws its own numbers, so that adding one leaves the others' scatterers where they were.
     region_m:
         Lowest and highest corner of the box of interest; there are none outside. None: no limit.
+    caster:
+        Of the scene's surfaces, with which their cells may be kept.
 
     """
 
     def __init__(
-        self, scene: Scene, density: DensityMap, seed: int, region_m: Float[np.ndarray, "2 3"] | None = None
+        self,
+        scene: Scene,
+        density: DensityMap,
+        seed: int,
+        region_m: Float[np.ndarray, "2 3"] | None = None,
+        caster: RayCaster | None = None,
     ) -> None:
-        self._triangles = Triangles.of(scene.surfaces)
         self.density = density
-        self.cells = cells_of(self._triangles, density, region_m)
-        self._tree = CellTree.over(self.cells.low_m, self.cells.high_m)
+
+        def divide() -> tuple[Triangles, SurfaceCells, CellTree]:
+            triangles = Triangles.of(scene.surfaces)
+            cells = cells_of(triangles, density, region_m)
+            return triangles, cells, CellTree.over(cells.low_m, cells.high_m)
+
+        # None of it depends on the seed, and nothing below writes into it.
+        key = (density.key, None if region_m is None else region_m.tobytes())
+        found = divide() if caster is None else caster.once("scatterers' cells", key, divide)
+        self._triangles, self.cells, self._tree = found
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
         self._at = np.full(len(self.cells), -1, dtype=np.int64)

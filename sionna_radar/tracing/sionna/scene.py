@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.kept_values import Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import load_mitsuba
 from sionna_radar.scene.model import Scene
@@ -86,3 +87,15 @@ class SionnaScene:
         self.pattern = SionnaPattern(antenna)
         # Sionna receives with the conjugate of the pattern, which cancels the conjugation for its axes.
         self.receive_pattern = SionnaPattern(antenna, antenna.jones[1])
+
+
+def sionna_scene(scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayCaster | None) -> SionnaScene:
+    """Return a scene inside Sionna RT, seen by an antenna; that of a shared caster is kept.
+
+    It is not for Sionna's own solvers, which change what they are given.
+    """
+    if caster is None:
+        return SionnaScene(scene, antenna, carrier_hz)
+    key = (Same(scene), carrier_hz)
+    kept = caster.once("scene of Sionna", key, lambda: SionnaScene(scene, antenna, carrier_hz, caster))
+    return kept.with_antenna(antenna)

@@ -1,0 +1,114 @@
+"""The ground of a survey with all that stands on it, kept for the next survey over the same."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from sionna_radar.elevation.map_frame import frame_of
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.kept_values import KeptValues
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.parts import TERRAINS
+from sionna_radar.scenario.registry import PACKAGE, require
+from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.footprints import build_footprints
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, build_landscape
+from sionna_radar.scene.model import Surface
+from sionna_radar.scene.objects import build_objects
+from sionna_radar.scene.raycast import RayCaster
+
+Window = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """A landscape with all that stands on it, and rays against its surfaces; nothing of it may be changed."""
+
+    land: Landscape
+    surfaces: tuple[Surface, ...]
+    caster: RayCaster
+
+
+def build_ground(
+    scenario: Scenario,
+    given: TerrainInputs,
+    terrain: Callable[[TerrainInputs], Landscape] | None = None,
+    *,
+    shared: bool = False,
+) -> Ground:
+    """Return the ground of a scenario, or a custom one, with what stands on it.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        It has no surface; a building is beyond it; an input file cannot be used.
+
+    """
+    land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+    require(land, Landscape, "terrain")
+    if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
+        message = "it has no surface, or a vertex that is not a place; check the heights it is made from"
+        raise ScenarioError([Problem("terrain", message)])
+    boxes = tuple(build_box(b, i, land.ground_m) for i, b in enumerate(scenario.buildings))
+    surfaces = land.surfaces + _objects(scenario, land) + _footprints(scenario, land, given) + boxes
+    return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces, shared=shared))
+
+
+class _Asked(TerrainInputs):
+    """Inputs of a terrain that know which of them were asked for: on the others it does not depend."""
+
+    def __getattribute__(self, name: str) -> Any:
+        own = object.__getattribute__(self, "__dict__")
+        if name in own and name in _INPUTS:
+            own.setdefault("asked", set()).add(name)
+        return object.__getattribute__(self, name)
+
+
+_INPUTS = {field.name for field in fields(TerrainInputs)}
+_last: list[tuple[str, dict[str, Any], KeptValues]] = []
+
+
+def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
+    """Return the ground of a scenario, the same object for all surveys in a row that see the same.
+
+    It is kept by the content of all that it is made from, the identity of input files included, and those of
+    the survey's window, carrier and channel that the terrain asked for. Only the last one is kept, and none of a
+    terrain that others registered, which may depend on anything.
+    """
+    key = None
+    if TERRAINS.entry(scenario.terrain.kind).origin == PACKAGE:
+        tables = ("terrain", "buildings", "objects", "footprints")
+        key = content_key({name: getattr(scenario, name) for name in tables})
+    if key is None:
+        return build_ground(scenario, given)
+    for known, asked, kept in _last:
+        if known == key and all(getattr(given, name) == value for name, value in asked.items()):
+            return kept.once(key, lambda: build_ground(scenario, given, shared=True))
+    _last.clear()
+    watched = _Asked(**{name: getattr(given, name) for name in _INPUTS})
+    kept = KeptValues(1)
+    ground = kept.once(key, lambda: build_ground(scenario, watched, shared=True))
+    asked = {name: getattr(given, name) for name in vars(watched).get("asked", ())}
+    _last.append((key, asked, kept))
+    return ground
+
+
+def forget_ground() -> None:
+    """Let go of the ground that is kept."""
+    _last.clear()
+
+
+def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
+    datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
+    return build_objects(scenario.objects, land.ground_m, datum_m)
+
+
+def _footprints(scenario: Scenario, land: Landscape, given: TerrainInputs) -> tuple[Surface, ...]:
+    if not scenario.footprints:
+        return ()
+    frame = frame_of(land.georeference)
+    built = [build_footprints(f, i, frame, given.window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
+    return tuple(surface for surface in built if surface is not None)
