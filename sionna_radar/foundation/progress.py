@@ -97,10 +97,18 @@ def in_notebook() -> bool:
 @contextmanager
 def progress_bar(console: "Console | None" = None) -> Iterator[Progress]:
     """Yield a progress callback that draws a bar for each stage, on a console or in a notebook."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TaskID,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bars
 
-    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    counted = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (*counted, TextColumn("left"), TimeRemainingColumn())
     with Bars(*columns, console=console, transient=console is not None) as bars:
         tasks: dict[str, TaskID] = {}
 

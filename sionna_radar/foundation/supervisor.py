@@ -25,6 +25,8 @@ ADVICE = (
 def supervised(program: Callable[[], None]) -> None:
     """Run a program in a child process, and exit with its code; with 1 and a line of text if something killed it.
 
+    Both processes leave it by their exit alone.
+
     Where processes cannot be watched like that, on anything but Linux, it runs in this one.
     """
     if not sys.platform.startswith("linux"):
@@ -39,7 +41,9 @@ def supervised(program: Callable[[], None]) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         program()
         return
-    sys.exit(_code(_watch(child, watched)))
+    status = _watch(child, watched)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    sys.exit(_code(status))
 
 
 def _watch(child: int, watched: set[signal.Signals]) -> int:

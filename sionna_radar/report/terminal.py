@@ -68,13 +68,19 @@ def shown_progress() -> Iterator[Report]:
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
     """Return a report of progress in lines of text, at most one every ten seconds."""
     last = clock()
+    begun: dict[str, tuple[int, float]] = {}
 
     def report(stage: str, done: int, total: int) -> None:
         nonlocal last
         raise_received()
-        if clock() - last >= SECONDS_BETWEEN_LINES:
-            last = clock()
-            write(f"{stage}: {done:,} of {total:,}" if total else stage)
+        now = clock()
+        first, start = begun.setdefault(stage, (done, now))
+        if done < first:
+            first, start = begun[stage] = (done, now)
+        if now - last >= SECONDS_BETWEEN_LINES:
+            last = now
+            left = f", about {(total - done) * (now - start) / (done - first):,.0f} s left" if done > first else ""
+            write(f"{stage}: {done:,} of {total:,}{left}" if total else stage)
 
     return report
 

@@ -45,7 +45,7 @@ def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.
 # The command line once for each line of arguments, in one interpreter: the heavy libraries load once.
 COMMANDS = """
 import json, sys
-from sionna_radar.__main__ import main
+from sionna_radar.cli.app import main
 for arguments in json.loads(sys.argv[1]):
     sys.argv = ["sionna-radar", *arguments]
     try:
@@ -89,12 +89,12 @@ def test_a_console_neither_marks_nor_wraps_away() -> None:
 
 def test_off_a_terminal_a_line_comes_now_and_then() -> None:
     written: list[str] = []
-    times = iter([0.0, 1.0, 9.9, 10.0, 10.0, 15.0, 20.5, 20.5, 31.0, 31.0])
+    times = iter([0.0, 1.0, 9.9, 10.0, 15.0, 20.5, 31.0])
     report = lines(written.append, lambda: next(times))
     for step in (("preparing", 0, 0), ("preparing", 1, 1), ("tracing", 100, 9000), ("tracing", 200, 9000),
                  ("tracing", 1300, 9000), ("mapping", 0, 0)):  # fmt: skip
         report(*step)
-    assert written == ["tracing: 100 of 9,000", "tracing: 1,300 of 9,000", "mapping"]
+    assert written == ["tracing: 100 of 9,000", "tracing: 1,300 of 9,000, about 67 s left", "mapping"]
 
 
 @pytest.mark.parametrize(
