@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.options import (
+    BackendOption,
     BlockOption,
     MapOption,
     NetworkOption,
@@ -59,6 +60,7 @@ def demo(
     map_coordinates: MapOption = True,
     report: ReportOption = True,
     resume: ResumeOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a real survey over San Francisco, and write its figures and numbers."""
@@ -83,6 +85,7 @@ def run_command(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
@@ -164,6 +167,7 @@ def crosscheck(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
@@ -214,6 +218,7 @@ def budget(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
@@ -252,6 +257,7 @@ def image(
     set_file: SetFileOption = None,
     seed: SeedOption = None,
     network: NetworkOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
@@ -308,6 +314,7 @@ def sweep(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     resume: ResumeOption = False,
+    backend: BackendOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""

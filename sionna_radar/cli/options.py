@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError
 from sionna_radar.report.survey.points_file import PointsFile
 
 
@@ -24,6 +25,27 @@ def complete_key(incomplete: str) -> list[str]:
     return [f"{key}=" for key in dotted_keys() if key.startswith(incomplete)]
 
 
+def _choose_backend(name: str | None) -> str | None:
+    """Choose what rays are traced with, before anything loads the ray tracer."""
+    if name is not None:
+        from sionna_radar.raytracer.backend import use_backend
+
+        try:
+            use_backend(name)
+        except BackendError as error:
+            raise ScenarioError([Problem("--backend", str(error))], "command line") from error
+    return name
+
+
+BackendOption = Annotated[
+    str | None,
+    typer.Option(
+        "--backend",
+        metavar="auto|llvm|cuda",
+        help="What traces the rays: the CPU (llvm), a GPU (cuda), or a GPU where there is one (auto, the default).",
+        callback=_choose_backend,
+    ),
+]
 ScenarioArgument = Annotated[
     str,
     typer.Argument(

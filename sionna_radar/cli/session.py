@@ -122,8 +122,10 @@ class Session:
 
             def keep(run: Mapping[str, Any]) -> KeptParts:
                 from sionna_radar.foundation.versions import versions
+                from sionna_radar.raytracer.backend import chosen_backend
 
-                described = {"command": marker, "version": versions(), **run}
+                # A GPU rounds otherwise than the CPU.
+                described = {"command": marker, "version": versions(), "backend": chosen_backend(), **run}
                 return until_written.enter_context(kept_parts(directory, described, resume=self.resume))
 
             with progress_of(self.quiet) as progress, self.reach():

@@ -6,7 +6,14 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.options import NetworkOption, ScenarioArgument, SeedOption, SetFileOption, SetOption
+from sionna_radar.cli.options import (
+    BackendOption,
+    NetworkOption,
+    ScenarioArgument,
+    SeedOption,
+    SetFileOption,
+    SetOption,
+)
 from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
 
 
@@ -155,6 +162,7 @@ def bench(
     compare: Annotated[
         Path | None, typer.Option("--compare", metavar="FILE", help="Tell the ratios of an earlier run beside them.")
     ] = None,
+    backend: BackendOption = None,
 ) -> None:
     """Measure the speed ratios that the program promises, side by side in one run."""
     from sionna_radar.report.bench.file import BENCH_FILE, change, read_bench, write_bench

@@ -39,7 +39,8 @@ class Aperture:
         return float(np.sin(self.width_rad / 2))
 
     @cached_property
-    def _taper(self) -> Float[np.ndarray, " node"]:
+    def taper(self) -> Float[np.ndarray, " node"]:
+        """The window on equal steps of the direction cosine, from -reach to reach."""
         return get_window(self.window, WINDOW_NODES, fftbins=False)
 
     def two_way(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -48,7 +49,7 @@ class Aperture:
 
     def weight(self, u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the weight of a pulse that sees the pixel at direction cosines within the reach."""
-        taper = np.interp(u, np.linspace(-self.reach, self.reach, WINDOW_NODES), self._taper)
+        taper = np.interp(u, np.linspace(-self.reach, self.reach, WINDOW_NODES), self.taper)
         return taper / self.two_way(u) if self.weighting == "flat" else taper
 
     @cached_property

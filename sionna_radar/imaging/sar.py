@@ -17,14 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float, Inexact, Int
-from scipy.constants import speed_of_light
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.imaging.aperture import Aperture, check_sampling
 from sionna_radar.imaging.grid import PixelGrid
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.beat import phase_polynomial
 from sionna_radar.signal.high_pass import HighPass
 
 # Spectrum bins per range cell; between them the complex spectrum is linear within 1 % of its peak.
@@ -96,15 +95,14 @@ class BackProjection:
         check_sampling(measured, self._chirp, self._aperture)
         for start in range(0, len(beats), PULSES_AT_ONCE):
             rows = slice(start, start + PULSES_AT_ONCE)
-            spectra = self._analyser.amplitude(beats[rows])
+            spectra = np.asarray(self._analyser.amplitude(beats[rows]), dtype=np.complex128)
             pose = Pose(
                 position_m=measured.position_m[rows],
                 velocity_mps=measured.velocity_mps[rows],
                 R_world_antenna=measured.R_world_antenna[rows],
             )
             for chunk in self._chunks():
-                for row in self._lighting(pose, chunk).tolist():
-                    self._project(spectra[row], pose, row, chunk)
+                self._project(spectra, pose, self._lighting(pose, chunk), chunk)
 
     def image(self) -> SarImage:
         """Return the image of the pulses added so far."""
@@ -135,25 +133,22 @@ class BackProjection:
         left = np.einsum("pi,pi->p", away, pose.R_world_antenna[:, :, 1])
         return np.flatnonzero(np.abs(left) <= self._aperture.reach * distance + radius)
 
-    def _project(self, spectrum: Complex[np.ndarray, " bin"], pose: Pose, row: int, chunk: slice) -> None:
-        away = self._pixels[chunk] - pose.position_m[row]
-        ahead, left, _ = (away @ pose.R_world_antenna[row]).T
-        range_m = np.sqrt(np.einsum("ni,ni->n", away, away))
-        use = np.flatnonzero((np.abs(left) <= self._aperture.reach * range_m) & (ahead > 0))
-        range_rate = -(away[use] @ pose.velocity_mps[row]) / range_m[use]
-        phase = phase_polynomial(2 * range_m[use] / speed_of_light, range_rate, self._chirp)
-        place = phase.frequency_hz * (self._chirp.duration_s * ZERO_PADDING)
-        covered = (place >= 0) & (place < len(spectrum) - 1)
-        use, place, constant = use[covered], place[covered], phase.constant[covered]
-        below = place.astype(np.int64)
-        share = place - below
-        value = spectrum[below] * (1 - share) + spectrum[below + 1] * share
-        u = left[use] / range_m[use]
-        weight = self._aperture.weight(u)
-        pixel = use + chunk.start
-        self._sum[pixel] += weight * value * np.exp(-2j * np.pi * np.mod(constant, 1.0))
-        self._weight[pixel] += weight * self._aperture.two_way(u)
-        self._pulses[pixel] += 1
+    def _project(
+        self, spectra: Complex[np.ndarray, "pulse bin"], pose: Pose, lit: Int[np.ndarray, " row"], chunk: slice
+    ) -> None:
+        # Numba takes half a second to import.
+        from sionna_radar.imaging.projection_kernels import project
+
+        chirp, aperture = self._chirp, self._aperture
+        sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.duration_s * ZERO_PADDING)
+        weighting = (aperture.reach, aperture.taper, aperture.azimuth.voltage, aperture.weighting == "flat")
+        poses = (pose.position_m, pose.velocity_mps, pose.R_world_antenna)
+        image = (self._sum[chunk], self._weight[chunk], self._pulses[chunk])
+
+        def part(low: int, high: int) -> None:
+            project(low, high, self._pixels[chunk], lit, poses, spectra, sweep, weighting, image)
+
+        over_rows(part, chunk.stop - chunk.start)
 
 
 def focus(

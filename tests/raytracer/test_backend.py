@@ -197,3 +197,14 @@ def test_one_core_is_given_two_threads():
         assert dr.thread_count() == 2
     finally:
         dr.set_thread_count(max(before, 2))
+
+
+def test_a_command_takes_the_backend(cli, monkeypatch, tmp_path):
+    monkeypatch.setattr(backend, "_cuda_usable", lambda: False)
+    monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
+    for name in ("cuda", "opencl"):
+        refused = cli("run", "hills", "--backend", name, "-o", tmp_path / "out")
+        assert refused.returncode == 2
+        assert f"--backend: backend = {name}" in refused.stderr
+        assert not (tmp_path / "out").exists()
+        assert backend.BACKEND_VARIABLE not in os.environ
