@@ -70,14 +70,13 @@ class Detector:
         """Return spectra, noise estimates and thresholds of beat signals."""
         power = self.analyser.power(beat)
         level, both = self.cfar.noise_level(power)
+        factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
+        mean = np.where(both, self.cfar.both_sides_mean, self.cfar.one_side_mean)
         noise, threshold = np.empty_like(level), np.empty_like(level)
-        factors = self.cfar.both_sides_factor, self.cfar.one_side_factor
-        means = self.cfar.both_sides_mean, self.cfar.one_side_mean
 
         def scale(low: int, high: int) -> None:
-            near = np.broadcast_to(both, level.shape)[low:high]
-            np.divide(level[low:high], np.where(near, *means), out=noise[low:high])
-            np.multiply(level[low:high], np.where(near, *factors), out=threshold[low:high])
+            np.divide(level[low:high], np.broadcast_to(mean, level.shape)[low:high], out=noise[low:high])
+            np.multiply(level[low:high], np.broadcast_to(factor, level.shape)[low:high], out=threshold[low:high])
 
         over_rows(scale, len(level))
         return Spectra(power=power, noise=noise, threshold=threshold)
