@@ -93,16 +93,7 @@ def run_command(
         problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
     session = Session.of(
-        scenario,
-        output,
-        set_,
-        set_file,
-        seed,
-        quiet,
-        network=network,
-        resume=resume,
-        workers=workers,
-        scheduler=scheduler,
+        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
     )
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
@@ -178,16 +169,7 @@ def crosscheck(
     from sionna_radar.survey.recording import BLOCK_SIZE
 
     session = Session.of(
-        scenario,
-        output,
-        set_,
-        set_file,
-        seed,
-        quiet,
-        network=network,
-        resume=resume,
-        workers=workers,
-        scheduler=scheduler,
+        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
     )
     checked = session.load()
 
@@ -228,16 +210,7 @@ def budget(
     from sionna_radar.studies.budget import GROWTH, identity_of, navigation_budget
 
     session = Session.of(
-        scenario,
-        output,
-        set_,
-        set_file,
-        seed,
-        quiet,
-        network=network,
-        resume=resume,
-        workers=workers,
-        scheduler=scheduler,
+        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
     )
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
@@ -326,16 +299,7 @@ def sweep(
     from sionna_radar.studies.sweep_plan import Shard, plan_sweep
 
     session = Session.of(
-        scenario,
-        output,
-        set_,
-        set_file,
-        seed,
-        quiet,
-        network=network,
-        resume=resume,
-        workers=workers,
-        scheduler=scheduler,
+        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
     )
     design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
     files = runs or RUNS_FILES

@@ -57,8 +57,7 @@ class Session:
         *,
         network: bool = False,
         resume: bool = False,
-        workers: int | None = None,
-        scheduler: str | None = None,
+        team: tuple[int | None, str | None] = (None, None),
     ) -> "Session":
         """Return the session of a command line."""
         log_to_stderr(quiet)
@@ -70,8 +69,8 @@ class Session:
             quiet=quiet,
             network=network,
             resume=resume,
-            workers=workers,
-            scheduler=scheduler,
+            workers=team[0],
+            scheduler=team[1],
         )
 
     def reach(self) -> AbstractContextManager[None]:

@@ -81,6 +81,8 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
     except ImportError as error:
         message = "workers need dask; install it with `pip install 'sionna-radar[cluster]'`"
         raise WorkerError(message) from error
+    # What it tells of its connections is for those who run a cluster; some comes when all is over.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     opened = _local_client(count) if count is not None else _remote_client(str(scheduler))
     with opened as client:
         workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
@@ -100,8 +102,6 @@ def _local_client(count: int) -> Iterator["Client"]:
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
     }
-    # What it tells of its connections is for those who run a cluster; some comes when all is over.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory(prefix="sionna-radar-", ignore_cleanup_errors=True) as folder:
         with dask.config.set(settings | {"temporary-directory": folder}):
             cluster = LocalCluster(

@@ -12,6 +12,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies.bench_reuse import REUSE_RATIOS, measure_reuse
+from sionna_radar.studies.bench_start import START_RATIOS, measure_start
 from sionna_radar.studies.ratio import Ratio
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -30,7 +31,7 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("san_francisco", {"dem.method": "stepped"}, 1.0),
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
-RATIOS = 8 + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
+RATIOS = 8 + START_RATIOS + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:
@@ -42,6 +43,7 @@ def measure(*, quick: bool = False) -> Iterator[Ratio]:
     yield from _faster_than_flight(length_m=300.0 if quick else 900.0)
     yield from _methods({"platform.length_m": 20.0} if quick else {})
     yield from measure_reuse(*((8, 30.0) if quick else (20, 100.0)))
+    yield from measure_start()
     yield _linear_in_length(*((100.0, 400.0) if quick else (200.0, 2000.0)))
     yield _memory_growth(1000 if quick else 5000)
 
@@ -88,13 +90,13 @@ def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
     yield Ratio(
         name="tracing with fields / bare ray casting",
         value=float(np.median(traced)) / rays_s,
-        bound=5,
+        bound=1.6,
         at_most=True,
     )
     yield Ratio(
         name="whole chain / bare ray casting",
         value=float(np.median(chained)) / rays_s,
-        bound=12,
+        bound=4,
         at_most=True,
     )
 

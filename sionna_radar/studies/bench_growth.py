@@ -1,6 +1,5 @@
 """How a survey grows: with the facets of its terrain, and with its pulses; each measured in a process of its own."""
 
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sionna_radar.foundation.memory import peak_memory_mb
+from sionna_radar.foundation.workers import document_of
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies.ratio import Ratio
@@ -118,7 +118,8 @@ def _temporary_files() -> int:
 
 
 def _in_process(function: str, count: int) -> dict[str, Any]:
-    code = f"import json\nfrom {__name__} import {function}\nprint(json.dumps({function}({count})))\n"
+    says = "from sionna_radar.foundation.workers import document_bytes\nprint(document_bytes"
+    code = f"from {__name__} import {function}\n{says}({function}({count})).decode())\n"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = document_of(done.stdout.encode())
     return found

@@ -198,13 +198,7 @@ def navigation_budget(
     asked = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**asked, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**asked, "grade": [name, _document(grade)]} for name, grade in grades.items()}
-    found: dict[str, Any] = {}
-    shared = survey.recording.packed() if workers.count else survey
-    for key, result in each_kept(workers, map_task, tasks, parts, shared=shared):
-        if isinstance(result, Failure):
-            raise result.error()
-        found[key] = document_of(result)
-        progress("mapping", len(found), len(tasks))
+    found = _mapped(survey, tasks, workers, parts, progress)
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -213,6 +207,20 @@ def navigation_budget(
         limits=tuple(Limit(error=error, size=found[f"limit {error}"]) for error in errors),
         grades=tuple(GradeResult(**found[f"grade {name} {grade}"]) for name, grade in grades.items()),
     )
+
+
+def _mapped(
+    survey: RecordedSurvey, tasks: Mapping[str, Task], workers: Workers, parts: KeptParts | None, progress: Progress
+) -> dict[str, Any]:
+    """Return the result of each task by its key."""
+    found: dict[str, Any] = {}
+    shared = survey.recording.packed() if workers.count else survey
+    for key, result in each_kept(workers, map_task, tasks, parts, shared=shared):
+        if isinstance(result, Failure):
+            raise result.error()
+        found[key] = document_of(result)
+        progress("mapping", len(found), len(tasks))
+    return found
 
 
 def map_task(task: Task, progress: Progress) -> bytes:

@@ -25,10 +25,10 @@ from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place, record
+from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
 from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
-from sionna_radar.survey.shared_flight import record_on_workers
+from sionna_radar.survey.shared_flight import record_with
 from sionna_radar.survey.warnings import steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
@@ -166,19 +166,16 @@ def _run(
         progress("tracing", 0, 0)
         sensor = prepared.build_sensor(watch)
     with recordings.recorders(prepared) as kept:
-        if workers is None or workers.count == 0 or kept:
-            recording = record(
-                prepared,
-                sensor,
-                block_size=block_size,
-                progress=progress,
-                watch=watch,
-                recorders=kept,
-                parts=None if kept else parts,
-            )
-        else:
-            with watch("workers"):
-                recording = record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
+        recording = record_with(
+            workers,
+            prepared,
+            sensor,
+            block_size=block_size,
+            progress=progress,
+            watch=watch,
+            recorders=kept,
+            parts=parts,
+        )
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)

@@ -17,9 +17,9 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place, record
+from sionna_radar.survey.recording import BLOCK_SIZE, Recording, place
 from sionna_radar.survey.sensors.sensor import Sensor
-from sionna_radar.survey.shared_flight import ready, record_on_workers
+from sionna_radar.survey.shared_flight import ready, record_with
 
 # Poses alone are small; mapping takes many at once.
 MAPPED_AT_ONCE = 4096
@@ -86,10 +86,7 @@ def record_survey(
     """
     prepared = prepare(scenario, custom, progress)
     sensor = prepared.build_sensor()
-    if workers is None or workers.count == 0:
-        recording = record(prepared, sensor, block_size=block_size, progress=progress, parts=parts)
-    else:
-        recording = record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
+    recording = record_with(workers, prepared, sensor, block_size=block_size, progress=progress, parts=parts)
     return RecordedSurvey(prepared=prepared, sensor=sensor, recording=recording, truth=prepared.truth())
 
 

@@ -1,17 +1,58 @@
 """A survey flown by workers: each prepares the scenario once, and flies the stretches that it is given."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from sionna_radar.accuracy.truth import Tally
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.workers import Failure, Task, Workers, each_kept
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, Recording, fly_stretch, joined, key_of, stretches_of
+from sionna_radar.survey.recording import (
+    BLOCK_SIZE,
+    Recorder,
+    Recording,
+    fly_stretch,
+    joined,
+    key_of,
+    record,
+    stretches_of,
+)
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.stretches import FinishedStretch
+
+
+def record_with(
+    workers: Workers | None,
+    prepared: Prepared,
+    sensor: Sensor,
+    *,
+    block_size: int = BLOCK_SIZE,
+    progress: Progress = silent,
+    watch: Stopwatch | None = None,
+    recorders: Sequence[Recorder] = (),
+    parts: KeptParts | None = None,
+) -> Recording:
+    """Return what the sensor observed, flown by workers if there are any; with recorders by this process, as a whole.
+
+    See `record` for the rest.
+    """
+    watch = watch or Stopwatch()
+    if workers is not None and workers.count and not recorders:
+        with watch("workers"):
+            return record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
+    return record(
+        prepared,
+        sensor,
+        block_size=block_size,
+        progress=progress,
+        watch=watch,
+        recorders=recorders,
+        parts=None if recorders else parts,
+    )
 
 
 def record_on_workers(
