@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.accuracy.compare import DemError, difference, summarise
 from sionna_radar.accuracy.edges import Walls, edge_cells, walls_on
-from sionna_radar.accuracy.main_beam import main_beam_hits
+from sionna_radar.accuracy.main_beam import light
 from sionna_radar.accuracy.precipitation import from_rain
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pulses
@@ -117,15 +117,15 @@ class Tally:
     rain_echoes: number of echoes dominated by rain.
     """
 
-    def __init__(self, truth: GroundTruth, chirp: Chirp, *, keeps_track: bool = False) -> None:
+    def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
         self._truth, self._chirp = truth, chirp
-        self._illumination = Illumination(truth.grid, keeps_track=keeps_track)
+        self._illumination = Illumination(truth.grid)
         self.paths = self.rain_echoes = 0
         self._told = (0, 0)
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
-        self._illumination.add(*main_beam_hits(paths, pulses, self._truth.antenna, self._truth.beams))
+        light(paths, pulses, self._truth.antenna, self._truth.beams, self._illumination)
         self.paths += len(paths)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
@@ -134,7 +134,7 @@ class Tally:
             self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
 
     def taken(self) -> Counted:
-        """Return what was counted since the last call; the tally must have been made to keep track."""
+        """Return what was counted since the last call."""
         cell, origin_m = self._illumination.taken()
         paths, rain_echoes = self.paths - self._told[0], self.rain_echoes - self._told[1]
         self._told = self.paths, self.rain_echoes

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.high_pass import HighPass
@@ -46,11 +47,20 @@ class SpectrumAnalyser:
         return self.chirp.range_resolution_m / self.zero_padding
 
     def power(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Float[np.ndarray, "pulse bin"]:
-        """Return the power spectra of beat signals."""
-        spectrum = self._transform(beat)
+        """Return the power spectra of beat signals, on all cores."""
+        power = np.empty((len(beat), len(self.range_m)))
         if self.high_pass is not None:
-            return np.abs(spectrum / self._passed) ** 2
-        return spectrum.real**2 + spectrum.imag**2
+            _ = self._passed  # before several threads ask for it
+
+        def transform(low: int, high: int) -> None:
+            spectrum = self._transform(beat[low:high])
+            if self.high_pass is not None:
+                power[low:high] = np.abs(spectrum / self._passed) ** 2
+            else:
+                power[low:high] = spectrum.real**2 + spectrum.imag**2
+
+        over_rows(transform, len(beat))
+        return power
 
     def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""

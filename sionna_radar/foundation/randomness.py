@@ -5,6 +5,7 @@ index, so a pulse draws the same numbers in a block of one, in a block of a thou
 2011, "Parallel random numbers: as easy as 1, 2, 3").
 """
 
+from collections.abc import Iterator
 from enum import IntEnum
 
 import numpy as np
@@ -36,6 +37,16 @@ class Stream(IntEnum):
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:
     """Return the generator of one pulse and stream; pulses are 2**64 numbers apart."""
     return np.random.Generator(np.random.Philox(key=[seed, int(stream)], counter=[0, pulse, 0, 0]))
+
+
+def pulse_generators(seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"]) -> Iterator[np.random.Generator]:
+    """Yield what `pulse_generator` returns for each pulse: one and the same object, each time set anew."""
+    bits = np.random.Philox(key=[seed, int(stream)], counter=0)
+    generator, fresh = np.random.Generator(bits), bits.state
+    for index in pulse:
+        fresh["state"]["counter"][1] = index
+        bits.state = fresh
+        yield generator
 
 
 def pulse_uniforms(

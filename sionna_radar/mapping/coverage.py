@@ -14,17 +14,21 @@ Visible = Callable[[Float[np.ndarray, "ray 3"], Float[np.ndarray, "ray 3"]], Boo
 class Illumination:
     """The cells that the main beam reached, collected block by block, and where each was seen from."""
 
-    def __init__(self, grid: Grid, *, keeps_track: bool = False) -> None:
-        self._grid, self._keeps_track = grid, keeps_track
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
         self._origin_m = np.full((*grid.shape, 3), np.nan)
-        self._new: list[Int[np.ndarray, " cell"]] = []
+        self._new = np.zeros(grid.shape, dtype=np.bool_)
+
+    @property
+    def columns(self) -> tuple[Float[np.ndarray, "row column 3"], Bool[np.ndarray, "row column"]]:
+        """Where each cell was last seen from, and whether it was since they were taken; for compiled code to write."""
+        return self._origin_m, self._new
 
     def add(self, hit_m: Float[np.ndarray, "hit 3"], origin_m: Float[np.ndarray, "hit 3"]) -> None:
         """Mark the cells under hits of the main beam, seen from their origins."""
-        row, column, inside = self._grid.cell_of(hit_m)
+        row, column, inside = self.grid.cell_of(hit_m)
         self._origin_m[row[inside], column[inside]] = origin_m[inside]
-        if self._keeps_track:
-            self._new.append(np.unique(row[inside] * self._grid.columns + column[inside]))
+        self._new[row[inside], column[inside]] = True
 
     def add_cells(self, cell: Int[np.ndarray, " lit"], origin_m: Float[np.ndarray, "lit 3"]) -> None:
         """Mark cells, by their number in the grid, seen from their origins; of several the last counts."""
@@ -32,11 +36,8 @@ class Illumination:
 
     def taken(self) -> tuple[Int[np.ndarray, " lit"], Float[np.ndarray, "lit 3"]]:
         """Return the cells collected since the last call, by their numbers, and where each was last seen from."""
-        new = np.zeros(self._grid.rows * self._grid.columns, dtype=bool)
-        for cell in self._new:
-            new[cell] = True
-        self._new.clear()
-        cell = np.flatnonzero(new)
+        cell = np.flatnonzero(self._new)
+        self._new[:] = False
         return cell, self._origin_m.reshape(-1, 3)[cell]
 
     def mask(self, gap_m: float, surface: Raster, visible: Visible) -> Bool[np.ndarray, "row column"]:
@@ -55,11 +56,11 @@ class Illumination:
 
         """
         lit = np.isfinite(self._origin_m[..., 0])
-        gap = np.flatnonzero(closed(lit, gap_m, self._grid.spacing_m) & ~lit & surface.filled)
+        gap = np.flatnonzero(closed(lit, gap_m, self.grid.spacing_m) & ~lit & surface.filled)
         if len(gap):
             nearest = distance_transform_edt(~lit, return_distances=False, return_indices=True)
             row, column = nearest.reshape(2, -1)[:, gap]
-            point = np.column_stack([self._grid.centres_m[gap], surface.height_m.ravel()[gap]])
+            point = np.column_stack([self.grid.centres_m[gap], surface.height_m.ravel()[gap]])
             lit.ravel()[gap] = visible(self._origin_m[row, column], point)
         return lit
 

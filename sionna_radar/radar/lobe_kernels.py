@@ -7,7 +7,7 @@ from sionna_radar.foundation.compiled import compiled
 
 @compiled
 @no_type_check
-def _at(voltage, cosine):
+def voltage_at(voltage, cosine):
     """Return a `Cut` at a direction cosine."""
     position = (min(max(cosine, -1.0), 1.0) + 1.0) * ((len(voltage) - 1) / 2)
     below = min(int(position), len(voltage) - 2)
@@ -20,6 +20,6 @@ def _at(voltage, cosine):
 def within(direction, azimuth, elevation, level, inside):
     """Mark the unit vectors at which the two-way power, relative to the peak, is at least a level."""
     for n in range(len(direction)):
-        voltage = _at(azimuth, direction[n, 1]) * _at(elevation, direction[n, 2])
+        voltage = voltage_at(azimuth, direction[n, 1]) * voltage_at(elevation, direction[n, 2])
         gain = voltage * voltage * max(direction[n, 0], 0.0)
         inside[n] = gain * gain >= level

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.threads import over_rows
+from sionna_radar.foundation.threads import cores, over_rows
 
 # The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
 OVERSAMPLING, WIDTH = 2.0, 10
@@ -58,7 +58,7 @@ def exponential_sums(
     grid = np.empty((len(first), points), dtype=np.complex128)
     pieces, correction = _pieces(), _correction(samples, points)
     over_rows(lambda low, high: _spread(low, high, first, last, frequency, weight, pieces, grid), len(first))
-    found = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=-1)
+    found = ifft(grid, axis=1, overwrite_x=True, norm="forward", workers=cores())
     out = np.empty((len(first), samples), dtype=np.complex128)
     over_rows(lambda low, high: _finish(low, high, found, correction, bend, out), len(first))
     return out

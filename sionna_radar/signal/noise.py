@@ -5,7 +5,7 @@ from jaxtyping import Inexact, Int
 from scipy.constants import Boltzmann
 
 from sionna_radar.foundation.decibel import from_db
-from sionna_radar.foundation.randomness import Stream, pulse_generator
+from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.radar import RadarTable
@@ -47,8 +47,8 @@ def add_noise(
     noisy = np.empty_like(beat)
 
     def add(first: int, last: int) -> None:
-        for row, clean, index in zip(noisy[first:last], beat[first:last], pulse[first:last], strict=True):
-            generator = pulse_generator(seed, Stream.NOISE, int(index))
+        generators = pulse_generators(seed, Stream.NOISE, pulse[first:last])
+        for row, clean, generator in zip(noisy[first:last], beat[first:last], generators, strict=True):
             parts = row.view(np.float64)  # a complex sample is two of these
             generator.standard_normal(out=parts)
             parts *= np.sqrt(power * len(row) / len(parts))

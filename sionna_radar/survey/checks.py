@@ -73,16 +73,16 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
         raise ScenarioError([Problem("radar.scan", message)])
 
 
-def check_geometry(hits: BoresightHits, schedule: PulseSchedule, built: BuiltScene, chirp: Chirp) -> None:
+def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:
     """Refuse a flight through the terrain, beams that leave it, and ground beyond the sampled ranges."""
     low, high = built.scene.bounds_m
     problems = []
-    pose = schedule.sample(SAMPLED_PULSES).true
-    top = float(max(high[2], pose.position_m[:, 2].max())) + 10.0
-    surface = built.caster.from_above(pose.position_m[:, :2], top)
-    clearance = pose.position_m[:, 2] - np.where(np.isnan(surface), -np.inf, surface)
+    origin_m = hits.origin_m
+    top = float(max(high[2], origin_m[:, 2].max())) + 10.0
+    surface = built.caster.from_above(origin_m[:, :2], top)
+    clearance = origin_m[:, 2] - np.where(np.isnan(surface), -np.inf, surface)
     if clearance.min() <= 0:
-        x, y, z = pose.position_m[np.argmin(clearance)]
+        x, y, z = origin_m[np.argmin(clearance)]
         message = (
             f"the radar would be {-clearance.min():.1f} m under the surface at ({x:.1f}, {y:.1f}, {z:.1f}) m; "
             "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"

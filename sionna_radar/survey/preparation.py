@@ -11,7 +11,7 @@ from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.flight import Flight
-from sionna_radar.flight.pulses import Navigation, Pose, PulseSchedule, build_navigation, schedule_pulses
+from sionna_radar.flight.pulses import Navigation, Pose, Pulses, PulseSchedule, build_navigation, schedule_pulses
 from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Trajectory
@@ -165,6 +165,7 @@ class Prepared(Brief):
 
     def engine_inputs(self) -> EngineInputs:
         """Return what tracing engines are built from."""
+        sampled = self.flight.sample(SAMPLED_PULSES)
         return EngineInputs(
             tracing=self.local.tracing,
             scene=self.scene.scene,
@@ -173,8 +174,8 @@ class Prepared(Brief):
             chirp=self.receiver.chirp,
             seed=self.local.seed,
             caster=self.scene.caster,
-            region_m=region_in_reach_m(self.flight, self.receiver.chirp),
-            looks=sampled_beams(self.flight, self.scene),
+            region_m=region_in_reach_m(sampled, self.receiver.chirp),
+            looks=sampled_beams(sampled, self.scene),
         )
 
     def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
@@ -267,7 +268,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     check_pulses(flight, local)
     step()
     hits = boresight_hits(flight, scene)
-    check_geometry(hits, flight, scene, chirp)
+    check_geometry(hits, scene, chirp)
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
     grid = dem_grid(local.dem.spacing_m, hits.extent_m, max_gap_m, place)
     mapper = build_mapper(
@@ -354,15 +355,14 @@ def _schedule(scenario: Scenario, trajectory: Trajectory, scan: Scan, navigation
     )
 
 
-def region_in_reach_m(schedule: PulseSchedule, chirp: Chirp) -> Float[np.ndarray, "2 3"]:
-    """Return the lowest and highest corner of the box that the survey can see."""
-    position = schedule.sample(SAMPLED_PULSES).true.position_m
+def region_in_reach_m(sampled: Pulses, chirp: Chirp) -> Float[np.ndarray, "2 3"]:
+    """Return the lowest and highest corner of the box that a survey can see, by pulses spread over it."""
+    position = sampled.true.position_m
     return np.array([position.min(axis=0) - chirp.max_range_m, position.max(axis=0) + chirp.max_range_m])
 
 
-def sampled_beams(schedule: PulseSchedule, built: BuiltScene) -> SampledBeams:
+def sampled_beams(pulses: Pulses, built: BuiltScene) -> SampledBeams:
     """Return how pulses spread over a survey look at its scene."""
-    pulses = schedule.sample(SAMPLED_PULSES)
     pose = pulses.true
     return SampledBeams(
         position_m=pose.position_m,

@@ -132,7 +132,7 @@ def record(
     there already are not flown again.
     """
     watch = watch or Stopwatch()
-    tally = Tally(prepared.truth(), prepared.receiver.chirp, keeps_track=parts is not None)
+    tally = Tally(prepared.truth(), prepared.receiver.chirp)
     flying = _Flying(prepared, sensor, tally, watch, recorders)
     stretches = stretches_of(prepared, block_size)
     kept = [None if parts is None else parts.get(key_of(stretch)) for stretch in stretches]
@@ -188,7 +188,7 @@ def key_of(stretch: Sequence[tuple[int, int]]) -> str:
 @on_one_thread
 def fly_stretch(prepared: Prepared, sensor: Sensor, stretch: Sequence[tuple[int, int]]) -> FinishedStretch:
     """Return what a sensor observes over some blocks of a survey, and the true hits over them."""
-    tally = Tally(prepared.truth(), prepared.receiver.chirp, keeps_track=True)
+    tally = Tally(prepared.truth(), prepared.receiver.chirp)
     flying = _Flying(prepared, sensor, tally, Stopwatch(), ())
     blocks = (prepared.flight.pulses(np.arange(*block)) for block in stretch)
     seen = Stretch.joined([flying.counted(block) for block in fly(blocks, sensor)])

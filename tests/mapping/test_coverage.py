@@ -1,9 +1,11 @@
 """Which cells the main beam lit."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.accuracy.main_beam import main_beam_hits
+from sionna_radar.accuracy.main_beam import light, main_beam_hits
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.coverage import Illumination
@@ -87,3 +89,13 @@ def test_hits_of_many_pulses_are_those_within_their_own_beams():
     found, origin = main_beam_hits(paths, pulses, antenna)
     np.testing.assert_array_equal(found, hit[lit])
     np.testing.assert_array_equal(origin, position[row[lit]])
+    grid = Grid(west_m=-60.0, south_m=-60.0, spacing_m=1.0, columns=121, rows=121)
+    for kind in (np.float32, np.float64):
+        held = replace(paths, hit_m=hit.astype(kind))
+        plain, fused = Illumination(grid), Illumination(grid)
+        plain.add(*main_beam_hits(held, pulses, antenna))
+        light(held, pulses, antenna, (), fused)
+        assert plain.columns[1].sum() > 100
+        for expected, found in zip((*plain.columns, *plain.taken()), (*fused.columns, *fused.taken()), strict=True):
+            np.testing.assert_array_equal(found, expected)
+        assert len(plain.taken()[0]) == len(fused.taken()[0]) == 0

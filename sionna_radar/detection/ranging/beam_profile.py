@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
 
@@ -47,8 +48,16 @@ class EchoFit:
     sigma: Float[np.ndarray, " echo"]
 
 
+# Surveys in a row look through the same antenna.
+_LAST = KeptValues(2)
+
+
 def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
     """Return the profile of an antenna's elevation cut, the plane in which a forward-tilted beam is inclined."""
+    return _LAST.once((Same(antenna), response.tobytes()), lambda: _profile(antenna, response))
+
+
+def _profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamProfile:
     cut = antenna.elevation
     lobe = cut.cosine[lobe_samples(cut, FOLLOWED)]
     low, high = lobe[0], lobe[-1]

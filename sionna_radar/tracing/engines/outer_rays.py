@@ -92,7 +92,7 @@ _POWERS = KeptValues(2)
 def _outside(
     grid: TwoWayGrid, filled: FilledBeam
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " cell"]]:
-    """Return the share of the power in each cell outside a part of a beam, and the sums of those up to each."""
+    """Return each cell's share of the power outside a part of a beam, and the sums of those up to each."""
     power = np.where(_within(grid, filled), 0.0, grid.power_sr)
     power /= max(power.sum(), 1e-300)
     return power, np.cumsum(power.ravel())
