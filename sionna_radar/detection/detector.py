@@ -20,7 +20,6 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
-from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
@@ -72,14 +71,7 @@ class Detector:
         level, both = self.cfar.noise_level(power)
         factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
         mean = np.where(both, self.cfar.both_sides_mean, self.cfar.one_side_mean)
-        noise, threshold = np.empty_like(level), np.empty_like(level)
-
-        def scale(low: int, high: int) -> None:
-            np.divide(level[low:high], np.broadcast_to(mean, level.shape)[low:high], out=noise[low:high])
-            np.multiply(level[low:high], np.broadcast_to(factor, level.shape)[low:high], out=threshold[low:high])
-
-        over_rows(scale, len(level))
-        return Spectra(power=power, noise=noise, threshold=threshold)
+        return Spectra(power=power, noise=level / mean, threshold=level * factor)
 
     def detect(
         self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose

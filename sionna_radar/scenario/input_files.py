@@ -41,7 +41,7 @@ def content_key(tables: Mapping[str, Any]) -> str | None:
     cannot be said: a file that names others, an address on the network.
     """
     document = {name: _dumped(value) for name, value in tables.items()}
-    if any(is_address(text) for text in _texts(document)):
+    if any(is_address(leaf) for leaf in _leaves(document) if isinstance(leaf, str)):
         return None
     stamps = {}
     for path in sorted(set(_paths(document))):
@@ -62,23 +62,15 @@ def _dumped(value: Any) -> Any:
     return tuple(_dumped(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
+def _leaves(value: Any) -> Iterator[Any]:
+    """Yield the values within nested tables and lists."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else None
+    if inner is None:
         yield value
-    elif isinstance(value, dict):
-        for entry in value.values():
-            yield from _texts(entry)
-    elif isinstance(value, list | tuple):
-        for entry in value:
-            yield from _texts(entry)
+        return
+    for entry in inner:
+        yield from _leaves(entry)
 
 
 def _paths(value: Any) -> Iterator[Path]:
-    if isinstance(value, Path):
-        yield value
-    elif isinstance(value, dict):
-        for entry in value.values():
-            yield from _paths(entry)
-    elif isinstance(value, list | tuple):
-        for entry in value:
-            yield from _paths(entry)
+    return (leaf for leaf in _leaves(value) if isinstance(leaf, Path))

@@ -143,7 +143,9 @@ def plan_sweep(
         try:
             scenario = load_scenario(source, overrides | setting)
             # One that is ready to fly shows that the study is no mistake as a whole; the others are built in flight.
-            flyable = flyable or bool(prepare(scenario))
+            if not flyable:
+                prepare(scenario)
+                flyable = True
             cells.append(Cell(setting=setting, scenario=scenario))
         except (ScenarioError, InputFileError) as error:
             refused.append((error, setting))

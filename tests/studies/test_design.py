@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.sweep.figures import errors
 from sionna_radar.report.sweep.runs_table import rows_of, write_runs_parquet
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.design import Design, Sampler, Span
+from sionna_radar.studies.design import Axis, Design, Sampler, Span
 from sionna_radar.studies.design_text import parse_design, read_settings
 from sionna_radar.studies.sweep import fly_sweep
 from sionna_radar.studies.sweep_plan import plan_sweep
@@ -136,10 +137,14 @@ def test_the_command_flies_a_sample_and_tabulates_it(cli, small, tmp_path):
     assert "wall_s" not in json.dumps(document)
 
 
-def test_dots_of_a_sample_are_not_joined_and_their_rank_correlation_stands_beside(small):
+@pytest.fixture(scope="module")
+def flown_sample(small):
     design = Design(spans=(Span(key=BEAM, low=2.0, high=6.0),), sampler=Sampler(name="sobol", count=8))
-    sweep = fly_sweep(plan_sweep(small, design))
-    figure = errors(sweep)
+    return fly_sweep(plan_sweep(small, design))
+
+
+def test_dots_of_a_sample_are_not_joined_and_their_rank_correlation_stands_beside(flown_sample):
+    figure = errors(flown_sample)
     assert figure.axes[0].lines[0].get_linestyle() == "None"
     assert figure.axes[0].get_title(loc="right").startswith("rank correlation")
 
@@ -167,3 +172,18 @@ def test_parquet_without_its_library_is_refused_before_anything_is_flown(cli, sm
     assert refused.returncode == 2
     assert "runs.parquet needs pyarrow" in refused.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "scale"),
+    [
+        (BEAM, (1, 2, 4, 8), "log"),
+        (BEAM, tuple(range(1, 11)), "linear"),
+        (SNR, (2, 4, 8, 16, 32), "linear"),
+        (BEAM, (2, 4), "linear"),
+    ],
+)
+def test_the_abscissa_is_logarithmic_where_that_spreads_the_values(flown_sample, key, values, scale):
+    cases = [replace(flown_sample.cases[0], setting={key: value}) for value in values]
+    figure = errors(replace(flown_sample, axes=(Axis(key=key, values=values),), cases=tuple(cases)))
+    assert figure.axes[2].get_xscale() == scale

@@ -176,7 +176,7 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
         axes.set_xticks(range(len(values)), [shown(value) for value in values], **_slanted(values))
         axes.set_xlim(-0.5, len(values) - 0.5)
         return
-    logarithmic = min(values) > 0 and max(values) >= LOGARITHMIC_FROM * min(values)
+    logarithmic = _even_in_logarithm(across)
     if logarithmic:
         axes.set_xscale("log")
         axes.xaxis.set_minor_locator(NullLocator())
@@ -185,6 +185,15 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     elif logarithmic:
         axes.xaxis.set_major_formatter("{x:g}")
+
+
+def _even_in_logarithm(across: Axis) -> bool:
+    """Return whether values span much, and lie more evenly on a logarithmic scale; decibels are logarithms already."""
+    low, high = float(min(across.values)), float(max(across.values))
+    if low <= 0 or high < LOGARITHMIC_FROM * low or across.key.endswith(("_db", "_dbm", "_dbsm")):
+        return False
+    middle = float(np.median(np.array(across.values, dtype=float)))
+    return bool(abs(middle - np.sqrt(low * high)) < abs(middle - (low + high) / 2))
 
 
 def _apart(values: list[float], logarithmic: bool) -> bool:
