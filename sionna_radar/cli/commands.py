@@ -143,6 +143,7 @@ def _fly(
             marker=MARKER,
             write=write,
             show=print_survey,
+            products=[coordinates, page.name, *files],
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
@@ -178,11 +179,14 @@ def crosscheck(
             parts = keep(identity(checked, BLOCK_SIZE))
             return check(checked, progress=progress, parts=parts, workers=team)
 
-    result: CrossCheck = session.produce(
-        fly, suffix="_crosscheck", marker=MARKER, write=write_crosscheck, show=print_crosscheck
+    session.produce(
+        fly,
+        suffix="_crosscheck",
+        marker=MARKER,
+        write=write_crosscheck,
+        show=print_crosscheck,
+        exit_code=lambda result: 0 if result.agrees else 1,
     )
-    if not result.agrees:
-        raise typer.Exit(1)
 
 
 def budget(
@@ -314,8 +318,9 @@ def sweep(
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     write = partial(write_sweep, runs=files)
-    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep)
-    _tell_failures(result)
+    session.produce(
+        fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep, exit_code=_tell_failures, products=files
+    )
 
 
 def merge(
@@ -330,19 +335,19 @@ def merge(
     from sionna_radar.studies.shards import merge_shards
 
     session = Session.of("merge", output, None, None, None, quiet)
-    result: Sweep = session.produce(
+    session.produce(
         lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
         suffix="",
         marker=MARKER,
         write=write_sweep,
         show=print_sweep,
+        exit_code=_tell_failures,
     )
-    _tell_failures(result)
 
 
-def _tell_failures(result: "Sweep") -> None:
-    """Say how many settings failed, and end with the exit code 1 if any did."""
+def _tell_failures(result: "Sweep") -> int:
+    """Say how many settings failed, and return the exit code: 1 if any did."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} settings could not be flown in full", err=True)
-        raise typer.Exit(1)
+    return 1 if result.failed else 0
