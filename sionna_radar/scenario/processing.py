@@ -68,6 +68,8 @@ class ProcessingTable(Table):
     merge_gap_m: detected cells no farther apart are one echo.
     dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
     min_range_m: nothing nearer is detected.
+    leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
+    transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -82,6 +84,7 @@ class ProcessingTable(Table):
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None
+    leakage: Literal["keep", "subtract"] = "keep"
     doppler_correction: bool = Field(default=True, strict=True)
 
     @field_validator("window")

@@ -26,7 +26,7 @@ from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
-from sionna_radar.survey.result import Survey
+from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
 from sionna_radar.survey.warnings import steered_warnings, warnings_of
@@ -211,7 +211,14 @@ def _run(
         peak_memory_mb=peak_memory_mb(),
         warnings=_warnings(prepared, recording),
         sensor=sensor,
+        saturation=_saturation(prepared, recording),
     )
+
+
+def _saturation(prepared: Prepared, recording: Recording) -> Saturation | None:
+    if prepared.local.sensor != "radar" or not prepared.local.radar.receiver.converter.limited:
+        return None
+    return Saturation(saturated_pulses=recording.saturated_pulses, saturated_samples=recording.saturated_samples)
 
 
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
