@@ -206,7 +206,7 @@ class ReceiverTable(Table):
     @property
     def amplifier_gain_db(self) -> float:
         """The gain of all amplifiers."""
-        return sum(stage.gain_db for stage in self.amplifiers)
+        return sum((stage.gain_db for stage in self.amplifiers), 0.0)
 
     @property
     def noise_figure_db(self) -> float | None:
