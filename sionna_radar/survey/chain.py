@@ -29,7 +29,7 @@ from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, Sampl
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.warnings import steered_warnings, warnings_of
+from sionna_radar.survey.warnings import saturation_warnings, steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
@@ -233,6 +233,7 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         stepped_behind_volume=prepared.mapper.name == "stepped" and recording.behind_volume,
     )
     mapper = prepared.mapper
+    warnings += saturation_warnings(recording.saturated_pulses, len(prepared))
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     for warning in warnings:
         logger.warning("%s", warning)
