@@ -16,7 +16,6 @@ from jaxtyping import Float, Int
 from scipy.signal import fftconvolve
 
 from sionna_radar.detection.cfar import Cfar
-from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.foundation.progress import Progress, Steps, silent
@@ -47,7 +46,7 @@ SPEED_MPS = 0.01
 # Range at which the beam's direction is worked out, and speeds that stand for those of all drops.
 NOMINAL_M, FALL_SPEEDS = 10.0, 32
 # Ratios between which probabilities of detection are interpolated, in decibels.
-RATIOS_DB = np.linspace(-30.0, 60.0, 361)
+RATIOS_DB = np.linspace(-30.0, 60.0, 181)
 
 
 def link_budget(
@@ -208,7 +207,31 @@ class _Case:
         ground = np.bincount(at, parts.power * passed, minlength=steps + 1)[:steps]
         met = np.cumsum(np.bincount(at, parts.beam_share, minlength=steps + 1)[:steps])
         air = self._in_air((np.arange(steps) + 0.5) * step_m, 1 - met) * given.receiver.transmit_power_w
-        return _Expected(ground=_in_bins(ground, analyser), clutter=_in_bins(air, analyser))
+        return _Expected(ground=self._in_bins(ground), clutter=self._in_bins(air))
+
+    @cached_property
+    def _volume(self) -> tuple[VolumeEcho, Float[np.ndarray, " speed"]] | None:
+        """What fills the air, with speeds along the beam that stand for all of it; None for nothing."""
+        volume = volume_of(self._weather)
+        if volume is None:
+            return None
+        boresight, quantile = self._pose.boresight[0], (np.arange(FALL_SPEEDS) + 0.5) / FALL_SPEEDS
+        fall_mps = volume.fall_mps(np.zeros((FALL_SPEEDS, 2)), quantile)
+        receding_mps = -boresight[2] * fall_mps + boresight @ np.array(self._weather.wind_mps)
+        return VolumeEcho(volume, self.prepared.antenna, self.prepared.receiver.chirp, 0), receding_mps
+
+    @cached_property
+    def _response(self) -> Float[np.ndarray, " step"]:
+        """Response of the window in fine steps of range, one at its peak."""
+        analyser = self.prepared.detector.analyser
+        per_cell = analyser.zero_padding * STEPS_PER_BIN
+        response = analyser.response(FOLLOWED_CELLS * per_cell, per_cell)
+        return response / response.max()
+
+    def _in_bins(self, fine: Float[np.ndarray, " step"]) -> Float[np.ndarray, " bin"]:
+        """Return the mean spectrum of powers in fine steps of range: each leaves the window's response."""
+        spectrum: Float[np.ndarray, " step"] = fftconvolve(fine, self._response, mode="same")
+        return np.maximum(spectrum[::STEPS_PER_BIN], 0.0)
 
     def _in_air(
         self, range_m: Float[np.ndarray, " step"], open_share: Float[np.ndarray, " step"]
@@ -217,18 +240,13 @@ class _Case:
 
         open_share: share of the beam that has met no ground up to each range.
         """
-        volume, step_m = volume_of(self._weather), float(range_m[1] - range_m[0])
-        shown = np.zeros(len(range_m))
-        if volume is None:
+        step_m, shown = float(range_m[1] - range_m[0]), np.zeros(len(range_m))
+        if self._volume is None:
             return shown
-        chirp, boresight = self.prepared.receiver.chirp, self._pose.boresight[0]
-        echo = VolumeEcho(volume, self.prepared.antenna, chirp, 0)
+        echo, receding_mps = self._volume
         cell = np.minimum((range_m / echo.cell_m).astype(np.int64), len(echo.cell_power) - 1)
         power = echo.cell_power[cell] * (step_m / echo.cell_m) * open_share * self._passed(range_m)
-        quantile = (np.arange(FALL_SPEEDS) + 0.5) / FALL_SPEEDS
-        fall_mps = volume.fall_mps(np.zeros((FALL_SPEEDS, 2)), quantile)
-        receding_mps = -boresight[2] * fall_mps + boresight @ np.array(self._weather.wind_mps)
-        for shift in np.round(chirp.doppler_range_m(receding_mps) / step_m).astype(np.int64):
+        for shift in np.round(self.prepared.receiver.chirp.doppler_range_m(receding_mps) / step_m).astype(np.int64):
             first, last = max(shift, 0), min(len(shown) + shift, len(shown))
             shown[first:last] += power[first - shift : last - shift] / FALL_SPEEDS
         return shown
@@ -326,14 +344,6 @@ class _Expected:
     def half_power(self) -> Int[np.ndarray, " bin"]:
         """The bins within 3 dB of the strongest."""
         return np.flatnonzero(self.ground > self.ground[self.peak] / 2)
-
-
-def _in_bins(fine: Float[np.ndarray, " step"], analyser: SpectrumAnalyser) -> Float[np.ndarray, " bin"]:
-    """Return the mean spectrum of powers in fine steps of range: each leaves the window's response."""
-    per_cell = analyser.zero_padding * STEPS_PER_BIN
-    response = analyser.response(FOLLOWED_CELLS * per_cell, per_cell)
-    spectrum: Float[np.ndarray, " step"] = fftconvolve(fine, response / response.max(), mode="same")
-    return np.maximum(spectrum[::STEPS_PER_BIN], 0.0)
 
 
 def _detection(cfar: Cfar) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
