@@ -23,6 +23,7 @@ class Stream(IntEnum):
     TARGETS = 4
     TARGET_SCANS = 5
     VOLUME = 6
+    VEGETATION = 7
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52
