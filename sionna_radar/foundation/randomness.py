@@ -24,6 +24,7 @@ class Stream(IntEnum):
     TARGET_SCANS = 5
     VOLUME = 6
     PHASE_NOISE = 7
+    VEGETATION = 12
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52

@@ -35,6 +35,7 @@ from sionna_radar.scenario.terrain import (
     Terrain,
 )
 from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
@@ -67,6 +68,7 @@ class Scenario(Table):
     objects: meshes on it.
     footprints: buildings from a file of outlines.
     targets: points of a given radar cross-section.
+    vegetation: stands of plants.
     materials: by their names, which surfaces refer to.
     platform: the flight.
     radar: the radar.
@@ -101,6 +103,7 @@ class Scenario(Table):
     objects: tuple[MeshObject, ...] = ()
     footprints: tuple[Footprints, ...] = ()
     targets: tuple[PointTarget, ...] = ()
+    vegetation: tuple[VegetationTable, ...] = ()
     materials: dict[str, Material] = {}
     platform: Platform
     radar: RadarTable

@@ -17,6 +17,7 @@ from sionna_radar.scene.ground import build_ground, shared_ground
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
 
@@ -74,7 +75,7 @@ def build_scene(
     land = ground.land
     _check_materials(land, known)
     step()
-    place = (repr(scenario.targets), Same(known))
+    place = (repr((scenario.targets, scenario.vegetation)), Same(known))
 
     def build() -> Scene:
         return Scene(
@@ -83,6 +84,7 @@ def build_scene(
             targets=_targets(scenario, land),
             ground_material=land.ground_material,
             georeference=land.georeference,
+            vegetation=vegetation_of(scenario.vegetation, land.ground_m),
         )
 
     scene = ground.caster.once("scene", place, build)

@@ -46,6 +46,10 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             for i, polygon in enumerate(terrain.cover)
         )
         terrain = terrain.model_copy(update={"cover": cover})
+    vegetation = tuple(
+        stand.model_copy(update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)})
+        for i, stand in enumerate(scenario.vegetation)
+    )
     objects = {
         name: tuple(
             entry.model_copy(
@@ -62,6 +66,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             "coordinates": "local",
             "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints), "lines": lines}),
             "terrain": terrain,
+            "vegetation": vegetation,
             **objects,
         }
     )

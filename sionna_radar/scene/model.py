@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
 
 
@@ -54,6 +55,7 @@ class Scene:
     materials: how each scatters; one that distinguishes V, H and specular reflection is a `RadarMaterial`.
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the scene is not georeferenced.
+    vegetation: None if nothing grows.
     """
 
     surfaces: tuple[Surface, ...]
@@ -61,6 +63,7 @@ class Scene:
     targets: tuple[Target, ...]
     ground_material: str
     georeference: Georeference | None
+    vegetation: Vegetation | None = None
 
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:

@@ -9,6 +9,7 @@ from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.mapping.dem_grid import Extent
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene
@@ -71,6 +72,13 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
             f"{scenario.radar.chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
         )
         raise ScenarioError([Problem("radar.scan", message)])
+
+
+def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
+    """Refuse plants before an antenna whose echo of them is unknown."""
+    if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
+        message = "the echo of [[vegetation]] is known for linear co-polar antennas alone; set 'V' or 'H', and 'co'"
+        raise ScenarioError([Problem("radar.antenna.polarization", message)])
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:

@@ -45,6 +45,7 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
+    check_vegetation,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
@@ -254,6 +255,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     scan = custom.scan or build_scan(local.radar.scan)
     antenna = custom.antenna or build_antenna(local.radar.antenna)
     beams = beams_of(antenna, scan)
+    check_vegetation(local, antenna)
     check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)

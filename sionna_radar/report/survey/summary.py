@@ -20,6 +20,8 @@ MEANING = {
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
+    "canopy": "the DEM in filled cells under [[vegetation]]: share is its mean height over the ground over that of the "
+    "plants, 0 where it reads the ground and 1 where it reads their tops",
     "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest, and "
     "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
@@ -60,6 +62,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "breakdown": asdict(survey.breakdown),
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
+        "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
         "versions": versions(),

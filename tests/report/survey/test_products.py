@@ -42,6 +42,7 @@ KEYS = [
     "breakdown",
     "dem_uncertainty",
     "overhang",
+    "canopy",
     "meaning",
     "points_sha256",
     "versions",
