@@ -16,7 +16,8 @@ from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.problems import nearest
-from sionna_radar.scenario.table import InputPath, NonNegative, Real, Table, refuse
+from sionna_radar.scenario.receiver import ReceiverTable
+from sionna_radar.scenario.table import InputPath, Real, Table, refuse
 
 
 class AntennaTable(AntennaParameters):
@@ -167,25 +168,6 @@ class ScanTable(ScanParameters):
         return self
 
 
-class ReceiverTable(Table):
-    """The receiver between mixer and sampler.
-
-    high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
-    high_pass_order: of that filter.
-    """
-
-    high_pass_corner_hz: NonNegative = 0.0
-    high_pass_order: Annotated[int, Field(strict=True, ge=1, le=4)] = 2
-
-    @model_validator(mode="after")
-    def _consistent(self) -> ReceiverTable:
-        usual = type(self).model_fields["high_pass_order"].default
-        if self.high_pass_corner_hz == 0 and self.high_pass_order != usual:
-            message = f"{self.high_pass_order} has no effect without high_pass_corner_hz; give it"
-            raise refuse("high_pass_order", message)
-        return self
-
-
 def _published(name: str) -> str:
     if name not in PRESETS:
         raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
@@ -207,7 +189,7 @@ class RadarTable(Table):
     transmit_power_dbm: at the antenna.
     noise_figure_db: of the receiver.
     temperature_k: of the noise that the figure counts from.
-    receiver: between mixer and sampler.
+    receiver: between antenna and samples.
     antenna: its beam and polarization.
     scan: how the beam moves.
     """
@@ -269,6 +251,12 @@ class RadarTable(Table):
         if self.snr_db is None and self.noise_figure_db is None:
             raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
         return self
+
+    @property
+    def used_samples(self) -> tuple[int, int]:
+        """The first sample of a sweep that is used, and the one after the last."""
+        first, last = (round(self.samples_per_chirp * share) for share in self.receiver.oscillator.used_window)
+        return first, last
 
     @property
     def max_range_m(self) -> float:

@@ -135,7 +135,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _cfar_fits(self) -> Scenario:
         radar, cfar = self.radar, self.processing.cfar
-        cells = radar.samples_per_chirp // (2 if radar.sampling == "real" else 1)
+        first, last = radar.used_samples
+        cells = (last - first) // (2 if radar.sampling == "real" else 1)
         if 2 * (cfar.guard + cfar.training) >= cells:
             raise refuse(
                 "processing.cfar.guard",

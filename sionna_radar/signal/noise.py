@@ -1,5 +1,7 @@
 """Thermal noise of the receiver."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Inexact, Int
 from scipy.constants import Boltzmann
@@ -8,7 +10,9 @@ from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
 
 
 def transmit_power_w(radar: RadarTable) -> float:
@@ -56,3 +60,17 @@ def add_noise(
 
     over_rows(add, len(noisy))
     return noisy
+
+
+@register_receiver_stage("noise", StageParameters)
+def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
+    """Return the stage that adds thermal noise: the same as without other stages."""
+    return noisy
+
+
+def noisy(received: Received) -> Received:
+    """Return what is received with thermal noise beside it; the sweeps of a pulse draw theirs at once."""
+    kind = np.complex128 if received.chirp.sampling == "iq" else np.float64
+    silence = np.zeros((len(received.pulses), received.sweeps * received.chirp.samples), dtype=kind)
+    noise = add_noise(silence, received.noise_power_w, received.seed, received.pulses.index)
+    return replace(received, noise=np.split(noise, received.sweeps, axis=1)[received.sweep])

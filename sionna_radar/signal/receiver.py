@@ -10,6 +10,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.stages import Chain, Received
 from sionna_radar.tracing.paths import Paths
 
 
@@ -21,6 +22,7 @@ class Receiver:
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     seed: of the noise.
     high_pass: None if there is none.
+    chain: its stages, where it is not ideal but for noise and high-pass.
     """
 
     sweeps: tuple[Chirp, ...]
@@ -28,6 +30,7 @@ class Receiver:
     noise_power_w: float
     seed: int
     high_pass: HighPass | None = None
+    chain: Chain | None = None
 
     @property
     def chirp(self) -> Chirp:
@@ -45,6 +48,8 @@ class Receiver:
     def _receive(
         self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        if self.chain is not None:
+            return self._through(self.chain, paths, pulses, sweeps)
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
@@ -57,4 +62,24 @@ class Receiver:
         return [
             amplitude * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
             for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
+        ]
+
+    def _through(
+        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]
+    ) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals behind all stages of a receiver as it is built."""
+        return [
+            chain.receive(
+                Received(
+                    paths=paths,
+                    pulses=pulses,
+                    grid=chain.grid(sweep),
+                    sweep=number,
+                    sweeps=len(sweeps),
+                    transmit_power_w=self.transmit_power_w,
+                    noise_power_w=self.noise_power_w,
+                    seed=self.seed,
+                )
+            )
+            for number, sweep in enumerate(sweeps)
         ]
