@@ -70,6 +70,7 @@ class ProcessingTable(Table):
     min_range_m: nothing nearer is detected.
     leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
     transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
+    interference: "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -85,6 +86,7 @@ class ProcessingTable(Table):
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None
     leakage: Literal["keep", "subtract"] = "keep"
+    interference: Literal["keep", "zeroing"] = "keep"
     doppler_correction: bool = Field(default=True, strict=True)
 
     @field_validator("window")
