@@ -59,6 +59,8 @@ def point_heights(points: Points, looks: Looks | None) -> Heights:
     away = points.position_m - points.origin_m
     steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), LEAST_DISTANCE_M)
     place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
+    if points.across_sigma_m is not None:
+        sigma = np.hypot(sigma, points.across_sigma_m * np.sqrt(1 - steep**2))
     if looks is None:
         return Heights.at_places(place, height, sigma)
     return Heights(
