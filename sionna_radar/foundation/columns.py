@@ -31,6 +31,9 @@ class Columns:
     def concatenate(cls: type[Table], tables: Sequence[Table]) -> Table:
         """Return all rows of some tables, in order; columns that one of them lacks are left out."""
         columns = {f.name: [getattr(t, f.name) for t in tables] for f in fields(cls)}
-        return cls(
-            **{name: None if any(c is None for c in given) else np.concatenate(given) for name, given in columns.items()}
-        )
+        return cls(**{name: _joined(given) for name, given in columns.items()})
+
+
+def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    given = [column for column in columns if column is not None]
+    return np.concatenate(given) if len(given) == len(columns) else None

@@ -46,7 +46,8 @@ def add_noise(
 ) -> Inexact[np.ndarray, "pulse sample"]:
     """Return beat signals with white Gaussian noise of a given power; complex signals get half of it in each part.
 
-    Each pulse of each of several receivers, by its `channel`, has its own generator; a zero signal gives the noise alone.
+    Each pulse has its own generator, for each of several receivers by its `channel`; a zero signal gives the noise
+    alone.
     """
     noisy = np.empty_like(beat)
 

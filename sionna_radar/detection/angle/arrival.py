@@ -164,9 +164,7 @@ class AngleEstimator:
         return _Directions(cosines=up, sigma_rad=sigma, usable=inside & known & alike)
 
     @staticmethod
-    def _mean_direction(
-        stretches: "_Stretches", cosines: Float[np.ndarray, "point 2"]
-    ) -> Float[np.ndarray, "point 3"]:
+    def _mean_direction(stretches: "_Stretches", cosines: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 3"]:
         """Return mean directions, not normalised; see the module."""
         strips = stretches.strips
         ahead = np.sqrt(np.maximum(1 - np.sum(cosines**2, axis=1), 0.0))
@@ -235,7 +233,8 @@ class _Stretches:
             begin=begin,
             power=total,
             peak_power=np.maximum.reduceat(power, begin) if len(begin) else total,
-            noise=spans.noise[row, spans.peak[echo]],
+            # White receiver noise; next to a wide echo its estimate is raised by the echo itself.
+            noise=np.median(spans.noise, axis=1)[row],
             range_m=mean_m,
             range_variance_m2=_sums(power * apart**2, begin) / total,
             bin_m=spans.bin_m,
