@@ -18,6 +18,7 @@ from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimator import EchoSpans, span_cells
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.decibel import from_db
 from sionna_radar.radar.second_receiver import SideReceiver
 
 # A stretch has at least so many independent looks, or is as long as its echo.
@@ -72,7 +73,7 @@ class AngleEstimator:
         strips = range_strips(measured, self.spread)
         stretches = _Stretches.of(spans, strips, signals[0], self._length_m(spans, strips))
         found = self._directions(stretches, signals)
-        kept = found.usable
+        kept = found.usable & self._strong(stretches)
         return Echoes(
             pulse=pulse[stretches.row[kept]],
             number=_number_within(stretches.row[kept]),
@@ -90,6 +91,13 @@ class AngleEstimator:
             return np.full(len(spans.row), self.length_m)
         middle_m = (spans.start + spans.stop) / 2 * spans.bin_m
         return strips.rows(spans.row).length_m(middle_m)
+
+    def _strong(self, stretches: "_Stretches") -> Bool[np.ndarray, " point"]:
+        """Mark the stretches that are not far weaker than the strongest of their pulse, whose skirts they may be."""
+        strongest = np.zeros(int(stretches.row.max(initial=0)) + 1)
+        np.maximum.at(strongest, stretches.row, stretches.peak_power)
+        limit = from_db(self.detector.processing.dynamic_range_db)
+        return stretches.peak_power * limit >= strongest[stretches.row]
 
     def _directions(
         self, stretches: "_Stretches", signals: Sequence[Complex[np.ndarray, "pulse bin"]]
@@ -283,8 +291,14 @@ class _Stretches:
         """
         one, other = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
         apart_m = self.cell_bin * self.bin_m - np.repeat(self.range_m, self.length)
-        flat = np.exp(-1j * np.repeat(ramp_rad_m, self.length) * apart_m)
-        cross = _sums(one * other.conj() * flat, self.begin)
+        ramp = np.repeat(ramp_rad_m, self.length) * apart_m
+        # In real numbers: a product of complex ones may be rounded differently at the end of a block.
+        turn, aside = np.cos(ramp), np.sin(ramp)
+        real = one.real * other.real + one.imag * other.imag
+        imaginary = one.imag * other.real - one.real * other.imag
+        cross = _sums(real * turn + imaginary * aside, self.begin) + 1j * _sums(
+            imaginary * turn - real * aside, self.begin
+        )
         power = _sums(one.real**2 + one.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
 
