@@ -1,5 +1,6 @@
 """The commands that fly: each builds its study, and says how its result is written and printed."""
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -51,7 +52,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
     app.command()(demo)
     app.command(name="run")(run_command)
-    for command in (crosscheck, budget, image, sweep, merge):
+    for command in (crosscheck, budget, link, image, sweep, merge):
         app.command()(command)
 
 
@@ -143,6 +144,7 @@ def _fly(
             marker=MARKER,
             write=write,
             show=print_survey,
+            products=[coordinates, page.name, *files],
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
@@ -178,11 +180,14 @@ def crosscheck(
             parts = keep(identity(checked, BLOCK_SIZE))
             return check(checked, progress=progress, parts=parts, workers=team)
 
-    result: CrossCheck = session.produce(
-        fly, suffix="_crosscheck", marker=MARKER, write=write_crosscheck, show=print_crosscheck
+    session.produce(
+        fly,
+        suffix="_crosscheck",
+        marker=MARKER,
+        write=write_crosscheck,
+        show=print_crosscheck,
+        exit_code=lambda result: 0 if result.agrees else 1,
     )
-    if not result.agrees:
-        raise typer.Exit(1)
 
 
 def budget(
@@ -221,6 +226,53 @@ def budget(
             return navigation_budget(checked, repeat=repeat, grades=known, progress=progress, parts=parts, workers=team)
 
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
+
+
+def link(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    incidence: Annotated[
+        str | None,
+        typer.Option("--incidence", metavar="A1,A2,...", help="Angles of the beam from nadir, in degrees."),
+    ] = None,
+    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
+    pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
+    from sionna_radar.report.link.products import MARKER, write_link
+    from sionna_radar.report.link.table import print_link
+    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
+    checked = session.load()
+    session.produce(
+        lambda progress, _: link_budget(
+            checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses, progress=progress
+        ),
+        suffix="_link",
+        marker=MARKER,
+        write=write_link,
+        show=print_link,
+        exit_code=lambda result: 0 if result.agrees else 1,
+    )
+
+
+def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[float]:
+    """Return the numbers of an option, separated by commas."""
+    if text is None:
+        return list(default)
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        message = f"{text!r} are not numbers; give some, separated by commas"
+        raise ScenarioError([Problem(option, message)], "command line") from error
 
 
 def image(
@@ -314,8 +366,9 @@ def sweep(
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     write = partial(write_sweep, runs=files)
-    result: Sweep = session.produce(fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep)
-    _tell_failures(result)
+    session.produce(
+        fly, suffix=suffix, marker=MARKER, write=write, show=print_sweep, exit_code=_tell_failures, products=files
+    )
 
 
 def merge(
@@ -330,19 +383,19 @@ def merge(
     from sionna_radar.studies.shards import merge_shards
 
     session = Session.of("merge", output, None, None, None, quiet)
-    result: Sweep = session.produce(
+    session.produce(
         lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
         suffix="",
         marker=MARKER,
         write=write_sweep,
         show=print_sweep,
+        exit_code=_tell_failures,
     )
-    _tell_failures(result)
 
 
-def _tell_failures(result: "Sweep") -> None:
-    """Say how many settings failed, and end with the exit code 1 if any did."""
+def _tell_failures(result: "Sweep") -> int:
+    """Say how many settings failed, and return the exit code: 1 if any did."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} settings could not be flown in full", err=True)
-        raise typer.Exit(1)
+    return 1 if result.failed else 0

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from sionna_radar.foundation.kept_parts import KeptParts, kept_parts
+from sionna_radar.foundation.kept_parts import KeptParts, has_parts, kept_parts
 from sionna_radar.foundation.network import allow_network
-from sionna_radar.report.folder import check_output
+from sionna_radar.report.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.foundation.progress import Progress
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 # Begins, or goes on with, the finished parts of a run that a document describes.
 Keep = Callable[[Mapping[str, Any]], KeptParts]
+# The key under which a run says which files it writes; parts do not depend on it.
+PRODUCTS = "choice of products"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,8 +103,10 @@ class Session:
         marker: str,
         write: Callable[[Result, Path], list[Path]],
         show: Callable[[Result], object],
-    ) -> Result:
-        """Fly, write what came of it, print it, and return it.
+        exit_code: Callable[[Result], int] = lambda _: 0,
+        products: Sequence[str] = (),
+    ) -> None:
+        """Fly, print what came of it, and write it; with `resume` not again what stands in the folder.
 
         Parameters
         ----------
@@ -111,12 +115,16 @@ class Session:
         suffix, marker:
             Of the default folder's name, and the file by which a folder of such results is known.
         write:
-            Writes a result into a folder, and returns the files; none if there is nothing to write.
+            Writes a result into a folder, and returns the files.
         show:
             Prints a result.
+        exit_code:
+            With which the command ends; it may tell why on standard error.
+        products:
+            The choice of files that are written.
 
         """
-        directory = check_output(self.directory(suffix), marker)
+        directory, described = check_output(self.directory(suffix), marker), dict[str, Any]()
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> KeptParts:
@@ -124,16 +132,32 @@ class Session:
                 from sionna_radar.raytracer.backend import chosen_backend
 
                 # A GPU rounds otherwise than the CPU.
-                described = {"command": marker, "version": versions(), "backend": chosen_backend(), **run}
-                return until_written.enter_context(kept_parts(directory, described, resume=self.resume))
+                needed = {"command": marker, "version": versions(), "backend": chosen_backend(), **run}
+                described.update({**needed, PRODUCTS: list(products)})
+                if self.resume:
+                    self._end_if_finished(directory, described)
+                return until_written.enter_context(kept_parts(directory, needed, resume=self.resume))
 
             with progress_of(self.quiet) as progress, self.reach():
                 result = fly(progress, keep)
-            written = write(result, directory)
-        if written and not self.quiet:
-            show(result)
+            if not self.quiet:
+                # Figures take longer than the flight of a short survey.
+                show(result)
+            written, code = write(result, directory), exit_code(result)
+            if described:
+                note_run(directory, described, code)
+        if not self.quiet:
             typer.echo(f"{len(written)} files in {directory}")
-        return result
+        if code:
+            raise typer.Exit(code)
+
+    def _end_if_finished(self, directory: Path, described: Mapping[str, Any]) -> None:
+        """End the command if the result of its run stands in the folder already, with the exit code of that run."""
+        code = None if has_parts(directory) else finished_as(directory, described, PRODUCTS)
+        if code is not None:
+            if not self.quiet:
+                typer.echo(f"the result of this run is in {directory} already; nothing was left to do")
+            raise typer.Exit(code)
 
 
 def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:

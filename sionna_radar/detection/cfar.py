@@ -20,9 +20,13 @@ from sionna_radar.detection.false_alarm import (
     factor_of_mean,
     factor_of_ordered,
     factor_of_smaller,
+    log_probability_over_greater,
+    log_probability_over_mean,
+    log_probability_over_smaller,
     mean_ordered,
     mean_smaller,
     mean_weights,
+    probability_over_ordered,
 )
 from sionna_radar.foundation.threads import over_rows
 
@@ -88,6 +92,30 @@ class Cfar:
         """Return the power that each cell must exceed; infinite where neither side fits."""
         level, both = self.noise_level(power)
         return level * np.where(both, self.both_sides_factor, self.one_side_factor)
+
+    def detection_probability(self, snr: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return how probably cells of speckle are detected amid noise, where both sides fit.
+
+        The power of a cell of speckle and noise is exponential, with 1 + snr times the mean of noise alone, so it
+        passes a Z with the probability that noise passes a Z / (1 + snr) (Gandhi and Kassam 1988, "Analysis of CFAR
+        processors in nonhomogeneous background", section II: a Swerling 1 target).
+
+        snr: mean power of the speckle in each cell over that of the noise.
+        """
+        return np.array([self._passed(self.both_sides_factor / (1 + ratio)) for ratio in snr])
+
+    def _passed(self, factor: float) -> float:
+        """Return the probability that noise passes a multiple of its level on both sides."""
+        match self.kind:
+            case "CA":
+                return float(np.exp(log_probability_over_mean(self._weights, 2, factor)))
+            case "GO":
+                return float(np.exp(log_probability_over_greater(self._weights, factor)))
+            case "SO":
+                return float(np.exp(log_probability_over_smaller(self._weights, factor)))
+            case "OS":
+                place = _place(self.rank, 2 * self.training)
+                return probability_over_ordered(self.correlation, self.training, 2, place, factor)
 
     def noise_level(
         self, power: Float[np.ndarray, "pulse bin"]

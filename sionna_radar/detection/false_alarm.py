@@ -54,7 +54,7 @@ def mean_weights(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np
 
 def factor_of_mean(weight: Float[np.ndarray, " n"], sides: int, probability: float) -> float:
     """Return the factor for the mean over one or two independent sides, each of such a mean."""
-    return _solve(lambda factor: sides * _log_transform(weight / sides, factor), probability)
+    return _solve(lambda factor: log_probability_over_mean(weight, sides, factor), probability)
 
 
 def factor_of_smaller(weight: Float[np.ndarray, " n"], probability: float) -> float:
@@ -65,18 +65,42 @@ def factor_of_smaller(weight: Float[np.ndarray, " n"], probability: float) -> fl
 @lru_cache
 def _smaller_factor(weights: tuple[float, ...], probability: float) -> float:
     weight = np.array(weights)
-    return _solve(
-        lambda factor: np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_share(weight, factor)),
-        probability,
-    )
+    return _solve(lambda factor: log_probability_over_smaller(weight, factor), probability)
 
 
 def factor_of_greater(weight: Float[np.ndarray, " n"], probability: float) -> float:
     """Return the factor for the greater mean of two independent sides."""
-    return _solve(
-        lambda factor: np.log(2) + _log_transform(weight, factor) + np.log(_greater_share(weight, factor)),
-        probability,
-    )
+    return _solve(lambda factor: log_probability_over_greater(weight, factor), probability)
+
+
+def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, factor: float) -> float:
+    """Return the logarithm of the probability that noise passes a multiple of the mean over one or two sides."""
+    return sides * _log_transform(weight / sides, factor)
+
+
+def log_probability_over_smaller(weight: Float[np.ndarray, " n"], factor: float) -> float:
+    """Return that of a multiple of the smaller mean of two sides."""
+    return float(np.log(2) + _log_transform(weight, factor) + np.log1p(-_greater_share(weight, factor)))
+
+
+def log_probability_over_greater(weight: Float[np.ndarray, " n"], factor: float) -> float:
+    """Return that of a multiple of the greater mean of two sides."""
+    return float(np.log(2) + _log_transform(weight, factor) + np.log(_greater_share(weight, factor)))
+
+
+def probability_over_ordered(
+    correlation: Float[np.ndarray, " lag"], cells: int, sides: int, place: int, factor: float
+) -> float:
+    """Return the probability that noise passes a multiple of an order statistic: the mean over a drawn population.
+
+    It is no better known than to some thousandths, whatever its size; see `factor_of_ordered` for the parameters.
+    """
+    return float(np.exp(-factor * _drawn_levels(tuple(map(float, correlation[:cells])), cells, sides, place)).mean())
+
+
+@lru_cache(maxsize=8)
+def _drawn_levels(correlation: tuple[float, ...], cells: int, sides: int, place: int) -> Float[np.ndarray, " sample"]:
+    return _level(_noise(_mixer(np.array(correlation), cells), sides, np.random.default_rng(20170704)), place)
 
 
 def factor_of_ordered(
@@ -104,7 +128,7 @@ def factor_of_ordered(
 
 def mean_ordered(correlation: Float[np.ndarray, " lag"], cells: int, sides: int, place: int) -> float:
     """Return the mean of an order statistic of the cells of one or two independent sides, in noise of unit power."""
-    return float(_level(_noise(_mixer(correlation, cells), sides, np.random.default_rng(20170704)), place).mean())
+    return float(_drawn_levels(tuple(map(float, correlation[:cells])), cells, sides, place).mean())
 
 
 def mean_smaller(correlation: Float[np.ndarray, " lag"], cells: int) -> float:

@@ -115,6 +115,11 @@ def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iter
     _remove(folder)
 
 
+def has_parts(directory: Path) -> bool:
+    """Return whether a folder holds finished parts of a run that has not ended."""
+    return len(KeptParts(directory / FOLDER)) > 0
+
+
 def _take_over(parts: KeptParts, directory: Path, run: dict[str, Any], resume: bool) -> None:
     """Check that the parts in a folder are of this run, or begin it."""
     said = parts.folder / RUN

@@ -19,7 +19,7 @@ from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist, pdist
+from scipy.spatial.distance import pdist
 from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.raster import Grid
@@ -341,10 +341,11 @@ def _groups(place_m: Float[np.ndarray, "n 2"], count: int) -> list[Int[np.ndarra
     if len(place_m) <= GROUP * 2:
         return [np.arange(len(place_m))]
     centre = int(np.argmin(np.sum((place_m - np.median(place_m, axis=0)) ** 2, axis=1)))
-    tree, groups = KDTree(place_m), []
-    for _ in range(count):
+    tree, groups = KDTree(place_m), list[Int[np.ndarray, " member"]]()
+    while True:
         near = tree.query(place_m[centre], k=GROUP)[1]
         groups.append(np.sort(near))
+        if len(groups) == count:
+            return groups
         taken = np.concatenate(groups)
-        centre = int(np.argmax(cdist(place_m, place_m[taken]).min(axis=1)))
-    return groups
+        centre = int(np.argmax(KDTree(place_m[taken]).query(place_m)[0]))

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from matplotlib.tri import Triangulation, TriFinder
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from sionna_radar.foundation.raster import Grid, Raster
@@ -19,8 +18,8 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.wall_triangles import wall_triangles
 
 LONGEST_SIDE_GAPS = 3.0
-# Triangles with a smaller ratio of width to length hold no cell.
-FLAT = 1e-9
+# Triangles whose shadows are looked for at once: it bounds the memory.
+AT_ONCE = 50_000
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     highest = _highest(points)
     place, z, origin = points.position_m[highest, :2], points.position_m[highest, 2], points.origin_m[highest]
     try:
-        triangles = Delaunay(place)
+        simplices = Delaunay(place).simplices
     except (QhullError, ValueError):  # too few points, or all on one line
         nothing = np.zeros((0, 3))
         return Interpolated(
@@ -64,28 +63,34 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
             nothing.astype(np.int64),
             nothing,
         )
-    cell = grid.centres_m
-    near = KDTree(place).query(cell, distance_upper_bound=max_gap_m)[0] <= max_gap_m
-    # SciPy's search is slow for points outside the hull; matplotlib's trapezoid map is not.
-    inside = _trifinder(place, triangles.simplices)(*cell.T)
-    kept = _lit(triangles, place, z, origin, max_gap_m, shadow_incidence_rad)
-    on_triangles = np.column_stack([place, z]), points.range_sigma_m[highest], triangles.simplices
+    some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
+    kept = np.concatenate([_lit(each, place, z, origin, max_gap_m, shadow_incidence_rad) for each in some])
+    on_triangles = np.column_stack([place, z]), points.range_sigma_m[highest], simplices
     kept &= ~wall_triangles(*on_triangles, max_gap_m, grid.spacing_m)
-    use = near & (inside >= 0)
-    use[use] = kept[inside[use]]
-    corners = triangles.simplices[inside[use]]
+    inside = _triangle_of_cells(place, simplices, kept, grid)
+    cell = grid.centres_m
+    use = inside >= 0
+    use[use] = KDTree(place).query(cell[use], distance_upper_bound=max_gap_m)[0] <= max_gap_m
+    corners = simplices[inside[use]]
     share = _barycentric(place[corners], cell[use])
     height[use] = np.einsum("ck,ck->c", share, z[corners])
     dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
     return Interpolated(dem, np.flatnonzero(use), highest[corners], share)
 
 
-def _trifinder(place: Float[np.ndarray, "n 2"], simplices: Int[np.ndarray, "triangle 3"]) -> TriFinder:
-    # Collinear points form triangles with no width but rounding, which the trapezoid map rejects.
-    side = np.roll(place[simplices], -1, axis=1) - place[simplices]
-    area = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
-    flat = area <= FLAT * np.max(np.sum(side**2, axis=2), axis=1)
-    return Triangulation(*place.T, simplices, mask=flat).get_trifinder()
+def _triangle_of_cells(
+    place: Float[np.ndarray, "n 2"],
+    simplices: Int[np.ndarray, "triangle 3"],
+    wanted: Bool[np.ndarray, " triangle"],
+    grid: Grid,
+) -> Int[np.ndarray, " cell"]:
+    """Return the wanted triangle that each cell lies in; -1 for none."""
+    # Numba takes half a second to import.
+    from sionna_radar.mapping.triangle_kernels import fill_triangles
+
+    inside = np.full(grid.shape, -1, dtype=np.int64)
+    fill_triangles(place, simplices, wanted, (grid.west_m, grid.south_m), grid.spacing_m, inside)
+    return inside.ravel()
 
 
 def _highest(points: Points) -> Int[np.ndarray, " n"]:
@@ -98,18 +103,18 @@ def _highest(points: Points) -> Int[np.ndarray, " n"]:
 
 
 def _lit(
-    triangles: Delaunay,
+    simplices: Int[np.ndarray, "triangle 3"],
     place: Float[np.ndarray, "n 2"],
     z: Float[np.ndarray, " n"],
     origin: Float[np.ndarray, "n 3"],
     gap_m: float,
     incidence_rad: float,
 ) -> Bool[np.ndarray, " triangle"]:
-    corner = np.column_stack([place, z])[triangles.simplices]
+    corner = np.column_stack([place, z])[simplices]
     side = np.roll(corner, -1, axis=1) - corner
     normal = np.cross(side[:, 0], side[:, 1])
     normal *= np.sign(normal[:, 2:])
-    to_radar = origin[triangles.simplices].mean(axis=1) - corner.mean(axis=1)
+    to_radar = origin[simplices].mean(axis=1) - corner.mean(axis=1)
     cos = np.einsum("ti,ti->t", normal, to_radar)
     cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
     longest = np.linalg.norm(side, axis=2).max(axis=1)

@@ -1,5 +1,7 @@
 """The radar equation over an extended plane, by quadrature over the beam."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
@@ -8,6 +10,8 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.surfaces.backscatter import Backscatter
 
 NODES = 256
+# Nearer to the horizon the plane is too far to count.
+LEAST_DOWN = 1e-3
 
 
 def plane_echo(
@@ -33,23 +37,38 @@ def plane_echo(
         Angle of the boresight from nadir.
 
     """
+    down, weight = _parts_of_beam(antenna, incidence_rad)
     if not antenna.separable:
-        grid = antenna.two_way
-        down = grid.direction @ whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2]
-        seen = (down > 1e-3) & (grid.power_sr.ravel() > 0)
-        sigma0 = backscatter.sigma0(np.arccos(np.minimum(down[seen], 1.0)))
-        echo = grid.power_sr.ravel()[seen] @ (sigma0 * down[seen]) / height_m**2
+        echo = weight @ (backscatter.sigma0(np.arccos(np.minimum(down, 1.0))) * down) / height_m**2
         return float(wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * echo)
-    u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
-    cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0))
-    down = whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2] @ np.array([cos.ravel(), u.ravel(), v.ravel()])
-    seen = (down > 1e-3) & (cos.ravel() > 0)
-    incidence = np.arccos(down[seen])
-    range_m = height_m / down[seen]
-    # G^2 dOmega = G0^2 (A E)^4 cos^2 du dv / cos, and the shares integrate (A E)^4 du dv.
-    integrand = backscatter.sigma0(incidence) / (range_m**2 * down[seen]) * cos.ravel()[seen]
+    integrand = backscatter.sigma0(np.arccos(down)) / ((height_m / down) ** 2 * down) * weight
     beam = antenna.peak_gain**2 * antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral
-    return float(wavelength_m**2 / (4 * np.pi) ** 3 * beam * integrand.sum() / u.size)
+    return float(wavelength_m**2 / (4 * np.pi) ** 3 * beam * integrand.sum() / NODES**2)
+
+
+@dataclass(frozen=True)
+class PlaneEcho:
+    """The echo of a horizontal plane, by the parts of the beam.
+
+    range_m: of each part; power: received over transmitted; beam_share: of the two-way beam, those that meet the plane.
+    """
+
+    range_m: Float[np.ndarray, " part"]
+    power: Float[np.ndarray, " part"]
+    beam_share: Float[np.ndarray, " part"]
+
+
+def plane_echo_parts(
+    antenna: Antenna, backscatter: Backscatter, wavelength_m: float, height_m: float, incidence_rad: float
+) -> PlaneEcho:
+    """Return the parts whose powers add up to `plane_echo`; see there."""
+    down, part = _parts_of_beam(antenna, incidence_rad)
+    whole_sr = two_way_beam_sr(antenna)
+    if antenna.separable:
+        part = part * (antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral / NODES**2)
+    sigma0 = backscatter.sigma0(np.arccos(np.minimum(down, 1.0)))
+    power = wavelength_m**2 / (4 * np.pi) ** 3 * antenna.peak_gain**2 * part * sigma0 * down / height_m**2
+    return PlaneEcho(range_m=height_m / down, power=power, beam_share=part / whole_sr)
 
 
 def two_way_beam_sr(antenna: Antenna) -> float:
@@ -62,6 +81,27 @@ def two_way_beam_sr(antenna: Antenna) -> float:
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     mean_cosine = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).mean()
     return float(antenna.azimuth.two_way_integral * antenna.elevation.two_way_integral * mean_cosine)
+
+
+def _parts_of_beam(
+    antenna: Antenna, incidence_rad: float
+) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
+    """Return the cosine of the angle from nadir of each part of the beam that looks down, and its weight.
+
+    The weight is (G/G0)^2 dOmega; of equal shares of a separable beam, the projected aperture: G^2 dOmega =
+    G0^2 (A E)^4 cos^2 du dv / cos, and the shares integrate (A E)^4 du dv.
+    """
+    to_nadir = whisk_broom_from_antenna(incidence_rad, np.zeros(1))[0, 2]
+    if not antenna.separable:
+        grid = antenna.two_way
+        down, power_sr = grid.direction @ to_nadir, grid.power_sr.ravel()
+        seen = (down > LEAST_DOWN) & (power_sr > 0)
+        return down[seen], power_sr[seen]
+    u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
+    cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).ravel()
+    down = to_nadir @ np.array([cos, u.ravel(), v.ravel()])
+    seen = (down > LEAST_DOWN) & (cos > 0)
+    return down[seen], cos[seen]
 
 
 def _equal_shares(cut: Cut) -> Float[np.ndarray, " node"]:

@@ -12,6 +12,7 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.foundation.kept_parts import FOLDER as PARTS
 from sionna_radar.foundation.staging import abandoned, in_use, staged
-from sionna_radar.report.manifest import MANIFEST, Manifest, read_manifest
+from sionna_radar.report.manifest import MANIFEST, Manifest, digests, read_manifest
 
 # Inside a staging folder: the new result, the files of the earlier one, and the manifest of the new one.
 FRESH, RETIRED, COMING = "fresh", "retired", "coming.json"
@@ -100,6 +101,51 @@ def write_study(
         draw(folder / "figures")
 
     return write_folder(directory, marker, fill)
+
+
+def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
+    """Note in the manifest of a finished result of which run it is, and with which exit code that ended."""
+    directory = directory.expanduser().resolve()
+    manifest = read_manifest(directory / MANIFEST)
+    if manifest is None:
+        return
+    with staged(directory) as staging:
+        write_text(staging / MANIFEST, replace(manifest, run=digests(run), exit_code=exit_code).text())
+        _move(staging, MANIFEST, directory)
+
+
+def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int | None:
+    """Return the exit code of the run whose result stands in a folder; None if there is none, or of other products.
+
+    Parameters
+    ----------
+    directory:
+        Output folder.
+    run:
+        What the result depends on, as it was given to `note_run`.
+    products:
+        The key in it under which it says which files are wanted.
+
+    Raises
+    ------
+    OutputError
+        The folder holds the result of another run.
+
+    """
+    manifest = read_manifest(directory.expanduser().resolve() / MANIFEST)
+    if manifest is None or not manifest.run:
+        return None
+    wanted = digests(run)
+    different = [key for key in wanted if manifest.run.get(key) != wanted[key]]
+    if different == [products] or any(not (directory / name).exists() for name in manifest.names):
+        return None
+    if different:
+        message = (
+            f"output = {directory} holds the result of a run with another {', '.join(different)}; "
+            "name another folder, or leave out --resume to replace it"
+        )
+        raise OutputError(message)
+    return manifest.exit_code
 
 
 def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:

@@ -6,8 +6,10 @@ in place of ours belongs to the user.
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from sionna_radar.foundation.errors import OutputError
 
@@ -25,11 +27,15 @@ class Manifest:
 
     kind: file that every result of this kind contains, such as `summary.json`.
     sha256, size_bytes: of each file; "" and 0 for one that no two runs write alike, see `UNHASHED` and `TABLE`.
+    run: digests of what the result depends on, see `digests`; empty where that was not noted.
+    exit_code: with which the run ended.
     """
 
     kind: str
     sha256: dict[str, str]
     size_bytes: dict[str, int]
+    run: dict[str, str] = field(default_factory=dict)
+    exit_code: int = 0
 
     @staticmethod
     def of(folder: Path, kind: str) -> "Manifest":
@@ -65,7 +71,8 @@ class Manifest:
     def text(self) -> str:
         """Return the manifest as JSON."""
         files = {name: {"bytes": self.size_bytes[name], "sha256": self.sha256[name]} for name in self.names}
-        return json.dumps({"written_by": PROGRAM, "kind": self.kind, "files": files}, indent=2) + "\n"
+        run = {"run": self.run, "exit_code": self.exit_code} if self.run else {}
+        return json.dumps({"written_by": PROGRAM, "kind": self.kind, "files": files, **run}, indent=2) + "\n"
 
 
 def read_manifest(path: Path) -> Manifest | None:
@@ -90,9 +97,17 @@ def read_manifest(path: Path) -> Manifest | None:
             kind=str(document["kind"]),
             sha256={name: str(entry["sha256"]) for name, entry in files},
             size_bytes={name: int(entry["bytes"]) for name, entry in files},
+            run={str(key): str(digest) for key, digest in document.get("run", {}).items()},
+            exit_code=int(document.get("exit_code", 0)),
         )
     except (AttributeError, KeyError, TypeError, ValueError):
         return None
+
+
+def digests(run: Mapping[str, Any]) -> dict[str, str]:
+    """Return a digest of each entry of what a run depends on."""
+    texts = {key: json.dumps(value, sort_keys=True) for key, value in run.items()}
+    return {key: hashlib.sha256(text.encode()).hexdigest()[:32] for key, text in texts.items()}
 
 
 def _sha256(path: Path) -> str:

@@ -176,3 +176,21 @@ def test_guard_cells_that_the_window_reaches_over_are_refused():
     with pytest.raises(ScenarioError, match=r"processing.cfar.guard.*needs at least 2"):
         build_detector(ProcessingTable(cfar=CfarTable(guard=1)), make_chirp())
     build_detector(ProcessingTable(cfar=CfarTable(guard=2)), make_chirp())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_probability_of_detection_of_speckle(kind):
+    """Gandhi and Kassam 1988, eqs. 8, 17, 20 and 35: the factor over 1 + SNR in place of the factor."""
+    cfar = make_cfar(kind, 8, 1e-3)
+    k = int(np.ceil(cfar.rank * 16))
+    closed = {
+        "CA": lambda t: cell_averaging(t, 16),
+        "GO": lambda t: greatest_of(t, 8),
+        "SO": lambda t: smallest_of(t, 8),
+        "OS": lambda t: ordered(t, 16, k),
+    }[kind]
+    for snr in (0.0, 0.5, 10.0, 1000.0):
+        found = cfar.detection_probability(np.array([snr]))[0]
+        # The order statistic's is a mean over drawn noise.
+        accuracy = {"rel": 0.05, "abs": 2e-3} if kind == "OS" else {"rel": 1e-6}
+        assert found == pytest.approx(closed(cfar.both_sides_factor / (1 + snr)), **accuracy)

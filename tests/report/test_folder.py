@@ -11,7 +11,7 @@ import pytest
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report import folder
-from sionna_radar.report.folder import check_output, write_folder
+from sionna_radar.report.folder import check_output, finished_as, note_run, write_folder
 from sionna_radar.report.manifest import MANIFEST, read_manifest
 from sionna_radar.report.plan.file import PLAN_FILE
 
@@ -314,3 +314,21 @@ def test_a_plan_replaces_only_a_plan_that_nobody_edited(tmp_path: Path) -> None:
         with pytest.raises(OutputError, match="was not written by plan or was edited since"):
             PLAN_FILE.check(tmp_path / name)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["own.toml", "plan.toml"]
+
+
+RUN = {"scenario": {"seed": 1, "beams": [1.0, 2.0]}, "seed": 1, "products": ["csv"]}
+
+
+def test_a_finished_result_knows_its_run(out: Path) -> None:
+    assert finished_as(out, RUN, "products") is None  # nothing was noted
+    note_run(out, RUN, 1)
+    assert finished_as(out, RUN, "products") == 1
+    assert files(out).keys() == {"a.txt", "b.txt", "figures/c.txt", "old/d.txt"}
+    assert finished_as(out, RUN | {"products": ["laz"]}, "products") is None
+    with pytest.raises(OutputError, match="with another scenario, seed; name another folder"):
+        finished_as(out, RUN | {"scenario": {"seed": 2}, "seed": 2}, "products")
+    check_output(out, MARKER)
+    (out / "a.txt").unlink()
+    assert finished_as(out, RUN, "products") is None
+    write_folder(out, MARKER, filling(a="2"))
+    assert finished_as(out, RUN | {"seed": 2}, "products") is None  # of that run nothing is known

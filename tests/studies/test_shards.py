@@ -85,3 +85,15 @@ def test_what_is_not_all_shards_of_one_study_is_refused(place, cli, tmp_path, gi
 def test_what_is_no_shard_is_refused(text):
     with pytest.raises(ScenarioError, match="I from 1 to N"):
         Shard.parse(text)
+
+
+def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
+    command = ("sweep", small, "--vary", f"{BEAM}=2,400", "-o", tmp_path / "study", "--resume")
+    assert cli(*command).returncode == 1  # the cell that cannot be flown
+    monkeypatch.setattr("sionna_radar.studies.sweep.fly_sweep", None)
+    again = cli(*command)
+    assert (again.returncode, again.stderr) == (1, "")
+    assert "nothing was left to do" in again.stdout
+    other = cli(*command, "--seed", 9)
+    assert other.returncode == 2
+    assert "with another scenario, seed" in other.stderr

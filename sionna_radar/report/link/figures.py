@@ -1,0 +1,67 @@
+"""Figures of a link budget: signal, clutter and probability of detection over range."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from sionna_radar.foundation.decibel import decibels, to_db
+from sionna_radar.report.colours import BLUE, ORANGE, RED
+from sionna_radar.report.figure_files import ReportFigure, save_figures
+from sionna_radar.studies.link_result import Link, LinkBudget
+
+COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
+LINES = ("-", "--", ":", "-.")
+LEAST_DB = -20.0
+
+
+def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
+    """Draw every figure into a directory as PNG, and return the files."""
+    return save_figures(budget, {"link": link}, directory)
+
+
+def link(budget: LinkBudget) -> Figure:
+    """Draw signal to noise above, and probability of detection below, over range; a column for each material."""
+    materials = list(dict.fromkeys(one.material for one in budget.links))
+    width = max(7.5, 0.8 + 4.6 * len(materials))
+    figure = ReportFigure(figsize=(width, 7.2), layout="constrained")
+    panels = figure.subplots(2, len(materials), sharex=True, sharey="row", squeeze=False, height_ratios=[1.5, 1.0])
+    incidences = sorted({one.incidence_deg for one in budget.links})
+    rains = sorted({one.rain_mm_per_h for one in budget.links})
+    for column, material in enumerate(materials):
+        upper, lower = panels[:, column]
+        for one in (found for found in budget.links if found.material == material):
+            colour = COLOURS[incidences.index(one.incidence_deg) % len(COLOURS)]
+            _draw(upper, lower, one, colour, LINES[rains.index(one.rain_mm_per_h) % len(LINES)])
+        upper.axhline(0.0, color="black", lw=0.8)
+        upper.set_title(f"Over {material}", fontsize="medium")
+        lower.set(xlabel="Range (m)", ylim=(-0.03, 1.03))
+        for axes in (upper, lower):
+            axes.grid(alpha=0.3)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+    panels[0, 0].set_ylabel("Over the noise in a range cell (dB)")
+    panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], LEAST_DB))
+    panels[1, 0].set_ylabel("Probability of detection, one cell")
+    handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
+    handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
+    handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
+    if any(np.any(one.clutter > 0) for one in budget.links):
+        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Echo of the air alone (thin)")]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6), frameon=False)
+    return figure
+
+
+def _draw(upper: Axes, lower: Axes, one: Link, colour: str, line: str) -> None:
+    upper.plot(one.range_m, decibels(one.echo + one.clutter), color=colour, ls=line)
+    if np.any(one.clutter > 0):
+        upper.plot(
+            one.range_m, decibels(np.where(one.clutter > 0, one.clutter, np.nan)), color=colour, lw=0.7, alpha=0.6
+        )
+    lower.plot(one.range_m, one.detection, color=colour, ls=line)
+    for each in one.simulated:
+        style = {"marker": "o", "ls": "", "mfc": colour, "mec": "black", "ms": 5}
+        upper.plot(each.range_m, to_db(each.found), **style)
+        lower.plot(each.range_m, each.detected, **style)

@@ -1,0 +1,42 @@
+"""The table of a link budget, for the terminal: what the closed form expects, and what was found by simulation."""
+
+from rich.table import Table
+
+from sionna_radar.foundation.decibel import to_db
+from sionna_radar.report.terminal import console, number
+from sionna_radar.studies.link_result import SURE, TOLERANCE_DB, LinkBudget
+
+
+def print_link(budget: LinkBudget) -> None:
+    """Print a row for each range that was simulated, and whether closed form and simulation agree."""
+    out = console()
+    out.print(link_table(budget))
+    largest = number(budget.largest_difference_db, ".2f", " dB")
+    word = "agree" if budget.agrees else "DIFFER"
+    out.print(
+        f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)", soft_wrap=True
+    )
+    out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
+    for reason in dict.fromkeys(one.reason for link in budget.links for one in link.simulated if one.reason):
+        out.print(f"not simulated: {reason}", soft_wrap=True)
+
+
+def link_table(budget: LinkBudget) -> Table:
+    """Return signal to noise and detection at the simulated ranges, in closed form and simulated."""
+    title = f"Strongest range cell of the ground; reach: {SURE:.0%} of pulses detect it above the clutter"
+    table = Table(title=title, title_justify="left")
+    table.add_column("material")
+    for name in ("beam\ndeg", "rain\nmm/h", "reach\nm", "range\nm", "SNR\ndB", "found\ndB", "Pd", "found\nPd"):
+        table.add_column(name, justify="right")
+    for link in budget.links:
+        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", f"{link.reach_m:.0f}"
+        for place, one in enumerate(link.simulated):
+            table.add_row(
+                *(case if place == 0 else ("", "", "", "")),
+                f"{one.range_m:.1f}",
+                number(to_db(one.expected), ".1f"),
+                number(to_db(one.found), ".1f"),
+                number(one.detection, ".3f"),
+                number(one.detected, ".3f"),
+            )
+    return table

@@ -1,0 +1,124 @@
+"""What a link budget finds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.foundation.decibel import to_db
+from sionna_radar.scenario import Scenario
+
+# Closed form and simulation agree within this; a simulated ratio that scatters by more than half of it says nothing.
+TOLERANCE_DB = 0.3
+SURE = 0.9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulated:
+    """One range at which the chain was run.
+
+    expected, found: echo over noise in the strongest range cell, in closed form and simulated, with the clutter in it.
+    spread_db: standard deviation of what was found, from the number of looks.
+    detection, detected: probability in closed form, and the share of pulses, of detecting that cell.
+    echo_detected: share of pulses in which any cell within 3 dB of it is detected.
+    reason: why nothing was simulated, if so.
+    """
+
+    range_m: float
+    expected: float
+    found: float
+    spread_db: float
+    detection: float
+    detected: float
+    echo_detected: float
+    reason: str = ""
+
+    @classmethod
+    def impossible(cls, range_m: float, reason: str) -> "Simulated":
+        """Return a range that could not be simulated."""
+        nothing = float("nan")
+        return cls(
+            range_m=range_m,
+            expected=nothing,
+            found=nothing,
+            spread_db=nothing,
+            detection=nothing,
+            detected=nothing,
+            echo_detected=nothing,
+            reason=reason,
+        )
+
+    @property
+    def difference_db(self) -> float:
+        """Simulated over closed form; not finite where nothing was found, or simulated."""
+        return to_db(self.found / self.expected)
+
+    @property
+    def compared(self) -> bool:
+        """Whether enough was simulated to compare."""
+        return self.spread_db <= TOLERANCE_DB / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """One material at one incidence in one rain, over range.
+
+    echo, clutter: mean power of the ground in its strongest range cell, and of what is in the air there, over the noise
+        in a cell.
+    detection: probability of detecting that cell in one pulse.
+    """
+
+    material: str
+    incidence_deg: float
+    rain_mm_per_h: float
+    range_m: Float[np.ndarray, " range"]
+    echo: Float[np.ndarray, " range"]
+    clutter: Float[np.ndarray, " range"]
+    detection: Float[np.ndarray, " range"]
+    simulated: tuple[Simulated, ...]
+
+    @property
+    def reach_m(self) -> float:
+        """Farthest range up to which nine pulses in ten detect the cell, and more of it is ground than clutter.
+
+        Zero for none.
+        """
+        lost = np.flatnonzero((self.detection < SURE) | (self.echo < self.clutter))
+        if len(lost) == 0:
+            return float(self.range_m[-1])
+        if lost[0] == 0:
+            return 0.0
+        before, after = lost[0] - 1, lost[0]
+        if self.detection[after] >= SURE:
+            return float(self.range_m[before])
+        return float(np.interp(SURE, self.detection[[after, before]], self.range_m[[after, before]]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkBudget:
+    """The links of a scenario's radar.
+
+    noise_w, transmit_power_w: of a sample; relative to the transmitted power if that is 1.
+    """
+
+    scenario: Scenario
+    noise_w: float
+    transmit_power_w: float
+    links: tuple[Link, ...]
+
+    @property
+    def largest_difference_db(self) -> float:
+        """Largest difference between simulation and closed form, of what was simulated enough to compare."""
+        found = [abs(one.difference_db) for link in self.links for one in link.simulated if one.compared]
+        return max(found, default=float("nan"))
+
+    @property
+    def agrees(self) -> bool:
+        """Whether no compared range differs by more than the tolerance."""
+        return not self.largest_difference_db > TOLERANCE_DB
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """Strongest echo over the weakest that is detected with certainty enough (`SURE`), over all links."""
+        found = np.concatenate([link.echo[link.detection >= SURE] for link in self.links])
+        return to_db(float(found.max() / found.min())) if len(found) else 0.0

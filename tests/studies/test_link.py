@@ -1,0 +1,99 @@
+"""A link budget: closed form against the chain, and against the radar equation by hand."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.constants import Boltzmann, speed_of_light
+
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.radar.antenna import build_antenna
+from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.link import link_budget
+
+WEAK = {
+    "radar.snr_db": None,
+    "radar.transmit_power_dbm": -12.0,
+    "radar.noise_figure_db": 15.0,
+    "radar.samples_per_chirp": 512,
+    "radar.bandwidth_hz": 250e6,
+    "terrain.spacing_m": 4.0,
+    "tracing.paths_per_pulse": 128,
+    "platform.length_m": 10.0,
+}
+
+
+@pytest.fixture(scope="module")
+def budget():
+    """A weak radar over hills' ground, in clear air and in rain."""
+    scenario = load_scenario("hills", WEAK)
+    return link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=1200)
+
+
+def test_simulation_and_closed_form_agree(budget):
+    clear, rain = budget.links
+    assert budget.agrees
+    assert budget.largest_difference_db < 0.3
+    assert all(one.compared and not one.reason for link in budget.links for one in link.simulated)
+    # Near and far, certain and doubtful: a share of pulses, and three of its standard deviations.
+    assert clear.simulated[1].detection < 0.9 < clear.simulated[0].detection
+    for one in (*clear.simulated, *rain.simulated):
+        spread = np.sqrt(one.detection * (1 - one.detection) / 1200)
+        assert abs(one.detected - one.detection) < 3 * spread + 0.02
+        assert one.echo_detected >= one.detected
+
+
+def test_signal_to_noise_is_the_radar_equation(budget):
+    """A pencil beam's whole echo, spread as a Gaussian over range, and the share of it in a range cell."""
+    clear, antenna, tilt = budget.links[0], build_antenna(budget.scenario.radar.antenna), np.deg2rad(40.0)
+    noise_w = Boltzmann * 290.0 * from_db(15.0) * 512 * 360.0 / 2
+    assert budget.noise_w == pytest.approx(noise_w)
+    window = np.hanning(513)[:-1]
+    widening = 512 * np.sum(window**2) / np.sum(window) ** 2
+    cell_m, range_m = speed_of_light / 500e6, clear.range_m[-1]
+    sigma0 = budget.scenario.all_materials["ground"].gamma * np.cos(tilt)
+    area_m2 = range_m**2 * two_way_beam_sr(antenna) / np.cos(tilt)
+    whole = 1e-3 * from_db(-12.0) * antenna.peak_gain**2 * (speed_of_light / 77e9) ** 2 / (4 * np.pi) ** 3
+    whole *= sigma0 * area_m2 / range_m**4
+    # Half-power widths: of the two-way beam across the plane, and of the window's response.
+    width_m = np.hypot(range_m * np.tan(tilt) * np.deg2rad(2.0) / np.sqrt(2), 1.44 * cell_m) / 2.355
+    in_cell = whole * widening * cell_m / (np.sqrt(2 * np.pi) * width_m)
+    assert 10 * np.log10(clear.echo[-1] / (in_cell / (noise_w * 2 * widening / 512))) == pytest.approx(0.0, abs=0.4)
+
+
+def test_rain_takes_and_adds(budget):
+    clear, rain = budget.links
+    assert np.all(clear.clutter == 0)
+    assert np.all(rain.clutter > 0)
+    loss_db = 10 * np.log10(clear.echo / rain.echo)
+    # Twice the path at the specific attenuation of 20 mm/h at 77 GHz (ITU-R P.838: 10.5 dB/km).
+    np.testing.assert_allclose(loss_db, 2 * 10.5e-3 * clear.range_m, rtol=0.1, atol=0.02)
+    assert rain.reach_m < clear.range_m[-1]
+    assert budget.dynamic_range_db > 10
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "says"),
+    [
+        ({"radar.antenna.polarization": "RHCP"}, {}, "radar.antenna.polarization"),
+        ({"sensor": "lidar"}, {}, "sensor"),
+        ({}, {"incidences_deg": [90.0]}, "incidence"),
+        ({}, {"rains_mm_per_h": []}, "rain"),
+    ],
+)
+def test_what_has_no_link_budget_is_refused(changes, arguments, says):
+    with pytest.raises(ScenarioError, match=says):
+        link_budget(load_scenario("hills", WEAK | changes), **arguments)
+
+
+def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
+    done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "200", "-o", tmp_path / "link")
+    assert done.returncode in (0, 1), done.stderr  # so few pulses compare with nothing
+    names = {path.relative_to(tmp_path / "link").as_posix() for path in (tmp_path / "link").rglob("*.*")}
+    assert names == {"link.json", "link.csv", "manifest.json", "figures/link.png"}
+    document = json.loads((tmp_path / "link" / "link.json").read_text())
+    assert len(document["links"][0]["range_m"]) == 60
+    assert "reach" in done.stdout
+    assert cli("link", small, "--rain", "much", "-o", tmp_path / "none").returncode == 2
