@@ -68,6 +68,11 @@ class ProcessingTable(Table):
     merge_gap_m: detected cells no farther apart are one echo.
     dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
     min_range_m: nothing nearer is detected.
+    angle: angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
+        receivers, "monopulse" from the ratio of difference and sum; each echo becomes a row of points, one for each
+        stretch of its ranges. "off" places an echo on the beam's axis.
+    angle_length_m: slant range that is averaged into one point; without it as much as leaves the resolution on the
+        ground to the beam's width across.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -82,7 +87,15 @@ class ProcessingTable(Table):
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None
+    angle: Literal["off", "interferometric", "monopulse"] = "off"
+    angle_length_m: Positive | None = None
     doppler_correction: bool = Field(default=True, strict=True)
+
+    @model_validator(mode="after")
+    def _length_of_points(self) -> "ProcessingTable":
+        if self.angle == "off" and self.angle_length_m is not None:
+            raise refuse("angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle")
+        return self
 
     @field_validator("window")
     @classmethod

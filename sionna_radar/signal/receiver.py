@@ -37,16 +37,19 @@ class Receiver:
         """The first sweep of a pulse."""
         return self.sweeps[0]
 
-    def beat(self, paths: Paths, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
+    def beat(self, paths: Paths, pulses: Pulses, channel: int = 0) -> Inexact[np.ndarray, "pulse sample"]:
         """Return the beat signals of the first sweep of a block's pulses, as if it were the only one."""
-        return self._receive(paths, pulses, self.sweeps[:1])[0]
+        return self._receive(paths, pulses, self.sweeps[:1], channel)[0]
 
-    def beats(self, paths: Paths, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise."""
-        return self._receive(paths, pulses, self.sweeps)
+    def beats(self, paths: Paths, pulses: Pulses, channel: int = 0) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise.
+
+        channel: which of several receivers this is; each has noise of its own.
+        """
+        return self._receive(paths, pulses, self.sweeps, channel)
 
     def _receive(
-        self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]
+        self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
         if self.chain is not None:
             return self._through(self.chain, paths, pulses, sweeps)
@@ -54,11 +57,11 @@ class Receiver:
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
             joined = clean[0] if len(clean) == 1 else np.concatenate(clean, axis=1)
-            beat = add_noise(joined, self.noise_power_w, self.seed, pulses.index)
+            beat = add_noise(joined, self.noise_power_w, self.seed, pulses.index, channel)
             return np.split(beat, len(sweeps), axis=1)
         echoes = [synthesise(high_pass.filtered(paths, sweep), pulses, sweep) for sweep in sweeps]
         silence = np.zeros_like(np.concatenate(echoes, axis=1))
-        noise = np.split(add_noise(silence, self.noise_power_w, self.seed, pulses.index), len(sweeps), axis=1)
+        noise = np.split(add_noise(silence, self.noise_power_w, self.seed, pulses.index, channel), len(sweeps), axis=1)
         return [
             amplitude * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
             for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)

@@ -152,6 +152,10 @@ class SweepDetector:
             for row in range(len(pulses))
         ]
 
+    def window_m(self, pulses: Pulses) -> Float[np.ndarray, "pulse 2"] | None:
+        """Return the ranges in which the ground is searched in the first sweep of pulses; None for all."""
+        return self._window_m(pulses, self.sweeps[0])
+
     def _window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
         """Return the ranges in which a sweep's ground is searched; None for all."""
         return None if self.expected_ground is None else self.expected_ground.window_m(pulses, sweep)
