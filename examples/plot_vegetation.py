@@ -3,8 +3,8 @@ Plants over the ground
 ======================
 
 A stand of plants, 6 m high, on hills: from open to dense, a twentieth of what it takes always comes back as echo.
-The map reads the middle of an open stand, whose echo outshines the ground's, and the tops of a dense one; the truth is the
-bare ground. With SIONNA_RADAR_SMALL=1 in the environment the flights are short ones.
+The map reads the middle of an open stand, whose echo outshines the ground's, and the tops of a dense one; the truth is
+the bare ground. With SIONNA_RADAR_SMALL=1 in the environment the flights are short ones.
 """
 
 # %%
