@@ -47,6 +47,7 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
+    check_rotors,
     check_vegetation,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
@@ -261,6 +262,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     antenna = custom.antenna or build_antenna(local.radar.antenna)
     beams = beams_of(antenna, scan)
     check_vegetation(local, antenna)
+    check_rotors(local, chirp)
     check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
