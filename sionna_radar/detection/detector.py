@@ -100,9 +100,13 @@ class Detector:
 
         window_m: nearest and farthest range searched in each pulse; None for all ranges.
         """
-        spans = self._select(self._spans(self.spectra(beat), window_m))
+        spans = self.spans(self.spectra(beat), window_m)
         profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)
+
+    def spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
+        """Return the spans of bins of the echoes that the scenario asks for."""
+        return self._select(self._spans(spectra, window_m))
 
     def echoes(self, spectra: Spectra, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
         """Return the echoes in spectra already computed."""
@@ -115,7 +119,7 @@ class Detector:
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Echoes:
         """Return the echoes at their ranges on the spectrum's axis, Doppler shift included."""
-        return self._estimated(self._select(self._spans(spectra, window_m)), pulse)
+        return self._estimated(self.spans(spectra, window_m), pulse)
 
     def _estimated(self, spans: EchoSpans, pulse: Int[np.ndarray, " pulse"]) -> Echoes:
         ranges = self.estimator(spans)
@@ -135,8 +139,13 @@ class Detector:
         """Return the sorted echoes of some pulses, ranges corrected for the Doppler shift of stationary ground."""
         if not self.processing.doppler_correction:
             return echoes
+        row = rows_of(pulse, echoes.pulse)
+        if echoes.direction is not None:
+            toward = np.einsum("eij,ej->ei", measured.R_world_antenna[row], echoes.direction)
+            rate_mps = -np.einsum("ei,ei->e", measured.velocity_mps[row], toward)
+            return replace(echoes, range_m=echoes.range_m - self.analyser.chirp.doppler_range_m(rate_mps))
         shift = self.analyser.chirp.doppler_range_m(measured.boresight_range_rate_mps)
-        return replace(echoes, range_m=echoes.range_m - shift[rows_of(pulse, echoes.pulse)])
+        return replace(echoes, range_m=echoes.range_m - shift[row])
 
     def _spans(self, spectra: Spectra, window_m: Float[np.ndarray, "pulse 2"] | None = None) -> EchoSpans:
         """Return the spans of cells around detected ones, bridging gaps of up to `merge_gap_m`."""

@@ -17,6 +17,9 @@ class Echoes(Columns):
     range_m: slant range, Doppler corrected if the processing says so.
     range_sigma_m: standard deviation of that range, as estimated from the echo itself.
     power: calibrated power of the echo's strongest cell; W, or relative to the transmitted power under snr_db.
+    direction: mean direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one as
+        means of unit vectors are; None for echoes on the beam's axis.
+    across_sigma_rad: standard deviation of that direction in the vertical plane; None with `direction`.
     snr_db: that power over the mean noise power estimated from the training cells, unbiased for every kind of CFAR.
     """
 
@@ -26,6 +29,8 @@ class Echoes(Columns):
     range_sigma_m: Float[np.ndarray, " echo"]
     power: Float[np.ndarray, " echo"]
     snr_db: Float[np.ndarray, " echo"]
+    direction: Float[np.ndarray, "echo 3"] | None = None
+    across_sigma_rad: Float[np.ndarray, " echo"] | None = None
 
     def of_pulses(self, pulse: Int[np.ndarray, " pulse"]) -> "Echoes":
         """Return the echoes of consecutive pulses."""

@@ -15,7 +15,8 @@ Table = TypeVar("Table", bound="Columns")
 class Columns:
     """A table of columns; a row is one entry of each column.
 
-    A subclass is a frozen dataclass whose fields are NumPy arrays of one length along their first axis.
+    A subclass is a frozen dataclass whose fields are NumPy arrays of one length along their first axis; a column that
+    a table need not have is None in those without.
     """
 
     def __len__(self) -> int:
@@ -23,9 +24,16 @@ class Columns:
 
     def rows(self: Table, chosen: Int[np.ndarray, " row"] | Bool[np.ndarray, " entry"] | slice) -> Table:
         """Return some of the rows: by index, mask or slice."""
-        return type(self)(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        return type(self)(**{name: None if column is None else column[chosen] for name, column in columns.items()})
 
     @classmethod
     def concatenate(cls: type[Table], tables: Sequence[Table]) -> Table:
-        """Return all rows of some tables, in order."""
-        return cls(**{f.name: np.concatenate([getattr(t, f.name) for t in tables]) for f in fields(cls)})
+        """Return all rows of some tables, in order; columns that one of them lacks are left out."""
+        columns = {f.name: [getattr(t, f.name) for t in tables] for f in fields(cls)}
+        return cls(**{name: _joined(given) for name, given in columns.items()})
+
+
+def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    given = [column for column in columns if column is not None]
+    return np.concatenate(given) if len(given) == len(columns) else None

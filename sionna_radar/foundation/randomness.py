@@ -41,9 +41,14 @@ def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generato
     return np.random.Generator(np.random.Philox(key=[seed, int(stream)], counter=[0, pulse, 0, 0]))
 
 
-def pulse_generators(seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"]) -> Iterator[np.random.Generator]:
-    """Yield what `pulse_generator` returns for each pulse: one and the same object, each time set anew."""
-    bits = np.random.Philox(key=[seed, int(stream)], counter=0)
+def pulse_generators(
+    seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], item: int = 0
+) -> Iterator[np.random.Generator]:
+    """Yield what `pulse_generator` returns for each pulse: one and the same object, each time set anew.
+
+    item: index among several similar items, each with its own numbers.
+    """
+    bits = np.random.Philox(key=[seed, int(stream) + STREAMS * item], counter=0)
     generator, fresh = np.random.Generator(bits), bits.state
     for index in pulse:
         fresh["state"]["counter"][1] = index

@@ -62,9 +62,14 @@ class LinearUncertainty:
         return float("nan")
 
 
-def linear_uncertainty(interpolated: Interpolated, heights: Heights) -> LinearUncertainty | None:
-    """Return the uncertainty of a linear interpolation between heights; None with too few of them."""
+def linear_uncertainty(
+    interpolated: Interpolated, heights: Heights, noise_factor_spread: float = NOISE_FACTOR_SPREAD
+) -> LinearUncertainty | None:
+    """Return the uncertainty of a linear interpolation between heights; None with too few of them.
+
+    noise_factor_spread: how well the errors of the heights are known beforehand; see `fit_covariance`.
+    """
     if len(heights) < FEWEST_POINTS or len(interpolated.cell) == 0:
         return None
     measured = heights.above(heights.trend())
-    return LinearUncertainty(interpolated, heights, fit_covariance(measured, 1, NOISE_FACTOR_SPREAD))
+    return LinearUncertainty(interpolated, heights, fit_covariance(measured, 1, noise_factor_spread))

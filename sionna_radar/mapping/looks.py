@@ -1,17 +1,17 @@
 """How each point was looked at: its footprint on the ground, and how long its speckle stays."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
-from sionna_radar.mapping.footprint import footprint_axes
+from sionna_radar.mapping.footprint import footprint_axes, strip_axes
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.speckle import SpeckleMemory, speckle_reach
+from sionna_radar.mapping.speckle import SpeckleMemory, repeats, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
 LEAST_DISTANCE_M = 1e-9
@@ -51,7 +51,8 @@ def looks_at(
     pulse, first, row = np.unique(points.pulse, return_index=True, return_inverse=True)
     pose = measured(pulse)
     reach = speckle_reach(pulse, pose, points.range_m[first], beam, chirp, memory)
-    return Looks(footprint_m=footprint_axes(pose.rows(row), points.range_m, beam), reach=reach[row])
+    axes_of = footprint_axes if points.across_sigma_m is None else strip_axes
+    return Looks(footprint_m=axes_of(pose.rows(row), points.range_m, beam), reach=reach[row])
 
 
 def point_heights(points: Points, looks: Looks | None) -> Heights:
@@ -59,6 +60,13 @@ def point_heights(points: Points, looks: Looks | None) -> Heights:
     away = points.position_m - points.origin_m
     steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), LEAST_DISTANCE_M)
     place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
+    if points.across_sigma_m is not None:
+        sigma = np.hypot(sigma, points.across_sigma_m * np.sqrt(1 - steep**2))
+        if looks is not None:
+            # Of two pulses that share their speckle only points in the same range cells do: instead of every two points
+            # of both, each counts as independent, with the errors that do as much harm.
+            sigma = sigma * np.sqrt(repeats(looks.reach))
+            looks = replace(looks, reach=np.zeros(len(points)))
     if looks is None:
         return Heights.at_places(place, height, sigma)
     return Heights(

@@ -1,4 +1,4 @@
-"""Placing echoes in the world: on the beam axis, from the measured pose."""
+"""Placing echoes in the world: on the beam axis, or where in the beam they come from, from the measured pose."""
 
 from dataclasses import dataclass
 from hashlib import sha256
@@ -20,6 +20,8 @@ class Points(Columns):
     origin_m: where the radar was, as measured, shape (point, 3).
     range_m, range_sigma_m: slant range and its standard deviation.
     power, snr_db: of the echo's strongest cell; see `Echoes`.
+    across_sigma_m: standard deviation of the position across the ray, in its vertical plane; None for echoes placed on
+        the beam's axis.
 
     Examples
     --------
@@ -37,6 +39,7 @@ class Points(Columns):
     range_sigma_m: Float[np.ndarray, " point"]
     power: Float[np.ndarray, " point"]
     snr_db: Float[np.ndarray, " point"]
+    across_sigma_m: Float[np.ndarray, " point"] | None = None
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""
@@ -47,7 +50,7 @@ class Points(Columns):
 
 
 def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Points:
-    """Place echoes on the beam axis.
+    """Place echoes on the beam axis, or in the directions that were measured.
 
     Parameters
     ----------
@@ -61,13 +64,17 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
     """
     row = rows_of(pulse, echoes.pulse)
     origin = measured.position_m[row]
+    toward = measured.boresight[row]
+    if echoes.direction is not None:
+        toward = np.einsum("eij,ej->ei", measured.R_world_antenna[row], echoes.direction)
     return Points(
         pulse=echoes.pulse,
         number=echoes.number,
-        position_m=origin + echoes.range_m[:, None] * measured.boresight[row],
+        position_m=origin + echoes.range_m[:, None] * toward,
         origin_m=origin,
         range_m=echoes.range_m,
         range_sigma_m=echoes.range_sigma_m,
         power=echoes.power,
         snr_db=echoes.snr_db,
+        across_sigma_m=None if echoes.across_sigma_rad is None else echoes.range_m * echoes.across_sigma_rad,
     )

@@ -41,6 +41,8 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
     sensor = tables.get("sensor", "radar")
     if sensor not in SENSORS or not SENSORS.entry(sensor).provides_profiles:
         return False
+    if _value(tables, "processing", "angle") not in (None, "off"):
+        return False
     return _value(tables, "radar", "sweep") != "triangular" and not any(_value(tables, "weather", k) for k in FALLING)
 
 

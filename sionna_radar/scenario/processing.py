@@ -68,6 +68,11 @@ class ProcessingTable(Table):
     merge_gap_m: detected cells no farther apart are one echo.
     dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
     min_range_m: nothing nearer is detected.
+    angle: angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
+        receivers, "monopulse" from the ratio of difference and sum; each echo becomes a row of points, one for each
+        stretch of its ranges. "off" places an echo on the beam's axis.
+    angle_length_m: slant range that is averaged into one point; without it as much as leaves the resolution on the
+        ground to the beam's width across.
     leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
     transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
     interference: "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars.
@@ -85,9 +90,17 @@ class ProcessingTable(Table):
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None
+    angle: Literal["off", "interferometric", "monopulse"] = "off"
+    angle_length_m: Positive | None = None
     leakage: Literal["keep", "subtract"] = "keep"
     interference: Literal["keep", "zeroing"] = "keep"
     doppler_correction: bool = Field(default=True, strict=True)
+
+    @model_validator(mode="after")
+    def _length_of_points(self) -> "ProcessingTable":
+        if self.angle == "off" and self.angle_length_m is not None:
+            raise refuse("angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle")
+        return self
 
     @field_validator("window")
     @classmethod

@@ -17,6 +17,7 @@ from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.receiver import ReceiverTable
+from sionna_radar.scenario.second_receiver import SecondReceiverTable
 from sionna_radar.scenario.table import InputPath, Real, Table, refuse
 
 
@@ -191,6 +192,7 @@ class RadarTable(Table):
     temperature_k: of the noise that the figure counts from.
     receiver: between antenna and samples.
     antenna: its beam and polarization.
+    second_receiver: one that tells the angle of arrival inside the beam; without it there is none.
     scan: how the beam moves.
     """
 
@@ -209,6 +211,7 @@ class RadarTable(Table):
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
+    second_receiver: SecondReceiverTable | None = None
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
 
     @model_validator(mode="before")

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
@@ -219,6 +220,13 @@ class Scenario(Table):
                 f"{method!r} models whole echoes, which a pair of sweeps does not provide; set 'smooth' or 'linear', "
                 "or radar.sweep = 'up'",
             )
+        return self
+
+    @model_validator(mode="after")
+    def _angle_is_measured(self) -> Scenario:
+        method = self.dem.method
+        whole = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
+        check_angle(self.processing, self.radar, self.weather, self.sensor, method if whole else None)
         return self
 
     @model_validator(mode="after")

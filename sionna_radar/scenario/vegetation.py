@@ -13,7 +13,7 @@ class VegetationTable(Table):
     """A stand of plants: a layer on the ground that returns an echo from all of its depth and dims what lies under it.
 
     Both values are of the whole stand, gaps included. Measured millimetre-wave extinction is for instance in
-    Recommendation ITU-R P.833 and in Jones, Espeland and Violette 1989 (NTIA report 89-251, conifers up to 96 GHz).
+    Recommendation ITU-R P.833, and by Jones, Espeland and Violette (NTIA, conifers in October 1987, 9.6 to 96.1 GHz).
 
     polygon_m: its outline on the map: corners in their order, each in the coordinates of the scenario; where stands
         overlap the last one counts.

@@ -50,6 +50,13 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         stand.model_copy(update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)})
         for i, stand in enumerate(scenario.vegetation)
     )
+    targets = tuple(
+        target.model_copy(
+            update={"waypoints_m": tuple(moving(f"targets.{i}.waypoints_m", p) for p in target.waypoints_m)}
+        )
+        for i, target in enumerate(scenario.targets)
+    )
+    scenario = scenario.model_copy(update={"targets": targets})
     objects = {
         name: tuple(
             entry.model_copy(

@@ -43,16 +43,21 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
 
 
 def add_noise(
-    beat: Inexact[np.ndarray, "pulse sample"], power: float, seed: int, pulse: Int[np.ndarray, " pulse"]
+    beat: Inexact[np.ndarray, "pulse sample"],
+    power: float,
+    seed: int,
+    pulse: Int[np.ndarray, " pulse"],
+    channel: int = 0,
 ) -> Inexact[np.ndarray, "pulse sample"]:
     """Return beat signals with white Gaussian noise of a given power; complex signals get half of it in each part.
 
-    Each pulse has its own generator; a zero signal gives the noise alone.
+    Each pulse has its own generator, for each of several receivers by its `channel`; a zero signal gives the noise
+    alone.
     """
     noisy = np.empty_like(beat)
 
     def add(first: int, last: int) -> None:
-        generators = pulse_generators(seed, Stream.NOISE, pulse[first:last])
+        generators = pulse_generators(seed, Stream.NOISE, pulse[first:last], channel)
         for row, clean, generator in zip(noisy[first:last], beat[first:last], generators, strict=True):
             parts = row.view(np.float64)  # a complex sample is two of these
             generator.standard_normal(out=parts)
@@ -75,5 +80,5 @@ def noisy(received: Received) -> Received:
     points = received.sweeps * received.chirp.samples * received.noise_points
     silence = np.zeros((len(received.pulses), points), dtype=kind)
     power_w = received.noise_power_w * received.noise_points
-    noise = add_noise(silence, power_w, received.seed, received.pulses.index)
+    noise = add_noise(silence, power_w, received.seed, received.pulses.index, received.channel)
     return replace(received, noise=np.split(noise, received.sweeps, axis=1)[received.sweep])

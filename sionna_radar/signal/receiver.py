@@ -18,7 +18,7 @@ from sionna_radar.tracing.paths import Paths
 class Reception:
     """The beat signals of each sweep of a block, and the samples of each pulse that a converter clipped.
 
-    saturated: None without a converter that has a full scale.
+    saturated: of the first receiver; None without a converter that has a full scale.
     """
 
     beats: list[Inexact[np.ndarray, "pulse sample"]]
@@ -48,44 +48,49 @@ class Receiver:
         """The first sweep of a pulse."""
         return self.sweeps[0]
 
-    def beat(self, paths: Paths, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
+    def beat(self, paths: Paths, pulses: Pulses, channel: int = 0) -> Inexact[np.ndarray, "pulse sample"]:
         """Return the beat signals of the first sweep of a block's pulses, as if it were the only one."""
-        return self._receive(paths, pulses, self.sweeps[:1])[0]
+        return self._receive(paths, pulses, self.sweeps[:1], channel)[0]
 
-    def beats(self, paths: Paths, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise."""
-        return self._receive(paths, pulses, self.sweeps)
+    def beats(self, paths: Paths, pulses: Pulses, channel: int = 0) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals of each sweep of a block's pulses, scaled to the transmitted power, with noise.
+
+        channel: which of several receivers this is; each has noise of its own.
+        """
+        return self._receive(paths, pulses, self.sweeps, channel)
 
     def reception(self, paths: Paths, pulses: Pulses) -> Reception:
         """Return the beat signals of each sweep of a block's pulses, and what did not fit the converter."""
         if self.chain is None:
             return Reception(beats=self.beats(paths, pulses))
-        swept = self._through(self.chain, paths, pulses, self.sweeps)
+        swept = self._through(self.chain, paths, pulses, self.sweeps, 0)
         saturated = [one.saturated for one in swept if one.saturated is not None]
         return Reception(
             beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
         )
 
     def _receive(
-        self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]
+        self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
         if self.chain is not None:
-            return [one.signal for one in self._through(self.chain, paths, pulses, sweeps)]
+            return [one.signal for one in self._through(self.chain, paths, pulses, sweeps, channel)]
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
             joined = clean[0] if len(clean) == 1 else np.concatenate(clean, axis=1)
-            beat = add_noise(joined, self.noise_power_w, self.seed, pulses.index)
+            beat = add_noise(joined, self.noise_power_w, self.seed, pulses.index, channel)
             return np.split(beat, len(sweeps), axis=1)
         echoes = [synthesise(high_pass.filtered(paths, sweep), pulses, sweep) for sweep in sweeps]
         silence = np.zeros_like(np.concatenate(echoes, axis=1))
-        noise = np.split(add_noise(silence, self.noise_power_w, self.seed, pulses.index), len(sweeps), axis=1)
+        noise = np.split(add_noise(silence, self.noise_power_w, self.seed, pulses.index, channel), len(sweeps), axis=1)
         return [
             amplitude * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
             for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
         ]
 
-    def _through(self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]) -> list[Received]:
+    def _through(
+        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
+    ) -> list[Received]:
         """Return each sweep behind all stages of a receiver as it is built."""
         return [
             chain.receive(
@@ -98,6 +103,7 @@ class Receiver:
                     transmit_power_w=self.transmit_power_w,
                     noise_power_w=self.noise_power_w,
                     seed=self.seed,
+                    channel=channel,
                 )
             )
             for number, sweep in enumerate(sweeps)

@@ -39,7 +39,7 @@ class Received:
     grid: the samples of the sweep, and the points at which its signal is made.
     sweep: number of the sweep within its pulse, of `sweeps`.
     transmit_power_w, noise_power_w: of the wave sent, and of the noise of a sample.
-    seed: of all random numbers.
+    seed: of all random numbers. channel: which of several receivers; all mix with one oscillator.
     samples: the signal, sqrt(W): on the points of the grid from the mixer on, sampled from the filters on.
     noise: white noise on a grid without guards, until the filters add it; noise_points: its points in a sample.
     saturated: samples of each pulse that exceed the full scale of a converter; None without one.
@@ -53,6 +53,7 @@ class Received:
     transmit_power_w: float
     noise_power_w: float
     seed: int
+    channel: int = 0
     samples: Inexact[np.ndarray, "pulse point"] | None = None
     noise: Inexact[np.ndarray, "pulse noise_point"] | None = None
     noise_points: int = 1

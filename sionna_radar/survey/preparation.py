@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.accuracy.truth import GroundTruth
+from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
@@ -46,6 +48,7 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
+    check_rotors,
     check_vegetation,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
@@ -125,6 +128,7 @@ class Prepared(Brief):
     antenna, flight, receiver: the radar, its pulses, and its receiver.
     flown: the trajectory with its nominal height and speed, and what a log gave for it.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
+    angle: finds directions inside the beam; None for echoes on the beam's axis.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
@@ -151,6 +155,7 @@ class Prepared(Brief):
     ground_extent_m: Extent
     custom: CustomParts = CustomParts()
     beams: tuple[Antenna, ...] = ()
+    angle: AngleEstimator | None = None
 
     def __len__(self) -> int:
         return len(self.flight)
@@ -191,6 +196,7 @@ class Prepared(Brief):
             expected_ground=self.expected_ground,
             weather=self.local.weather,
             lidar=self.local.lidar,
+            angle=self.angle,
             custom_engine=self.custom.engine,
             watch=watch or Stopwatch(),
         )
@@ -257,11 +263,13 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     antenna = custom.antenna or build_antenna(local.radar.antenna)
     beams = beams_of(antenna, scan)
     check_vegetation(local, antenna)
+    check_rotors(local, chirp)
     check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
+    angle = build_angle_estimator(local.radar, detector, antenna)
     step()
     scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
     place = scene.scene.georeference
@@ -310,6 +318,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),
         mapper=mapper,
         custom=custom,
+        angle=angle,
         ground_extent_m=hits.extent_m,
     )
 

@@ -158,6 +158,9 @@ def _task(
         _check_same_radar(sweeps, file.sweeps, source)
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
+    if processing.angle != "off":
+        message = f"{processing.angle!r} needs all receivers, and a recording has the first one's signals; set 'off'"
+        raise ScenarioError([Problem("processing.angle", message)], source)
     if not file.pulses.located:
         # Rain is told from ground by how the beam meets it.
         processing = processing.model_copy(update={"volume_clutter": "off"})

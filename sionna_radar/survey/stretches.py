@@ -103,6 +103,7 @@ def _columns(name: str, value: Any) -> dict[str, Any]:
 
 
 def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
-    """Return a table from its columns; a column without axes is a number."""
-    own = {f.name: columns[f"{name}{OF}{f.name}"] for f in fields(kind) if f.name not in others}
+    """Return a table from its columns; a column without axes is a number, and one that may be left out None."""
+    kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
+    own = {key: columns[column] for key, column in kept.items() if column in columns}
     return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)

@@ -38,7 +38,7 @@ def test_points_lie_on_the_beam_axis():
 
 def test_no_echoes_no_points():
     pulses = make_pulses(4)
-    nothing = Echoes(**{name: column[:0] for name, column in vars(echoes_of([0], [1.0])).items()})
+    nothing = echoes_of([0], [1.0]).rows(slice(0))
     assert len(locate(nothing, pulses.index, pulses.measured)) == 0
 
 

@@ -44,6 +44,11 @@ def recorders(
 
     """
     files = checked_files(wanted)
+    if "signals" in files and prepared.angle is not None:
+        message = (
+            f"{prepared.scenario.processing.angle!r} needs all receivers, and only the first one's signals are kept; "
+        )
+        raise ScenarioError([Problem("processing.angle", message + "set 'off' to record")])
     makers: dict[str, Callable[[Path], Recorder]] = {
         "signals": lambda path: SignalRecorder(path, prepared, sample_type),
         "paths": lambda path: PathRecorder(path, prepared),

@@ -6,10 +6,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import numpy as np
 from jaxtyping import Int
 
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.triangular import PairedEchoes
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.signal.receiver import Reception
+from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
@@ -22,11 +24,12 @@ class Radar:
     Paths are traced in one thread of its own, and received as beat signals in another, one block ahead of the others.
 
     Of a single sweep a pulse the measured velocity takes the Doppler shift out; the two sweeps of a triangle do so
-    themselves. The beam stands still during a pair, as it does during a single sweep.
+    themselves. The beam stands still during a pair, as it does during a single sweep. With receivers beside the first,
+    an echo becomes points in the directions that these tell.
     """
 
     def __init__(self, given: SensorInputs) -> None:
-        self._receiver, self._watch = given.receiver, given.watch
+        self._receiver, self._watch, self._angle = given.receiver, given.watch, given.angle
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
         self._receiving = ThreadPoolExecutor(1, thread_name_prefix="receive")
@@ -58,6 +61,8 @@ class Radar:
                 paths = self._trace(pulses)
             with self._watch("synthesise"):
                 reception = self._receiver.reception(paths, pulses)
+        if self._angle is not None:
+            return self._in_directions(self._angle, paths, reception, pulses)
         with self._watch("detect"):
             found = self.sweeps.detect(reception.beats, pulses)
         return Observation(
@@ -68,6 +73,20 @@ class Radar:
             beats=tuple(reception.beats),
             saturated=reception.saturated,
         )
+
+    def _in_directions(self, angle: AngleEstimator, paths: Paths, reception: Reception, pulses: Pulses) -> Observation:
+        """Return points along the echoes of a block, from the signals of all receivers."""
+        with self._watch("synthesise"):
+            sides = [
+                self._receiver.beat(side_paths(paths, pulses, side), pulses, channel)
+                for channel, side in enumerate(angle.receivers, start=1)
+            ]
+        with self._watch("detect"):
+            window_m = self.sweeps.window_m(pulses)
+            # What leaks is the same in all receivers.
+            beats = [self.sweeps.cleaned([beat])[0] for beat in (reception.beats[0], *sides)]
+            echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
+        return Observation(paths=paths, echoes=echoes, beats=tuple(reception.beats), saturated=reception.saturated)
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""

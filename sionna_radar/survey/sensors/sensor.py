@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Int
 
+from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -75,6 +76,7 @@ class SensorInputs:
     schedule: all pulses of the survey, for a sensor that looks about before it starts.
     expected_ground: what is known of the ground beforehand; None for nothing.
     weather, lidar: tables of the scenario.
+    angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
     custom_engine: builds an engine in place of the one that the scenario names.
     watch: counts the time spent in each stage.
     """
@@ -86,6 +88,7 @@ class SensorInputs:
     expected_ground: ExpectedGround | None
     weather: WeatherTable
     lidar: LidarTable
+    angle: AngleEstimator | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None
     watch: Stopwatch = field(default_factory=Stopwatch)
 

@@ -90,7 +90,7 @@ class SweepDetector:
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
             found = []
-            for beat, sweep in zip(self._cleaned(self.beats(pulses)), self.sweeps, strict=True):
+            for beat, sweep in zip(self.cleaned(self.beats(pulses)), self.sweeps, strict=True):
                 power = detector.analyser.power(beat)
                 if not shows_volume(detector, power):
                     return [None] * len(self.sweeps)
@@ -103,7 +103,7 @@ class SweepDetector:
         """What is the same in all chirps of each sweep: the mean over pulses spread over the survey."""
         return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
 
-    def _cleaned(self, beats: Beats) -> Beats:
+    def cleaned(self, beats: Beats) -> Beats:
         """Return beat signals without what the processing is to take out of them: leakage, bursts of other radars."""
         processing = self.detector.processing
         if processing.leakage == "subtract":
@@ -112,7 +112,7 @@ class SweepDetector:
 
     def detect(self, beats: Beats, pulses: Pulses) -> Found:
         """Return the echoes in the beat signals of a block of pulses."""
-        beats = self._cleaned(beats)
+        beats = self.cleaned(beats)
         through = self.through[0]
         if self.paired:
             return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
@@ -126,7 +126,7 @@ class SweepDetector:
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
-        return self._pairs(self._cleaned(beats), pulses)
+        return self._pairs(self.cleaned(beats), pulses)
 
     def _pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         detector = self.detector
@@ -148,7 +148,7 @@ class SweepDetector:
         Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
         """
         detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
-        beat = self._cleaned(self.beats(pulses))[0]
+        beat = self.cleaned(self.beats(pulses))[0]
         spectra = detector.spectra(beat)
         if through is None:
             echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))
@@ -170,6 +170,10 @@ class SweepDetector:
             )
             for row in range(len(pulses))
         ]
+
+    def window_m(self, pulses: Pulses) -> Float[np.ndarray, "pulse 2"] | None:
+        """Return the ranges in which the ground is searched in the first sweep of pulses; None for all."""
+        return self._window_m(pulses, self.sweeps[0])
 
     def _window_m(self, pulses: Pulses, sweep: Chirp) -> Float[np.ndarray, "pulse 2"] | None:
         """Return the ranges in which a sweep's ground is searched; None for all."""

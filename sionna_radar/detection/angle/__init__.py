@@ -1,0 +1,1 @@
+"""Angles of arrival inside the beam, from receivers beside the first."""

@@ -1,0 +1,157 @@
+"""A second receiver beside the first, and how its signal turns with the direction that an echo comes from.
+
+An interferometer's phase centre lies a baseline b along an axis of the antenna; with the direction cosine u along that
+axis its signal leads by k b u (k = 2 pi / wavelength). A phase-comparison monopulse antenna is the same aperture with
+its halves subtracted (Sherman and Barton 2011, "Monopulse Principles and Techniques", ch. 5). With the aperture's
+distribution a(x) the sum pattern is the Fourier transform of a(x) and the difference pattern that of sgn(x) a(x), less
+a quarter of a turn, which is the Hilbert transform of the sum pattern over the direction cosine: for a uniform aperture
+D of pattern sin(x) / x, x = k D u / 2, the ratio of both is tan(x / 2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Complex, Float
+
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.radar.antenna import Antenna, Cut
+from sionna_radar.radar.main_lobe import lobe_samples, reach_of_power
+from sionna_radar.scenario.radar import RadarTable
+
+AXES = {"azimuth": (1,), "elevation": (2,), "both": (1, 2)}
+# Standard deviation of the phase over the two-way beam that a baseline of the program's own choice has. An echo of
+# many scatterers shows their mean direction as far as its phase is linear in it, with an error of second order in this
+# phase; the error from noise is inverse to it. Both are equal at some 25 dB of a point.
+SCATTER_RAD = 0.25
+# Two-way power down to which the phase must not wrap.
+UNAMBIGUOUS = 1e-2
+# Zeros beyond the visible cosines, in lengths of the cut, so that the transform does not wrap around.
+PADDED = 8
+LARGEST_RATIO = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferencePattern:
+    """Difference over sum of the antenna's halves along one axis, real once its quarter of a turn is taken out.
+
+    cosine, ratio: samples over all directions; lobe: those around the peak, in which the ratio rises.
+    """
+
+    cosine: Float[np.ndarray, " n"]
+    ratio: Float[np.ndarray, " n"]
+    lobe: slice
+
+    def at(self, cosine: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the ratio at direction cosines, linear between the samples."""
+        found: Float[np.ndarray, ...] = np.interp(cosine, self.cosine, self.ratio)
+        return found
+
+    def cosine_of(self, ratio: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the direction cosine inside the main lobe that has a ratio; the lobe's edge for larger ones."""
+        found: Float[np.ndarray, ...] = np.interp(ratio, self.ratio[self.lobe], self.cosine[self.lobe])
+        return found
+
+    @property
+    def slope(self) -> float:
+        """Derivative of the ratio on boresight, per unit of the direction cosine."""
+        middle = len(self.cosine) // 2
+        step = self.cosine[middle + 1] - self.cosine[middle - 1]
+        return float((self.ratio[middle + 1] - self.ratio[middle - 1]) / step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SideReceiver:
+    """One receiver beside the first.
+
+    axis: of the antenna's frame, 1 for left (azimuth), 2 for up (elevation).
+    baseline_m: as processing believes it; None for the difference of the antenna's halves.
+    true_baseline_m, phase_error_rad: what it is, and the phase that calibration has left.
+    difference: of the halves; None for an interferometer.
+    """
+
+    axis: int
+    baseline_m: float | None = None
+    true_baseline_m: float = 0.0
+    phase_error_rad: float = 0.0
+    difference: DifferencePattern | None = None
+
+    def factor(self, direction: Float[np.ndarray, "n 3"]) -> Complex[np.ndarray, " n"]:
+        """Return what the first receiver's signals are multiplied with, phase of the baseline not included."""
+        if self.difference is not None:
+            return self.difference.at(direction[:, self.axis]).astype(np.complex128)
+        return np.full(len(direction), np.exp(1j * self.phase_error_rad))
+
+
+def difference_pattern(cut: Cut) -> DifferencePattern:
+    """Return the difference of the halves of a separable antenna's aperture over their sum, along one cut."""
+    count = len(cut.voltage)
+    size = scipy.fft.next_fast_len(PADDED * count)
+    spectrum = scipy.fft.fft(cut.voltage, size)
+    turn = -1j * np.sign(scipy.fft.fftfreq(size))
+    difference = scipy.fft.ifft(spectrum * turn).real[:count]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.nan_to_num(difference / cut.voltage, nan=0.0, posinf=LARGEST_RATIO, neginf=-LARGEST_RATIO)
+    return DifferencePattern(
+        cosine=cut.cosine,
+        ratio=np.clip(ratio, -LARGEST_RATIO, LARGEST_RATIO),
+        lobe=lobe_samples(cut, UNAMBIGUOUS),
+    )
+
+
+def baseline_of(spread: float, wavelength_m: float) -> float:
+    """Return the baseline over which the phase scatters by `SCATTER_RAD` in a beam, by its standard deviation."""
+    return SCATTER_RAD * wavelength_m / (2 * np.pi * spread)
+
+
+def build_side_receivers(
+    radar: RadarTable, antenna: Antenna, spread: Sequence[float], wavelength_m: float
+) -> tuple[SideReceiver, ...]:
+    """Return the receivers beside the first of a scenario's radar; none if it has none.
+
+    Parameters
+    ----------
+    radar, antenna:
+        The scenario's `[radar]`, and its antenna.
+    spread:
+        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
+    wavelength_m:
+        Of the carrier.
+
+    Raises
+    ------
+    ScenarioError
+        A baseline so long that the phase wraps inside the main lobe, or halves of an antenna that has none.
+
+    """
+    table = radar.second_receiver
+    if table is None:
+        return ()
+    axes = AXES[table.axis]
+    if table.kind == "monopulse":
+        if not antenna.separable:
+            message = "'monopulse' splits an antenna of two cuts into halves; set 'interferometer', or another antenna"
+            raise ScenarioError([Problem("radar.second_receiver.kind", message)])
+        cuts = {1: antenna.azimuth, 2: antenna.elevation}
+        return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
+    found, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
+    for axis in axes:
+        given = table.baseline_wavelengths
+        baseline_m = baseline_of(spread[axis - 1], wavelength_m) if given is None else given * wavelength_m
+        longest = 1 / (2 * reach[axis - 1])
+        if baseline_m > longest * wavelength_m:
+            message = (
+                f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
+                f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {longest:.3g}"
+            )
+            raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
+        found.append(
+            SideReceiver(
+                axis=axis,
+                baseline_m=baseline_m,
+                true_baseline_m=baseline_m + table.baseline_error_wavelengths * wavelength_m,
+                phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,63 @@
+"""Surveys with a receiver beside the first, and those without one as they were."""
+
+import numpy as np
+import pytest
+
+from sionna_radar import load_scenario, process, run
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.recording import Recording, record
+
+SHORT = {
+    "platform.length_m": 15.0,
+    "terrain.spacing_m": 2.0,
+    "tracing.paths_per_pulse": 192,
+    "radar.antenna.beamwidth_deg": 8.0,
+}
+ON = SHORT | {"processing.angle": "interferometric", "radar.second_receiver.axis": "both"}
+
+
+@pytest.fixture(scope="module")
+def surveys():
+    return {name: run(load_scenario("hills", changes)) for name, changes in (("off", SHORT), ("on", ON))}
+
+
+def test_directions_bring_a_wide_beam_to_the_ground(surveys):
+    assert surveys["on"].lit_error.rms_m < 0.4 * surveys["off"].lit_error.rms_m
+    assert surveys["on"].lit_error.coverage > surveys["off"].lit_error.coverage
+    assert len(surveys["on"].points) > 2 * len(surveys["off"].points)
+    assert surveys["on"].points.across_sigma_m.shape == surveys["on"].points.range_m.shape
+    assert surveys["off"].points.across_sigma_m is None
+
+
+def test_a_receiver_that_is_not_used_changes_no_bit(surveys):
+    idle = run(load_scenario("hills", SHORT | {"radar.second_receiver.axis": "both"}))
+    assert idle.points.sha256() == surveys["off"].points.sha256()
+    np.testing.assert_array_equal(idle.dem.height_m, surveys["off"].dem.height_m)
+
+
+def test_neither_the_block_size_nor_packing_changes_a_bit(surveys):
+    prepared = prepare(load_scenario("hills", ON))
+    recording = record(prepared, prepared.build_sensor(), block_size=37)
+    again = Recording.unpacked(recording.packed())
+    for found in (recording, again):
+        np.testing.assert_array_equal(found.echoes.direction, recording.echoes.direction)
+        np.testing.assert_array_equal(found.echoes.across_sigma_rad, recording.echoes.across_sigma_rad)
+    assert run(prepared, block_size=37).points.sha256() == surveys["on"].points.sha256()
+
+
+def test_a_phase_error_tilts_the_points():
+    """Half a radian between the receivers of an elevation pair lifts or lowers what lies ahead."""
+    wrong = run(load_scenario("hills", ON | {"radar.second_receiver.phase_error_deg": 20.0}))
+    assert abs(wrong.lit_error.mean_m) > 1.0
+
+
+def test_signals_of_one_receiver_are_neither_recorded_nor_made_into_directions(tmp_path):
+    with pytest.raises(ScenarioError, match=r"processing.angle: 'interferometric' needs all receivers"):
+        run(load_scenario("hills", ON), recordings={"signals": tmp_path / "signals.nc"})
+    run(
+        load_scenario("hills", SHORT | {"radar.second_receiver.axis": "both"}),
+        recordings={"signals": tmp_path / "one.nc"},
+    )
+    with pytest.raises(ScenarioError, match="a recording has the first one's signals"):
+        process(tmp_path / "one.nc", {"processing.angle": "interferometric"})
