@@ -1,4 +1,4 @@
-"""Phase noise: its spectrum behind the mixer, its power, its distribution and its draws."""
+"""The oscillator: phase noise behind the mixer by its spectrum, its power, its distribution and its draws."""
 
 from itertools import pairwise
 
