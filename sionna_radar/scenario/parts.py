@@ -105,9 +105,11 @@ MATERIALS = Registry(
 RECEIVER_STAGES = Registry(
     "receiver stage",
     {
+        "leakage": "sionna_radar.signal.leakage",
         "mixer": "sionna_radar.signal.mixer",
         "noise": "sionna_radar.signal.noise",
         "filters": "sionna_radar.signal.filters",
+        "converter": "sionna_radar.signal.converter",
     },
     StageParameters,
 )

@@ -243,6 +243,7 @@ class RadarTable(Table):
                 "receiver.high_pass_corner_hz",
                 f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
             )
+        self._check_receiver(highest_hz)
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):
             raise refuse(
@@ -251,9 +252,33 @@ class RadarTable(Table):
             )
         if self.snr_db is None and self.transmit_power_dbm is None:
             raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
-        if self.snr_db is None and self.noise_figure_db is None:
+        if self.snr_db is None and self.system_noise_figure_db is None:
             raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
         return self
+
+    def _check_receiver(self, highest_hz: float) -> None:
+        """Refuse figures of the receiver that do not fit the sampling, or the way the noise is given."""
+        receiver = self.receiver
+        if receiver.anti_alias_corner_hz > 4 * highest_hz:
+            raise refuse(
+                "receiver.anti_alias_corner_hz",
+                f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it",
+            )
+        if receiver.converter.imbalanced and self.sampling == "real":
+            raise refuse("receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'")
+        if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
+            raise refuse(
+                "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
+            )
+        if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
+            given = "noise_figure_db" if self.noise_figure_db is not None else "snr_db"
+            raise refuse("receiver.amplifiers", f"contradicts {given}; describe the noise one way only")
+
+    @property
+    def system_noise_figure_db(self) -> float | None:
+        """The noise figure, of the amplifiers where these are given; None beside `snr_db`."""
+        chain = self.receiver.noise_figure_db
+        return self.noise_figure_db if chain is None else chain
 
     @property
     def used_samples(self) -> tuple[int, int]:

@@ -36,9 +36,10 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
     """
     if radar.snr_db is not None:
         return reference_echo / from_db(radar.snr_db)
-    assert radar.noise_figure_db is not None
+    figure_db = radar.system_noise_figure_db
+    assert figure_db is not None
     bandwidth = chirp.sampling_rate_hz / (1 if chirp.sampling == "iq" else 2)
-    return Boltzmann * radar.temperature_k * from_db(radar.noise_figure_db) * bandwidth
+    return Boltzmann * radar.temperature_k * from_db(figure_db) * bandwidth
 
 
 def add_noise(
@@ -76,6 +77,8 @@ def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
 def noisy(received: Received) -> Received:
     """Return what is received with thermal noise beside it; the sweeps of a pulse draw theirs at once."""
     kind = np.complex128 if received.chirp.sampling == "iq" else np.float64
-    silence = np.zeros((len(received.pulses), received.sweeps * received.chirp.samples), dtype=kind)
-    noise = add_noise(silence, received.noise_power_w, received.seed, received.pulses.index)
+    points = received.sweeps * received.chirp.samples * received.noise_points
+    silence = np.zeros((len(received.pulses), points), dtype=kind)
+    power_w = received.noise_power_w * received.noise_points
+    noise = add_noise(silence, power_w, received.seed, received.pulses.index, received.channel)
     return replace(received, noise=np.split(noise, received.sweeps, axis=1)[received.sweep])

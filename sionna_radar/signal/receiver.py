@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Inexact
+from jaxtyping import Inexact, Int
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.chirp import Chirp
@@ -12,6 +12,17 @@ from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.noise import add_noise
 from sionna_radar.signal.stages import Chain, Received
 from sionna_radar.tracing.paths import Paths
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reception:
+    """The beat signals of each sweep of a block, and the samples of each pulse that a converter clipped.
+
+    saturated: None without a converter that has a full scale.
+    """
+
+    beats: list[Inexact[np.ndarray, "pulse sample"]]
+    saturated: Int[np.ndarray, " pulse"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +59,21 @@ class Receiver:
         """
         return self._receive(paths, pulses, self.sweeps, channel)
 
+    def reception(self, paths: Paths, pulses: Pulses) -> Reception:
+        """Return the beat signals of each sweep of a block's pulses, and what did not fit the converter."""
+        if self.chain is None:
+            return Reception(beats=self.beats(paths, pulses))
+        swept = self._through(self.chain, paths, pulses, self.sweeps)
+        saturated = [one.saturated for one in swept if one.saturated is not None]
+        return Reception(
+            beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
+        )
+
     def _receive(
         self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
         if self.chain is not None:
-            return self._through(self.chain, paths, pulses, sweeps)
+            return [one.signal for one in self._through(self.chain, paths, pulses, sweeps, channel)]
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
@@ -68,9 +89,9 @@ class Receiver:
         ]
 
     def _through(
-        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...]
-    ) -> list[Inexact[np.ndarray, "pulse sample"]]:
-        """Return the beat signals behind all stages of a receiver as it is built."""
+        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int = 0
+    ) -> list[Received]:
+        """Return each sweep behind all stages of a receiver as it is built."""
         return [
             chain.receive(
                 Received(
@@ -82,6 +103,7 @@ class Receiver:
                     transmit_power_w=self.transmit_power_w,
                     noise_power_w=self.noise_power_w,
                     seed=self.seed,
+                    channel=channel,
                 )
             )
             for number, sweep in enumerate(sweeps)

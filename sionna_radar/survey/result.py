@@ -25,6 +25,14 @@ from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 
 @dataclass(frozen=True, kw_only=True)
+class Saturation:
+    """How many pulses and samples of a survey exceed the full scale of its receiver's converter."""
+
+    saturated_pulses: int
+    saturated_samples: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Survey(Brief):
     """A finished survey, with what it was prepared with.
 
@@ -44,6 +52,7 @@ class Survey(Brief):
     warnings: what degrades the result.
     overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
     sensor: the one that flew, for a second look at some pulses; None for a survey that was not flown here.
+    saturation: what the converter of the receiver clipped; None without a full scale.
 
     Examples
     --------
@@ -74,6 +83,7 @@ class Survey(Brief):
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None
     sensor: Sensor | None = None
+    saturation: Saturation | None = None
 
     @property
     def scenario(self) -> Scenario:

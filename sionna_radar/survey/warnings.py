@@ -22,6 +22,10 @@ def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> di
     return words
 
 
+# More clipped pulses than these are told.
+SATURATED_SHARE_WARNED = 0.001
+
+
 def warnings_of(
     echoes: int,
     rain_echoes: int,
@@ -75,6 +79,16 @@ def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
     return (
         f"dem.method = {method!r} takes every beam of the scan for that of broadside, narrower than the steered ones; "
         "'linear' takes none for another",
+    )
+
+
+def saturation_warnings(saturated_pulses: int, pulses: int) -> tuple[str, ...]:
+    """Return what is said of pulses that exceed the full scale of the receiver's converter."""
+    if saturated_pulses <= SATURATED_SHARE_WARNED * pulses:
+        return ()
+    return (
+        f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
+        "radar.receiver.converter and are clipped; lower the gain, or set agc_headroom_db",
     )
 
 

@@ -6,16 +6,15 @@ from scipy.special import jv
 
 from direct_receiver import direct_beat, points_at
 from flights import make_pulses
+from receivers import radar_with, receiver_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.chirp import build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.mixer import STEP_RAD, build_mixer, shares
-from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.sample_grid import SampleGrid
-from sionna_radar.signal.stages import Received, StageInputs, build_chain
+from sionna_radar.signal.stages import Received, StageInputs
 
 NOISY = {"phase_noise_dbc_hz": [[1e3, -40.0], [1e5, -50.0], [1e6, -70.0]]}
 ERRORS = {
@@ -28,18 +27,8 @@ ERRORS = {
 }
 
 
-def radar_with(oscillator=None, **keys) -> RadarTable:
-    return RadarTable(
-        **{"snr_db": 30.0, "samples_per_chirp": 256, "receiver": {"oscillator": oscillator or {}}, **keys}
-    )
-
-
-def receiver_of(radar: RadarTable, noise_w: float = 0.0) -> Receiver:
-    sweeps, high_pass = build_sweeps(radar), build_high_pass(radar.receiver)
-    chain = build_chain(radar, sweeps, high_pass)
-    return Receiver(
-        sweeps=sweeps, transmit_power_w=1.0, noise_power_w=noise_w, seed=5, high_pass=high_pass, chain=chain
-    )
+def bent(oscillator=None, **keys) -> RadarTable:
+    return radar_with({"oscillator": oscillator or {}}, **keys)
 
 
 def mixed(radar: RadarTable, paths, pulses, *, guard: int = 8, sweep: int = 0):
@@ -79,7 +68,7 @@ def error_of(mixer, wide, pulse: int, sweep: int = 0):
 @pytest.mark.parametrize("kind", ERRORS)
 @pytest.mark.parametrize(("sweep", "sampling"), [("up", "iq"), ("down", "iq"), ("up", "real")])
 def test_a_continuum_of_echoes_is_mixed_as_directly_computed(kind, sweep, sampling):
-    radar = radar_with(ERRORS[kind], sweep=sweep, sampling=sampling)
+    radar = bent(ERRORS[kind], sweep=sweep, sampling=sampling)
     random = np.random.default_rng(1)
     far = random.uniform(1, 120 if sampling == "iq" else 60, 30)
     gain = random.normal(size=30) + 1j * random.normal(size=30)
@@ -107,7 +96,7 @@ def test_the_shares_of_a_path_are_those_of_cubic_interpolation():
 def test_a_sinusoidal_error_has_paired_echoes_that_grow_with_range():
     """J1 over J0 of 2 s T / p sin(pi p tau / T), p periods away from the echo."""
     size_hz, periods = 5e4, 20.0
-    radar = radar_with({"sinusoidal_hz": size_hz, "sinusoidal_periods": periods}, samples_per_chirp=1024)
+    radar = bent({"sinusoidal_hz": size_hz, "sinusoidal_periods": periods}, samples_per_chirp=1024)
     receiver = receiver_of(radar)
     chirp = receiver.chirp
     for cell in (60, 120, 360):
@@ -121,7 +110,7 @@ def test_a_sinusoidal_error_has_paired_echoes_that_grow_with_range():
 
 def test_a_quadratic_error_smears_an_echo_in_proportion_to_its_range():
     """The beat moves by 8 q tau / T over the sweep: 8 q / B cells for each cell of range and each of bandwidth."""
-    radar = radar_with({"quadratic_hz": 2e7}, samples_per_chirp=1024)
+    radar = bent({"quadratic_hz": 2e7}, samples_per_chirp=1024)
     chirp = build_sweeps(radar)[0]
     for far in (20.0, 60.0, 120.0):
         _, wide, beat = mixed(radar.model_copy(update={"sampling": "iq"}), points_at(far), make_pulses(1))
@@ -133,7 +122,7 @@ def test_a_quadratic_error_smears_an_echo_in_proportion_to_its_range():
 
 
 def test_drift_scales_ranges():
-    plain = radar_with({"drift_ppm_per_k": 25.0, "warmer_k": 40.0})
+    plain = bent({"drift_ppm_per_k": 25.0, "warmer_k": 40.0})
     receiver, far = receiver_of(plain), np.array([20.0, 30.0, 31.0])
     found = receiver.beat(points_at(far, [1, 2j, 3]), make_pulses(1))
     expected = synthesise(points_at(far * 1.001, [1, 2j, 3]), make_pulses(1), receiver.chirp)
@@ -141,14 +130,14 @@ def test_drift_scales_ranges():
 
 
 def test_a_used_window_is_that_part_of_the_whole_sweep():
-    whole, part = radar_with(sampling="iq"), radar_with({"used_window": [0.25, 0.75]}, sampling="iq")
+    whole, part = bent(sampling="iq"), bent({"used_window": [0.25, 0.75]}, sampling="iq")
     long, short = build_sweeps(whole)[0], build_sweeps(part)[0]
     assert short.samples == 128
     assert short.bandwidth_hz == pytest.approx(long.bandwidth_hz / 2)
     assert short.slope_hz_s == pytest.approx(long.slope_hz_s)
     assert short.sampling_rate_hz == pytest.approx(long.sampling_rate_hz)
     assert short.max_range_m == pytest.approx(long.max_range_m)
-    late = build_sweeps(radar_with({"used_window": [0.5, 1.0]}, sampling="iq"))[0]
+    late = build_sweeps(bent({"used_window": [0.5, 1.0]}, sampling="iq"))[0]
     paths = points_at([20.0, 33.0], [1, 1j])
     expected = direct_beat(paths, long, long.sample_time_s)
     for chirp, first in ((short, 64), (late, 128)):
@@ -159,9 +148,9 @@ def test_a_used_window_is_that_part_of_the_whole_sweep():
 
 def test_an_error_of_the_whole_sweep_is_seen_in_its_used_window():
     error = {"cubic_hz": 4e5, "settling_hz": 1e6, "settling_time_s": 1e-4}
-    whole = radar_with(error, sampling="iq")
+    whole = bent(error, sampling="iq")
     mixer, _, _ = mixed(whole, points_at(30.0), make_pulses(1))
-    part = radar_with({**error, "used_window": [0.5, 1.0]}, sampling="iq")
+    part = bent({**error, "used_window": [0.5, 1.0]}, sampling="iq")
     own, _, _ = mixed(part, points_at(30.0), make_pulses(1))
     t = np.linspace(-3e-4, 3e-4, 9)
     middle = 64 / build_sweeps(whole)[0].sampling_rate_hz
@@ -171,7 +160,7 @@ def test_an_error_of_the_whole_sweep_is_seen_in_its_used_window():
 def test_a_table_of_errors_is_integrated(tmp_path):
     path = tmp_path / "sweep.csv"
     path.write_text("time_s,error_hz\n0,1e5\n0.001,-2e5\n0.002,3e5\n")
-    radar = radar_with({"sweep_error": path})
+    radar = bent({"sweep_error": path})
     mixer, _, _ = mixed(radar, points_at(30.0), make_pulses(1))
     t = np.linspace(-0.0016, 0.0018, 20001)
     phase = mixer.oscillator.error.phase(t)
@@ -189,7 +178,7 @@ def test_a_table_of_errors_is_integrated(tmp_path):
 @pytest.mark.parametrize("kind", ["noise", "both"])
 @pytest.mark.parametrize("sweep", ["up", "triangular"])
 def test_a_pulse_is_the_same_in_any_block(kind, sweep):
-    receiver = receiver_of(radar_with(ERRORS[kind], sweep=sweep), noise_w=1e-3)
+    receiver = receiver_of(bent(ERRORS[kind], sweep=sweep), noise_w=1e-3)
     random = np.random.default_rng(2)
     paths = points_at(random.uniform(20, 60, 40), 1.0, 3.0, pulse=np.sort(random.integers(0, 8, 40)))
     whole = receiver.beats(paths, make_pulses(8))
@@ -200,9 +189,9 @@ def test_a_pulse_is_the_same_in_any_block(kind, sweep):
 
 
 def test_an_ideal_receiver_has_no_chain_and_a_chain_of_ideal_stages_changes_nothing():
-    assert receiver_of(radar_with()).chain is None
-    plain = receiver_of(radar_with(sampling="iq", sweep="triangular"), noise_w=0.1)
-    radar = radar_with(sampling="iq", sweep="triangular", receiver={"stages": {"noise": "noise"}})
+    assert receiver_of(bent()).chain is None
+    plain = receiver_of(bent(sampling="iq", sweep="triangular"), noise_w=0.1)
+    radar = radar_with({"stages": {"noise": "noise"}}, sampling="iq", sweep="triangular")
     staged = receiver_of(radar, noise_w=0.1)
     paths = points_at([20.0, 40.0, 41.0], 1.0, 2.0, pulse=[0, 0, 1])
     for a, b in zip(plain.beats(paths, make_pulses(2)), staged.beats(paths, make_pulses(2)), strict=True):
@@ -213,7 +202,7 @@ def test_an_ideal_receiver_has_no_chain_and_a_chain_of_ideal_stages_changes_noth
 def test_filters_leave_what_they_pass_and_take_what_they_do_not(sampling):
     """A guarded and faded signal has a settled high-pass, and loses nothing in its band to the ideal filter."""
     keys = {"high_pass_corner_hz": 5e3, "oscillator": {"cubic_hz": 1e-6}}
-    receiver = receiver_of(radar_with(samples_per_chirp=1024, sampling=sampling, receiver=keys))
+    receiver = receiver_of(radar_with(keys, samples_per_chirp=1024, sampling=sampling))
     paths, pulses = points_at([30.0, 80.0, 120.0], [1, 1j, -0.5]), make_pulses(1)
     assert receiver.chain.oversampling == 2
     found = receiver.beat(paths, pulses)

@@ -27,6 +27,7 @@ MEANING = {
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
     **ERROR_MEANING,
+    "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
     "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
@@ -54,6 +55,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "pulses": survey.pulses,
         "paths": survey.paths,
         "echoes": len(survey.points),
+        "receiver": asdict(survey.saturation) if survey.saturation else None,
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
