@@ -1,5 +1,8 @@
 """Which cells of an estimated surface were seen: shadow and ground beyond the swath stay empty."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -12,6 +15,8 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.main_lobe import LIT
 
 PULSES_AT_ONCE = 256
+# Places along each axis of a point's footprint at which it counts as seen, in standard deviations.
+STRIP_PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # A sample between two nodes on opposite sides of an edge is off the surface by more than this.
 OFF_SURFACE_M = 0.5
 # A point of the surface counts as seen if its ray meets the surface no more than this before it.
@@ -22,10 +27,24 @@ def seen_part(surface: Heightfield, given: MapInputs) -> Raster:
     """Return the part of a surface seen by a survey: from the main beam if known, otherwise from the points."""
     grid = given.grid
     if given.sightings is None:
-        seen = seen_from_points(given.points, surface, grid, given.max_gap_m)
+        points = given.points if given.points.across_sigma_m is None else _over_strips(given)
+        seen = seen_from_points(points, surface, grid, given.max_gap_m)
     else:
         seen = seen_cells(given.sightings, surface, grid, given.max_gap_m)
     return Raster(grid=grid, height_m=np.where(seen, _heights(surface, grid), np.nan))
+
+
+def _over_strips(given: MapInputs) -> Points:
+    """Return points at measured directions at places all over their footprints, as far as these are known."""
+    points, looks = given.points, given.looks
+    if looks is None:
+        return points
+    count, spread = len(points), []
+    for one, other in product(STRIP_PLACES, STRIP_PLACES):
+        aside = one * looks.footprint_m[:, 0] + other * looks.footprint_m[:, 1]
+        spread.append(points.position_m + np.column_stack([aside, np.zeros(count)]))
+    many = points.rows(np.tile(np.arange(count), len(spread)))
+    return replace(many, position_m=np.concatenate(spread))
 
 
 def seen_from_points(points: Points, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:

@@ -102,6 +102,12 @@ class ProcessingTable(Table):
             raise refuse("angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle")
         return self
 
+    @model_validator(mode="after")
+    def _one_leakage(self) -> "ProcessingTable":
+        if self.angle != "off" and self.leakage == "subtract":
+            raise refuse("leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it")
+        return self
+
     @field_validator("window")
     @classmethod
     def _known_window(cls, value: str) -> str:

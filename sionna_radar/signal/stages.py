@@ -39,7 +39,8 @@ class Received:
     grid: the samples of the sweep, and the points at which its signal is made.
     sweep: number of the sweep within its pulse, of `sweeps`.
     transmit_power_w, noise_power_w: of the wave sent, and of the noise of a sample.
-    seed: of all random numbers. channel: which of several receivers; all mix with one oscillator.
+    seed: of all random numbers.
+    channel: which of several receivers this is: they share their oscillator, and each has noise of its own.
     samples: the signal, sqrt(W): on the points of the grid from the mixer on, sampled from the filters on.
     noise: white noise on a grid without guards, until the filters add it; noise_points: its points in a sample.
     saturated: samples of each pulse that exceed the full scale of a converter; None without one.

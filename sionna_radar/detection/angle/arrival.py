@@ -118,7 +118,9 @@ class AngleEstimator:
             cross, level = stretches.cross(signal, signals[0], ramp)
             cosine.append(np.angle(cross) / per_cosine)
             along = np.abs(per_cosine * strips.strip[:, receiver.axis - 1]) * strips.along
-            expected = coherence(along, stretches.snr)
+            # Ground may be tilted: as much as the ramp may be missing or doubled.
+            within = np.hypot(along, ramp * np.sqrt(stretches.range_variance_m2))
+            expected = coherence(within, stretches.snr)
             scatter = (1 - expected**2) / np.sqrt(2 * stretches.looks)
             alike &= level >= expected - LEAST_COHERENCE_SIGMAS * scatter
             turn.append(per_cosine)

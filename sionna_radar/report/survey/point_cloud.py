@@ -20,6 +20,7 @@ from sionna_radar.mapping.points import Points
 POINT_SCALE_M = 0.001
 SCAN_ANGLE_STEP_DEG = 0.006
 POINTS_AT_ONCE = 100_000
+ACROSS = "across_sigma_m"
 RADAR_PLACE = {
     "radar_x": "easting of the radar (m)",
     "radar_y": "northing of the radar (m)",
@@ -39,8 +40,9 @@ def write_laz(
     Beside the coordinates a point has `gps_time` (s since the start of the flight; the header says GPS week time, so
     the flight of a scenario, which has no date, starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
     the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
-    the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo` and, in the
-    coordinates of the points, the measured position of the radar: `radar_x`, `radar_y`, `radar_z`.
+    the weakest echo) and the extra dimensions `snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo`, of points at
+    measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
+    `radar_x`, `radar_y`, `radar_z`.
 
     Parameters
     ----------
@@ -57,7 +59,10 @@ def write_laz(
 
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
-    las = laspy.LasData(_las_header(georeference, np.floor(origin)))
+    header = _las_header(georeference, np.floor(origin))
+    if points.across_sigma_m is not None:
+        header.add_extra_dim(laspy.ExtraBytesParams(name=ACROSS, type="float32", description="sigma across ray (m)"))
+    las = laspy.LasData(header)
     las.xyz = points.position_m + origin
     las.gps_time = time_s[points.pulse]
     las.scan_angle = np.rint(_scan_angle_deg(points, measured) / SCAN_ANGLE_STEP_DEG).astype(np.int16)
@@ -69,6 +74,8 @@ def write_laz(
     las["snr_db"] = points.snr_db.astype(np.float32)
     las["range_m"] = points.range_m
     las["range_sigma_m"] = points.range_sigma_m.astype(np.float32)
+    if points.across_sigma_m is not None:
+        las[ACROSS] = points.across_sigma_m.astype(np.float32)
     for name, column in zip(RADAR_PLACE, (points.origin_m + origin).T, strict=True):
         las[name] = column
     las["pulse"] = points.pulse.astype(np.uint32)

@@ -29,6 +29,7 @@ MEANING = {
     "time_s": "middle of the chirp, since the start of the flight",
     "range_m": "slant range, corrected for Doppler",
     "range_sigma_m": "standard deviation of the range",
+    "across_sigma_m": "standard deviation of the position across the ray, in its vertical plane",
     "snr_db": "of the echo's strongest cell over the noise",
     "power_w": "received, in the echo's strongest cell",
 }
@@ -62,6 +63,7 @@ def columns_of(
         **dict(zip(axes, place.T, strict=True)),
         "range_m": points.range_m[rows],
         "range_sigma_m": points.range_sigma_m[rows],
+        **({} if points.across_sigma_m is None else {"across_sigma_m": points.across_sigma_m[rows]}),
         "snr_db": points.snr_db[rows],
         "power_w": points.power[rows],
         **dict(zip([f"radar_{axis}" for axis in axes], radar.T, strict=True)),

@@ -18,6 +18,7 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.point_cloud import write_laz
+from sionna_radar.report.survey.points_table import write_points_csv
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary, summary_json
 from sionna_radar.scenario import load_scenario
@@ -237,6 +238,17 @@ def test_laz_numbers_the_echoes_of_a_pulse(survey: Survey, tmp_path: Path) -> No
     assert np.asarray(las.return_number).max() == 15
     assert set(np.asarray(las.number_of_returns)) == {15}
     assert las.header.parse_crs() is None
+
+
+def test_points_at_measured_directions_tell_how_well_they_are_known(survey: Survey, tmp_path: Path) -> None:
+    across_m = np.linspace(0.01, 0.2, len(survey.points))
+    points = replace(survey.points, across_sigma_m=across_m)
+    time_s = np.arange(survey.pulses) / 360.0
+    write_laz(tmp_path / "points.laz", points, time_s, survey.prepared.measured, None)
+    write_points_csv(tmp_path / "points.csv", points, time_s, None)
+    np.testing.assert_array_equal(laspy.read(tmp_path / "points.laz")["across_sigma_m"], across_m.astype(np.float32))
+    read = np.genfromtxt(tmp_path / "points.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(read["across_sigma_m"], across_m, atol=5e-5)
 
 
 def test_laz_scan_angle_is_to_the_right_of_the_flight(survey: Survey, tmp_path: Path) -> None:
