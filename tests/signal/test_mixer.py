@@ -31,7 +31,7 @@ def bent(oscillator=None, **keys) -> RadarTable:
     return radar_with({"oscillator": oscillator or {}}, **keys)
 
 
-def mixed(radar: RadarTable, paths, pulses, *, guard: int = 8, sweep: int = 0):
+def mixed(radar: RadarTable, paths, pulses, *, guard: int = 4, sweep: int = 0):
     sweeps = build_sweeps(radar)
     grid = SampleGrid(sweeps[sweep], 2, guard)
     mixer = build_mixer(StageParameters(stage="mixer"), StageInputs(radar=radar, sweeps=sweeps, high_pass=None))
@@ -68,10 +68,12 @@ def error_of(mixer, wide, pulse: int, sweep: int = 0):
 @pytest.mark.parametrize("kind", ERRORS)
 @pytest.mark.parametrize(("sweep", "sampling"), [("up", "iq"), ("down", "iq"), ("up", "real")])
 def test_a_continuum_of_echoes_is_mixed_as_directly_computed(kind, sweep, sampling):
-    radar = bent(ERRORS[kind], sweep=sweep, sampling=sampling)
+    # The waves of random phase are summed one by one: fewer samples and echoes of them.
+    samples, count = (128, 8) if kind in ("noise", "both") else (256, 30)
+    radar = bent(ERRORS[kind], sweep=sweep, sampling=sampling, samples_per_chirp=samples)
     random = np.random.default_rng(1)
-    far = random.uniform(1, 120 if sampling == "iq" else 60, 30)
-    gain = random.normal(size=30) + 1j * random.normal(size=30)
+    far = random.uniform(1, (0.25 if sampling == "iq" else 0.12) * samples, count)
+    gain = random.normal(size=count) + 1j * random.normal(size=count)
     paths, pulses = points_at(far, gain, 6.0, pulse=3), make_pulses(1, first=3)
     mixer, wide, found = mixed(radar, paths, pulses)
     expected = direct_beat(paths, wide, wide.sample_time_s, error_of(mixer, wide, 3))
@@ -79,7 +81,7 @@ def test_a_continuum_of_echoes_is_mixed_as_directly_computed(kind, sweep, sampli
     if sampling == "real":
         expected, ideal = np.sqrt(2) * expected.real, np.sqrt(2) * ideal.real
     changed = np.linalg.norm(expected - ideal)
-    assert changed > 0.02 * np.linalg.norm(ideal)
+    assert changed > 0.01 * np.linalg.norm(ideal)
     # Of the whole echo where its sweep is bent, and at most of what is changed where it is not.
     size = STEP_RAD**3 / 12 * changed if kind == "noise" else 3 / 128 * STEP_RAD**4 * np.linalg.norm(ideal)
     assert np.linalg.norm(found[0] - expected) < size + 1e-5 * np.linalg.norm(ideal)
