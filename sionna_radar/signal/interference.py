@@ -72,7 +72,8 @@ class Interference:
         """Return the power that our antenna receives from a radar in each pulse, its range and its range rate."""
         pose = pulses.true
         away = radar.position_m - pose.position_m
-        range_m = np.linalg.norm(away, axis=1)
+        # Nearer than a wavelength there is no far field.
+        range_m = np.maximum(np.linalg.norm(away, axis=1), wavelength_m)
         toward = away / range_m[:, None]
         seen = np.einsum("nij,ni->nj", pose.R_world_antenna, toward)
         gain = np.zeros(len(pulses))

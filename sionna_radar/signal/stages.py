@@ -25,6 +25,8 @@ from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.sample_grid import SampleGrid
 from sionna_radar.tracing.paths import Paths
 
+# On the grids of all pulses that are received at once.
+MOST_POINTS = 2**22
 # In the order in which a wave passes them.
 ORDER: tuple[Place, ...] = ("leakage", "mixer", "interference", "noise", "filters", "converter")
 
@@ -119,7 +121,24 @@ class Chain:
         return self._grids.setdefault(chirp, SampleGrid(chirp, self.oversampling, self.guard))
 
     def receive(self, received: Received) -> Received:
-        """Return one sweep behind all stages."""
+        """Return one sweep behind all stages; of many pulses at once no more than memory is meant for."""
+        most = max(1, MOST_POINTS // received.grid.wide.samples)
+        pulses = received.pulses
+        if len(pulses) <= most:
+            return self._staged(received)
+        parts = []
+        for first in range(0, len(pulses), most):
+            some = pulses.rows(slice(first, first + most))
+            own = slice(*np.searchsorted(received.paths.pulse, (some.index[0], some.index[-1] + 1)))
+            parts.append(self._staged(replace(received, pulses=some, paths=received.paths.rows(own))))
+        saturated = [part.saturated for part in parts if part.saturated is not None]
+        return replace(
+            received,
+            samples=np.concatenate([part.signal for part in parts]),
+            saturated=np.concatenate(saturated) if saturated else None,
+        )
+
+    def _staged(self, received: Received) -> Received:
         received = replace(received, noise_points=self.noise_points)
         for stage in self.stages:
             received = stage(received)
