@@ -8,12 +8,14 @@ its size, in the middle of a step, and slower ones by less. Where e(t) - e(t - t
 step, at most STEP_RAD^3 / 12 of it is wrong.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.signal.beat import analytic_beats
 from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
@@ -65,22 +67,31 @@ class Mixer:
             own = replace(own, gain=own.gain * shares(place[near] - node))
             rows = np.flatnonzero(np.isin(pulses.index, own.pulse))
             if len(rows):
-                factor = self._factor(node * step_s, received.grid, waves, rows)
-                beat[rows] += analytic_beats(own, pulses.rows(rows), wide) * factor
+                clean = analytic_beats(own, pulses.rows(rows), wide)
+                over_rows(self._adding(beat, clean, rows, node * step_s, received.grid, waves), len(rows))
         return beat
 
-    def _factor(
-        self, delay_s: float, grid: SampleGrid, waves: PhaseWaves | None, rows: np.ndarray
-    ) -> Complex[np.ndarray, "row point"]:
+    def _adding(
+        self,
+        beat: Complex[np.ndarray, "pulse point"],
+        clean: Complex[np.ndarray, "row point"],
+        rows: Int[np.ndarray, " row"],
+        delay_s: float,
+        grid: SampleGrid,
+        waves: PhaseWaves | None,
+    ) -> Callable[[int, int], None]:
+        """Return what adds the clean beats of some pulses, times the factor of a delay, to the beat."""
         wide, error = grid.wide, self.oscillator.error
-        phase: Float[np.ndarray, "row point"] = np.zeros((1, wide.samples))
+        bend = np.zeros(wide.samples)
         if error is not None:
-            phase = phase + error.phase(wide.sample_time_s) - error.phase(wide.sample_time_s - delay_s)
-        if waves is not None:
-            phase = phase + waves.difference(delay_s, rows)
-        # A down-sweep is mixed the other way round.
-        factor: Complex[np.ndarray, "row point"] = np.exp(1j * wide.direction * phase)
-        return factor
+            bend = error.phase(wide.sample_time_s) - error.phase(wide.sample_time_s - delay_s)
+
+        def add(low: int, high: int) -> None:
+            phase = bend if waves is None else bend + waves.difference(delay_s, rows[low:high])
+            # A down-sweep is mixed the other way round.
+            beat[rows[low:high]] += clean[low:high] * np.exp(1j * wide.direction * phase)
+
+        return add
 
 
 def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:

@@ -106,16 +106,19 @@ def test_what_is_not_asked_for_changes_no_bit(corner_hz):
 
 def test_a_custom_stage_takes_the_place_of_one_of_ours():
     class Half(StageParameters):
-        """Amplitudes of what it lets pass: share: of all."""
+        """A stage that weakens.
 
-        share: float = 0.5
+        scale: of amplitudes.
+        """
+
+        scale: float = 0.5
 
     @register_receiver_stage("weaker_for_this_test", Half)
     def weaker(parameters, given):
         assert given.sweeps[0].samples == 1024
-        return lambda received: replace(received, samples=parameters.share * received.samples)
+        return lambda received: replace(received, samples=parameters.scale * received.samples)
 
-    table = {"stages": {"converter": {"stage": "weaker_for_this_test", "share": 0.25}}}
+    table = {"stages": {"converter": {"stage": "weaker_for_this_test", "scale": 0.25}}}
     radar = RadarTable(snr_db=30.0, receiver=table)
     custom = receiver(make_chirp(), noise_w=0.0, chain=build_chain(radar, (make_chirp(),), None))
     plain = receiver(make_chirp(), noise_w=0.0)
