@@ -103,10 +103,10 @@ BUILT = {
     "radar.chirp_rate_hz": 4000.0,
     "platform.length_m": 1.0,
     "radar.transmit_power_dbm": 5.0,
-    "radar.receiver.leakage": [{"delay_ns": 1.003, "level_db": -40.0}],
-    "radar.receiver.converter.bits": 12,
-    "radar.receiver.converter.full_scale_dbm": -25.0,
-    "radar.receiver.oscillator.phase_noise_dbc_hz": [[1e3, -80.0], [1e6, -80.0]],
+    "radar.receiver.leakage": [{"delay_ns": 1.003, "level_db": -25.0}],
+    "radar.receiver.converter.bits": 14,
+    "radar.receiver.converter.full_scale_dbm": -12.0,
+    "radar.receiver.oscillator.phase_noise_dbc_hz": [[1e3, -95.0], [1e6, -95.0]],
 }
 
 
