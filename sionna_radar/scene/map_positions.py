@@ -68,7 +68,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             )
             for i, entry in enumerate(getattr(scenario, name))
         )
-        for name in ("buildings", "objects", "targets")
+        for name in ("buildings", "objects", "targets", "interferers")
     }
     if moving.problems:
         raise ScenarioError(moving.problems)
