@@ -2,7 +2,8 @@
 
 The level of a cell is an exponential mean of its power in earlier maps, Z_n = (1 - w) Z_(n-1) + w P_(n-1). Still
 ground, whatever its power, is not detected; what comes newly is. In noise or in clutter of exponential power, new in
-each map, the false-alarm rate after many maps is (Nitzberg 1986, "Clutter map CFAR analysis", IEEE Trans. Aerosp. Electron. Syst. 22)
+each map, the false-alarm rate after many maps is (Nitzberg 1986, "Clutter map CFAR analysis", IEEE Trans. Aerosp.
+Electron. Syst. 22)
 
     P = prod_(k >= 0) 1 / (1 + a w (1 - w)^k),
 
