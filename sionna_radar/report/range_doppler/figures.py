@@ -12,6 +12,8 @@ from sionna_radar.studies.range_doppler import Frames
 
 # Below the strongest cell, dB.
 SHOWN_DB = 60.0
+# Of ranges beside those with an echo.
+MARGIN_M = 2.0
 
 
 def draw_all(frames: Frames, directory: Path) -> list[Path]:
@@ -29,6 +31,8 @@ def range_doppler(frames: Frames) -> Figure:
     shown = axes.pcolormesh(
         last.range_m, last.range_rate_mps, power_db, vmin=top - SHOWN_DB, vmax=top, cmap="viridis", rasterized=True
     )
+    lit = last.range_m[(power_db > top - SHOWN_DB).any(axis=0)]
+    axes.set_xlim(lit.min() - MARGIN_M, lit.max() + MARGIN_M)
     figure.colorbar(shown, ax=axes, label="Power (dB)")
     row, bin_ = np.nonzero(frames.detected)
     axes.plot(last.range_m[bin_], last.range_rate_mps[row], ".", ms=2, color=ORANGE, label="Detected")
