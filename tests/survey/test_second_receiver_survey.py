@@ -52,6 +52,21 @@ def test_a_phase_error_tilts_the_points():
     assert abs(wrong.lit_error.mean_m) > 1.0
 
 
+def test_one_axis_is_warned_of_where_it_does_not_tell_height():
+    """A whisk-broom turns the range cells across the beam, a conical scan keeps them across the elevation axis."""
+    told = {}
+    for name, changes in (("whisk", {}), ("cone", {"radar.scan.mode": "conical"})):
+        for axis in ("elevation", "azimuth"):
+            survey = run(load_scenario("hills", ON | changes | {"radar.second_receiver.axis": axis}))
+            told[name, axis] = " ".join(survey.warnings)
+            if (name, axis) == ("cone", "elevation"):
+                assert survey.lit_error.rms_m < 0.15
+    assert "set radar.second_receiver.axis = 'both'" in told["whisk", "elevation"]
+    assert told["cone", "elevation"] == ""
+    assert "no direction was found for any echo" in told["cone", "azimuth"]
+    assert "no echo" not in told["cone", "azimuth"]
+
+
 def test_signals_of_one_receiver_are_neither_recorded_nor_made_into_directions(tmp_path):
     with pytest.raises(ScenarioError, match=r"processing.angle: 'interferometric' needs all receivers"):
         run(load_scenario("hills", ON), recordings={"signals": tmp_path / "signals.nc"})
