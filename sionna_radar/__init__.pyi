@@ -15,6 +15,7 @@ from .scenario import parse_scenario as parse_scenario
 from .scenario import shipped_scenarios as shipped_scenarios
 from .scenario import to_toml as to_toml
 from .scene import register_terrain as register_terrain
+from .signal import register_receiver_stage as register_receiver_stage
 from .studies.budget import Budget as Budget
 from .studies.budget import navigation_budget as navigation_budget
 from .studies.crosscheck import crosscheck as crosscheck
@@ -67,6 +68,7 @@ __all__ = [
     "register_material",
     "register_navigation",
     "register_range_estimator",
+    "register_receiver_stage",
     "register_scan",
     "register_sensor",
     "register_terrain",

@@ -15,7 +15,7 @@ SECTIONS = {
     "scripts": ("First scripts", "scenario_in_python elevation_file one_chirp custom_antenna_and_scan"),
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
     "radar": ("What the radar and its maps do", "maps uncertainty navigation triangular second_receiver sar"),
-    "weather": ("Weather", "rain weather radar_and_lidar circular"),
+    "weather": ("Weather", "rain weather vegetation radar_and_lidar circular"),
     "paper": (
         "The reference paper",
         "fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills fig13_edge_error "

@@ -23,6 +23,8 @@ class Stream(IntEnum):
     TARGETS = 4
     TARGET_SCANS = 5
     VOLUME = 6
+    PHASE_NOISE = 7
+    VEGETATION = 12
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52

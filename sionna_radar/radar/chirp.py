@@ -1,6 +1,6 @@
 """The linear FMCW sweep and its derived quantities."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -96,7 +96,7 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)
-    return tuple(
+    whole = tuple(
         Chirp(
             carrier_hz=radar.carrier_hz,
             bandwidth_hz=radar.bandwidth_hz,
@@ -107,4 +107,19 @@ def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
             centre_s=(number - 0.5) / (2 * radar.chirp_rate_hz) if pair else 0.0,
         )
         for number, direction in enumerate(directions)
+    )
+    first, last = radar.used_samples
+    return whole if last - first == radar.samples_per_chirp else tuple(used(chirp, first, last) for chirp in whole)
+
+
+def used(chirp: Chirp, first: int, last: int) -> Chirp:
+    """Return the part of a sweep that some of its samples see, `last` excluded; its time counts from its own middle."""
+    samples = last - first
+    share, middle_s = samples / chirp.samples, chirp.sample_time_s[first] + (samples // 2) / chirp.sampling_rate_hz
+    return replace(
+        chirp,
+        carrier_hz=chirp.carrier_hz + chirp.slope_hz_s * float(middle_s),
+        bandwidth_hz=chirp.bandwidth_hz * share,
+        rate_hz=chirp.rate_hz / share,
+        samples=samples,
     )

@@ -3,6 +3,7 @@ from .bases import CoveredTerrain as CoveredTerrain
 from .bases import MaterialParameters as MaterialParameters
 from .bases import NavigationParameters as NavigationParameters
 from .bases import ScanParameters as ScanParameters
+from .bases import StageParameters as StageParameters
 from .bases import TerrainParameters as TerrainParameters
 from .dem import DemTable as DemTable
 from .lidar import LidarTable as LidarTable
@@ -33,8 +34,9 @@ from .radar import ArrayAntennaTable as ArrayAntennaTable
 from .radar import ElectronicScanTable as ElectronicScanTable
 from .radar import PatternAntennaTable as PatternAntennaTable
 from .radar import RadarTable as RadarTable
-from .radar import ReceiverTable as ReceiverTable
 from .radar import ScanTable as ScanTable
+from .receiver import OscillatorTable as OscillatorTable
+from .receiver import ReceiverTable as ReceiverTable
 from .reference import reference as reference
 from .scenario import Scenario as Scenario
 from .schema import scenario_schema as scenario_schema
@@ -78,6 +80,7 @@ __all__ = [
     "NavigationParameters",
     "NavigationTable",
     "NonNegative",
+    "OscillatorTable",
     "Parameters",
     "PatternAntennaTable",
     "PhysicalOptics",
@@ -95,6 +98,7 @@ __all__ = [
     "Scenario",
     "SionnaItu",
     "SmallPerturbation",
+    "StageParameters",
     "TerrainParameters",
     "TracingTable",
     "UlabyDobson",

@@ -78,3 +78,12 @@ class MaterialParameters(Table):
     """A material, by the model of its backscatter."""
 
     model: str
+
+
+class StageParameters(Table):
+    """A stage of the receiver, by its name.
+
+    stage: what it is called.
+    """
+
+    stage: str

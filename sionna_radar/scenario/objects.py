@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from itertools import pairwise
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -78,16 +79,67 @@ class Footprints(Table):
         return self
 
 
+class RotorTable(Table):
+    """Blades that turn on a target: a propeller, a wheel. Each is a row of points along its length.
+
+    offset_m: of the hub from the target: forward, to the right, and up.
+    axis: about which the blades turn.
+    radius_m: of the blades' tips.
+    rotation_rpm: negative to turn the other way.
+    blades: how many.
+    points: in which each blade is divided.
+    rcs_dbsm: mean radar cross-section of a blade, in dB over a square metre.
+    """
+
+    offset_m: tuple[Real, Real, Real] = (0.0, 0.0, 0.0)
+    axis: Literal["up", "forward", "right"] = "up"
+    radius_m: Annotated[Positive, Field(le=100)]
+    rotation_rpm: Annotated[Real, Field(ge=-1e6, le=1e6)]
+    blades: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
+    points: Annotated[int, Field(strict=True, ge=1, le=64)] = 8
+    rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
+
+
 class PointTarget(Table):
     """A point of given mean radar cross-section, constant or by Swerling's cases, at a height above the ground.
 
-    position_m: east and north.
+    It stands, or moves along a way at one speed; it does not hide anything.
+
+    position_m: east and north; where its way begins.
     height_m: above the ground.
     rcs_dbsm: mean radar cross-section, in dB over a square metre.
+    rcs_table: instead of it, a CSV with the columns azimuth_deg,rcs_dbsm and, if wanted, elevation_deg: by the
+        direction from which the target is seen, clockwise from its front, and above its horizon.
     swerling: case 0 (constant) to 4.
+    waypoints_m: places to which it moves from there, one after another, at its height above the ground.
+    speed_mps: at which it moves.
+    closed: whether its way leads back to its beginning, again and again; without it, it stands at the last place.
+    heading_deg: of its front while it has no way, clockwise from north; on its way it looks ahead.
+    rotors: blades that turn on it.
     """
 
     position_m: Point2
     height_m: NonNegative = 0.0
-    rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
+    rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)] | None = None
+    rcs_table: InputPath | None = None
     swerling: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
+    waypoints_m: tuple[Point2, ...] = ()
+    speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
+    closed: bool = Field(default=False, strict=True)
+    heading_deg: Real = 0.0
+    rotors: tuple[RotorTable, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> PointTarget:
+        if (self.rcs_dbsm is None) == (self.rcs_table is None):
+            raise refuse("rcs_dbsm", "give either rcs_dbsm or rcs_table, not both and not neither")
+        if bool(self.waypoints_m) != (self.speed_mps is not None):
+            raise refuse("speed_mps", "a way needs both waypoints_m and speed_mps; give the other, or neither")
+        if self.closed and not self.waypoints_m:
+            raise refuse("closed", "has no effect without waypoints_m; give them")
+        if self.waypoints_m and self.heading_deg != 0:
+            raise refuse("heading_deg", "has no effect on a way, along which the target looks; remove it")
+        places = (self.position_m, *self.waypoints_m)
+        if any(a == b for a, b in pairwise(places)) or (self.closed and places[-1] == places[0]):
+            raise refuse("waypoints_m", "two places in a row are the same; leave one out")
+        return self

@@ -26,6 +26,7 @@ PLANNED_KEYS = (
 # Of each pair the keys on one side contradict those on the other.
 EITHER_OR = (
     (("radar.transmit_power_dbm", "radar.noise_figure_db"), ("radar.snr_db",)),
+    (("radar.receiver.amplifiers",), ("radar.noise_figure_db", "radar.snr_db")),
     (("platform.waypoints_m",), ("platform.start_m", "platform.length_m", "platform.heading_deg")),
     (("platform.lines",), ("platform.start_m", "platform.length_m", "platform.waypoints_m")),
     (("platform.bank_deg",), ("platform.turn_radius_m",)),

@@ -10,6 +10,7 @@ from sionna_radar.scenario.bases import (
     MaterialParameters,
     NavigationParameters,
     ScanParameters,
+    StageParameters,
     TerrainParameters,
 )
 from sionna_radar.scenario.registry import PACKAGE, Registry
@@ -101,7 +102,29 @@ MATERIALS = Registry(
     },
     MaterialParameters,
 )
-ALL = (DEM_METHODS, RANGE_ESTIMATORS, MATERIALS, SCANS, ANTENNAS, NAVIGATIONS, SENSORS, ENGINES, TERRAINS)
+RECEIVER_STAGES = Registry(
+    "receiver stage",
+    {
+        "leakage": "sionna_radar.signal.leakage",
+        "mixer": "sionna_radar.signal.mixer",
+        "noise": "sionna_radar.signal.noise",
+        "filters": "sionna_radar.signal.filters",
+        "converter": "sionna_radar.signal.converter",
+    },
+    StageParameters,
+)
+ALL = (
+    DEM_METHODS,
+    RANGE_ESTIMATORS,
+    MATERIALS,
+    SCANS,
+    ANTENNAS,
+    NAVIGATIONS,
+    SENSORS,
+    ENGINES,
+    TERRAINS,
+    RECEIVER_STAGES,
+)
 
 
 def custom_parts() -> dict[str, list[str]]:

@@ -124,6 +124,9 @@ def filled_in(values: Mapping[str, Any], implied: Mapping[str, str]) -> dict[str
     for own, other in (NOISE, NOISE[::-1]):
         if any(values.get(key) is not None for key in own):
             preset = {key: value for key, value in preset.items() if key not in other}
+    receiver = values.get("receiver")
+    if isinstance(receiver, Mapping) and receiver.get("amplifiers"):
+        preset.pop("noise_figure_db", None)
     merged = {**preset, **{key: value for key, value in values.items() if value is not None}}
     for table, tag in KINDS.items():
         given, known = values.get(table), preset[table]

@@ -73,6 +73,8 @@ class ProcessingTable(Table):
         stretch of its ranges. "off" places an echo on the beam's axis.
     angle_length_m: slant range that is averaged into one point; without it as much as leaves the resolution on the
         ground to the beam's width across.
+    leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
+    transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -89,12 +91,19 @@ class ProcessingTable(Table):
     expected_ground: ExpectedGroundTable | None = None
     angle: Literal["off", "interferometric", "monopulse"] = "off"
     angle_length_m: Positive | None = None
+    leakage: Literal["keep", "subtract"] = "keep"
     doppler_correction: bool = Field(default=True, strict=True)
 
     @model_validator(mode="after")
     def _length_of_points(self) -> "ProcessingTable":
         if self.angle == "off" and self.angle_length_m is not None:
             raise refuse("angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle")
+        return self
+
+    @model_validator(mode="after")
+    def _one_leakage(self) -> "ProcessingTable":
+        if self.angle != "off" and self.leakage == "subtract":
+            raise refuse("leakage", "'subtract' knows the first receiver alone; set angle = 'off', or 'keep' it")
         return self
 
     @field_validator("window")

@@ -16,8 +16,9 @@ from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS
 from sionna_radar.scenario.parts import ANTENNAS, SCANS
 from sionna_radar.scenario.presets import PRESETS, filled_in
 from sionna_radar.scenario.problems import nearest
+from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.scenario.second_receiver import SecondReceiverTable
-from sionna_radar.scenario.table import InputPath, NonNegative, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, Real, Table, refuse
 
 
 class AntennaTable(AntennaParameters):
@@ -168,25 +169,6 @@ class ScanTable(ScanParameters):
         return self
 
 
-class ReceiverTable(Table):
-    """The receiver between mixer and sampler.
-
-    high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
-    high_pass_order: of that filter.
-    """
-
-    high_pass_corner_hz: NonNegative = 0.0
-    high_pass_order: Annotated[int, Field(strict=True, ge=1, le=4)] = 2
-
-    @model_validator(mode="after")
-    def _consistent(self) -> ReceiverTable:
-        usual = type(self).model_fields["high_pass_order"].default
-        if self.high_pass_corner_hz == 0 and self.high_pass_order != usual:
-            message = f"{self.high_pass_order} has no effect without high_pass_corner_hz; give it"
-            raise refuse("high_pass_order", message)
-        return self
-
-
 def _published(name: str) -> str:
     if name not in PRESETS:
         raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
@@ -208,7 +190,7 @@ class RadarTable(Table):
     transmit_power_dbm: at the antenna.
     noise_figure_db: of the receiver.
     temperature_k: of the noise that the figure counts from.
-    receiver: between mixer and sampler.
+    receiver: between antenna and samples.
     antenna: its beam and polarization.
     second_receiver: one that tells the angle of arrival inside the beam; without it there is none.
     scan: how the beam moves.
@@ -261,6 +243,7 @@ class RadarTable(Table):
                 "receiver.high_pass_corner_hz",
                 f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
             )
+        self._check_receiver(highest_hz)
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):
             raise refuse(
@@ -269,9 +252,39 @@ class RadarTable(Table):
             )
         if self.snr_db is None and self.transmit_power_dbm is None:
             raise refuse("snr_db", "missing; give snr_db, or both transmit_power_dbm and noise_figure_db")
-        if self.snr_db is None and self.noise_figure_db is None:
+        if self.snr_db is None and self.system_noise_figure_db is None:
             raise refuse("noise_figure_db", "missing beside transmit_power_dbm; add it, for example 10")
         return self
+
+    def _check_receiver(self, highest_hz: float) -> None:
+        """Refuse figures of the receiver that do not fit the sampling, or the way the noise is given."""
+        receiver = self.receiver
+        if receiver.anti_alias_corner_hz > 4 * highest_hz:
+            raise refuse(
+                "receiver.anti_alias_corner_hz",
+                f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it",
+            )
+        if receiver.converter.imbalanced and self.sampling == "real":
+            raise refuse("receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'")
+        if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
+            raise refuse(
+                "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
+            )
+        if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):
+            given = "noise_figure_db" if self.noise_figure_db is not None else "snr_db"
+            raise refuse("receiver.amplifiers", f"contradicts {given}; describe the noise one way only")
+
+    @property
+    def system_noise_figure_db(self) -> float | None:
+        """The noise figure, of the amplifiers where these are given; None beside `snr_db`."""
+        chain = self.receiver.noise_figure_db
+        return self.noise_figure_db if chain is None else chain
+
+    @property
+    def used_samples(self) -> tuple[int, int]:
+        """The first sample of a sweep that is used, and the one after the last."""
+        first, last = (round(self.samples_per_chirp * share) for share in self.receiver.oscillator.used_window)
+        return first, last
 
     @property
     def max_range_m(self) -> float:

@@ -18,7 +18,8 @@ from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS, apply_overrides
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, ReceiverTable
+from sionna_radar.scenario.radar import AntennaTable
+from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
 

@@ -36,6 +36,7 @@ from sionna_radar.scenario.terrain import (
     Terrain,
 )
 from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
 from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
@@ -68,6 +69,7 @@ class Scenario(Table):
     objects: meshes on it.
     footprints: buildings from a file of outlines.
     targets: points of a given radar cross-section.
+    vegetation: stands of plants.
     materials: by their names, which surfaces refer to.
     platform: the flight.
     radar: the radar.
@@ -102,6 +104,7 @@ class Scenario(Table):
     objects: tuple[MeshObject, ...] = ()
     footprints: tuple[Footprints, ...] = ()
     targets: tuple[PointTarget, ...] = ()
+    vegetation: tuple[VegetationTable, ...] = ()
     materials: dict[str, Material] = {}
     platform: Platform
     radar: RadarTable
@@ -133,7 +136,8 @@ class Scenario(Table):
     @model_validator(mode="after")
     def _cfar_fits(self) -> Scenario:
         radar, cfar = self.radar, self.processing.cfar
-        cells = radar.samples_per_chirp // (2 if radar.sampling == "real" else 1)
+        first, last = radar.used_samples
+        cells = (last - first) // (2 if radar.sampling == "real" else 1)
         if 2 * (cfar.guard + cfar.training) >= cells:
             raise refuse(
                 "processing.cfar.guard",

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.progress import Step, no_step
@@ -17,6 +16,8 @@ from sionna_radar.scene.ground import build_ground, shared_ground
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.scene.targets import target_of
+from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
 
@@ -74,7 +75,7 @@ def build_scene(
     land = ground.land
     _check_materials(land, known)
     step()
-    place = (repr(scenario.targets), Same(known))
+    place = (repr((scenario.targets, scenario.vegetation)), Same(known))
 
     def build() -> Scene:
         return Scene(
@@ -83,6 +84,7 @@ def build_scene(
             targets=_targets(scenario, land),
             ground_material=land.ground_material,
             georeference=land.georeference,
+            vegetation=vegetation_of(scenario.vegetation, land.ground_m),
         )
 
     scene = ground.caster.once("scene", place, build)
@@ -130,12 +132,7 @@ def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     if not scenario.targets:
         return ()
     height = land.standing_m(np.array([target.position_m for target in scenario.targets]))
-    targets = []
-    for index, target in enumerate(scenario.targets):
-        ground = float(height[index])
-        if not np.isfinite(ground):
-            message = f"{target.position_m} is beyond the terrain; move it or enlarge the terrain"
-            raise ScenarioError([Problem(f"targets.{index}.position_m", message)])
-        position = (*target.position_m, ground + target.height_m)
-        targets.append(Target(position_m=position, rcs_m2=from_db(target.rcs_dbsm), swerling=target.swerling))
-    return tuple(targets)
+    return tuple(
+        target_of(table, f"targets.{index}", float(height[index]), land.standing_m)
+        for index, table in enumerate(scenario.targets)
+    )

@@ -46,6 +46,17 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             for i, polygon in enumerate(terrain.cover)
         )
         terrain = terrain.model_copy(update={"cover": cover})
+    vegetation = tuple(
+        stand.model_copy(update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)})
+        for i, stand in enumerate(scenario.vegetation)
+    )
+    targets = tuple(
+        target.model_copy(
+            update={"waypoints_m": tuple(moving(f"targets.{i}.waypoints_m", p) for p in target.waypoints_m)}
+        )
+        for i, target in enumerate(scenario.targets)
+    )
+    scenario = scenario.model_copy(update={"targets": targets})
     objects = {
         name: tuple(
             entry.model_copy(
@@ -62,6 +73,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             "coordinates": "local",
             "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints), "lines": lines}),
             "terrain": terrain,
+            "vegetation": vegetation,
             **objects,
         }
     )

@@ -8,6 +8,8 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.scene.motion import RcsTable, Rotor, Way
+from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
 
 
@@ -40,11 +42,19 @@ class Target:
     """A point target: its position, mean radar cross-section, and fluctuation.
 
     swerling: 0 for a constant one, 1 to 4 for Swerling's cases (see `tracing.effects.targets`).
+    way: along which it moves; None for one that stands at its position.
+    heading_rad: of one that stands, clockwise from north.
+    rcs_table: its cross-section by angle; None for `rcs_m2` in all directions.
+    rotors: blades that turn on it.
     """
 
     position_m: tuple[float, float, float]
     rcs_m2: float
     swerling: int = 0
+    way: Way | None = None
+    heading_rad: float = 0.0
+    rcs_table: RcsTable | None = None
+    rotors: tuple[Rotor, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +64,7 @@ class Scene:
     materials: how each scatters; one that distinguishes V, H and specular reflection is a `RadarMaterial`.
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the scene is not georeferenced.
+    vegetation: None if nothing grows.
     """
 
     surfaces: tuple[Surface, ...]
@@ -61,6 +72,7 @@ class Scene:
     targets: tuple[Target, ...]
     ground_material: str
     georeference: Georeference | None
+    vegetation: Vegetation | None = None
 
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:

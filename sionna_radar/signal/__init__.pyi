@@ -1,9 +1,19 @@
 from .beat import synthesise as synthesise
 from .noise import add_noise as add_noise
 from .receiver import Receiver as Receiver
+from .sample_grid import SampleGrid as SampleGrid
+from .stages import Received as Received
+from .stages import ReceiverStage as ReceiverStage
+from .stages import StageInputs as StageInputs
+from .stages import register_receiver_stage as register_receiver_stage
 
 __all__ = [
+    "Received",
     "Receiver",
+    "ReceiverStage",
+    "SampleGrid",
+    "StageInputs",
     "add_noise",
+    "register_receiver_stage",
     "synthesise",
 ]

@@ -70,6 +70,12 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
         The sweep.
 
     """
+    beat = analytic_beats(paths, pulses, chirp)
+    return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
+
+
+def analytic_beats(paths: Paths, pulses: Pulses, chirp: Chirp) -> Complex[np.ndarray, "pulse sample"]:
+    """Return what `synthesise` does as complex signals: a path of gain a is an exponential of magnitude |a|."""
     # Numba takes half a second to import.
     from sionna_radar.signal.beat_sum import exponential_sums, weigh
 
@@ -91,7 +97,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     if len(more):
         terms = _Drift(first[more], last[more], frequency, weight, ends * excess, bend[more])
         beat[more] += terms.beats(total[more], chirp)
-    return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
+    return beat
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.radar import ReceiverTable
+from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.signal.beat import beat_phase
 from sionna_radar.tracing.paths import Paths
 

@@ -1,5 +1,7 @@
 """Thermal noise of the receiver."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Inexact, Int
 from scipy.constants import Boltzmann
@@ -8,7 +10,9 @@ from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.randomness import Stream, pulse_generators
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
 
 
 def transmit_power_w(radar: RadarTable) -> float:
@@ -32,9 +36,10 @@ def noise_power(radar: RadarTable, chirp: Chirp, reference_echo: float) -> float
     """
     if radar.snr_db is not None:
         return reference_echo / from_db(radar.snr_db)
-    assert radar.noise_figure_db is not None
+    figure_db = radar.system_noise_figure_db
+    assert figure_db is not None
     bandwidth = chirp.sampling_rate_hz / (1 if chirp.sampling == "iq" else 2)
-    return Boltzmann * radar.temperature_k * from_db(radar.noise_figure_db) * bandwidth
+    return Boltzmann * radar.temperature_k * from_db(figure_db) * bandwidth
 
 
 def add_noise(
@@ -61,3 +66,19 @@ def add_noise(
 
     over_rows(add, len(noisy))
     return noisy
+
+
+@register_receiver_stage("noise", StageParameters)
+def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
+    """Return the stage that adds thermal noise: the same as without other stages."""
+    return noisy
+
+
+def noisy(received: Received) -> Received:
+    """Return what is received with thermal noise beside it; the sweeps of a pulse draw theirs at once."""
+    kind = np.complex128 if received.chirp.sampling == "iq" else np.float64
+    points = received.sweeps * received.chirp.samples * received.noise_points
+    silence = np.zeros((len(received.pulses), points), dtype=kind)
+    power_w = received.noise_power_w * received.noise_points
+    noise = add_noise(silence, power_w, received.seed, received.pulses.index, received.channel)
+    return replace(received, noise=np.split(noise, received.sweeps, axis=1)[received.sweep])

@@ -3,14 +3,26 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Inexact
+from jaxtyping import Inexact, Int
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.stages import Chain, Received
 from sionna_radar.tracing.paths import Paths
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reception:
+    """The beat signals of each sweep of a block, and the samples of each pulse that a converter clipped.
+
+    saturated: None without a converter that has a full scale.
+    """
+
+    beats: list[Inexact[np.ndarray, "pulse sample"]]
+    saturated: Int[np.ndarray, " pulse"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +33,7 @@ class Receiver:
     noise_power_w: noise power of a sample, on the scale of `transmit_power_w`.
     seed: of the noise.
     high_pass: None if there is none.
+    chain: its stages, where it is not ideal but for noise and high-pass.
     """
 
     sweeps: tuple[Chirp, ...]
@@ -28,6 +41,7 @@ class Receiver:
     noise_power_w: float
     seed: int
     high_pass: HighPass | None = None
+    chain: Chain | None = None
 
     @property
     def chirp(self) -> Chirp:
@@ -45,9 +59,21 @@ class Receiver:
         """
         return self._receive(paths, pulses, self.sweeps, channel)
 
+    def reception(self, paths: Paths, pulses: Pulses) -> Reception:
+        """Return the beat signals of each sweep of a block's pulses, and what did not fit the converter."""
+        if self.chain is None:
+            return Reception(beats=self.beats(paths, pulses))
+        swept = self._through(self.chain, paths, pulses, self.sweeps)
+        saturated = [one.saturated for one in swept if one.saturated is not None]
+        return Reception(
+            beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
+        )
+
     def _receive(
         self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        if self.chain is not None:
+            return [one.signal for one in self._through(self.chain, paths, pulses, sweeps, channel)]
         amplitude, high_pass = np.sqrt(self.transmit_power_w), self.high_pass
         if high_pass is None:
             clean = [amplitude * synthesise(paths, pulses, sweep) for sweep in sweeps]
@@ -60,4 +86,25 @@ class Receiver:
         return [
             amplitude * echo + high_pass.shaped(part, sweep.sampling_rate_hz)
             for echo, part, sweep in zip(echoes, noise, sweeps, strict=True)
+        ]
+
+    def _through(
+        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int = 0
+    ) -> list[Received]:
+        """Return each sweep behind all stages of a receiver as it is built."""
+        return [
+            chain.receive(
+                Received(
+                    paths=paths,
+                    pulses=pulses,
+                    grid=chain.grid(sweep),
+                    sweep=number,
+                    sweeps=len(sweeps),
+                    transmit_power_w=self.transmit_power_w,
+                    noise_power_w=self.noise_power_w,
+                    seed=self.seed,
+                    channel=channel,
+                )
+            )
+            for number, sweep in enumerate(sweeps)
         ]

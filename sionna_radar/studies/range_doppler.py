@@ -9,7 +9,7 @@ from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
 from sionna_radar.detection.range_doppler.movers import Movers, find_movers
 from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, silent
@@ -120,7 +120,7 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
         progress("frames", number + 1, frames)
     detected = cfar.detected(last.power)
     movers = find_movers(last, detected)
-    middle = pulses.true.rows(slice(chirps // 2, chirps // 2 + 1))
+    middle = pulses.rows(slice(chirps // 2, chirps // 2 + 1))
     return Frames(
         scenario=scenario,
         analyser=analyser,
@@ -131,7 +131,7 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
         changed=changed,
         movers=movers,
         targets=_targets(prepared, middle, movers, analyser),
-        smear_cells=_smear_cells(prepared, middle, analyser),
+        smear_cells=_smear_cells(prepared, middle.true, analyser),
     )
 
 
@@ -191,13 +191,16 @@ def _clutter(scenario: Scenario) -> ClutterMap:
     return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
 
 
-def _targets(prepared: Prepared, middle: Pose, movers: Movers, analyser: RangeDoppler) -> tuple[SeenTarget, ...]:
+def _targets(prepared: Prepared, middle: Pulses, movers: Movers, analyser: RangeDoppler) -> tuple[SeenTarget, ...]:
     """Return the scenario's targets, each with the nearest peak that is near enough."""
     seen = []
     for number, target in enumerate(prepared.scene.scene.targets):
-        away = np.array(target.position_m) - middle.position_m[0]
+        place, velocity = np.array(target.position_m), np.zeros(3)
+        if target.way is not None:
+            place, velocity = (column[0] for column in target.way.at(middle.time_s))
+        away = place - middle.true.position_m[0]
         range_m = float(np.linalg.norm(away))
-        rate_mps = -float(middle.velocity_mps[0] @ away) / range_m
+        rate_mps = float((velocity - middle.true.velocity_mps[0]) @ away) / range_m
         # Range rates wrap at the ends of the unambiguous ones.
         span = 2 * analyser.highest_rate_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2

@@ -26,10 +26,10 @@ from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
-from sionna_radar.survey.result import Survey
+from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.warnings import direction_warnings, steered_warnings, warnings_of
+from sionna_radar.survey.warnings import direction_warnings, saturation_warnings, steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
@@ -213,7 +213,14 @@ def _run(
         peak_memory_mb=peak_memory_mb(),
         warnings=_warnings(prepared, recording),
         sensor=sensor,
+        saturation=_saturation(prepared, recording),
     )
+
+
+def _saturation(prepared: Prepared, recording: Recording) -> Saturation | None:
+    if prepared.local.sensor != "radar" or not prepared.local.radar.receiver.converter.limited:
+        return None
+    return Saturation(saturated_pulses=recording.saturated_pulses, saturated_samples=recording.saturated_samples)
 
 
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
@@ -232,6 +239,7 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         warnings = prepared.flown.warnings  # what follows says more than that there is no echo
     warnings += direction_warnings(prepared.angle, sampled, found)
     mapper = prepared.mapper
+    warnings += saturation_warnings(recording.saturated_pulses, len(prepared))
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     for warning in warnings:
         logger.warning("%s", warning)

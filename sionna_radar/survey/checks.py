@@ -9,12 +9,15 @@ from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.mapping.dem_grid import Extent
+from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
+# Of the phase of a point over a chirp, beyond what even motion gives.
+MOST_BEND_RAD = 0.5
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,35 @@ def check_pulses(schedule: PulseSchedule, scenario: Scenario) -> None:
             f"{scenario.radar.chirp_rate_hz:g} chirps/s; lengthen platform.length_m or widen radar.scan.half_swath_deg"
         )
         raise ScenarioError([Problem("radar.scan", message)])
+
+
+def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
+    """Refuse rotors that turn so far in a chirp that their points do not move evenly during it.
+
+    What is left of the phase at the ends of the chirp is 4 pi / wavelength times half the acceleration times the square
+    of half its duration.
+    """
+    problems = []
+    for number, target in enumerate(scenario.targets):
+        for index, rotor in enumerate(target.rotors):
+            acceleration = (2 * np.pi * rotor.rotation_rpm / 60) ** 2 * rotor.radius_m
+            bend_rad = np.pi / (2 * chirp.wavelength_m) * acceleration * chirp.duration_s**2
+            if bend_rad > MOST_BEND_RAD:
+                needed_hz = chirp.rate_hz * np.sqrt(bend_rad / MOST_BEND_RAD)
+                message = (
+                    f"{rotor.rotation_rpm:g} bends the echo of its tips by {bend_rad:.3g} rad in a chirp; lower it, or "
+                    f"raise radar.chirp_rate_hz to {needed_hz:.3g} or more"
+                )
+                problems.append(Problem(f"targets.{number}.rotors.{index}.rotation_rpm", message))
+    if problems:
+        raise ScenarioError(problems)
+
+
+def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
+    """Refuse plants before an antenna whose echo of them is unknown."""
+    if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
+        message = "the echo of [[vegetation]] is known for linear co-polar antennas alone; set 'V' or 'H', and 'co'"
+        raise ScenarioError([Problem("radar.antenna.polarization", message)])
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:

@@ -38,6 +38,7 @@ from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.noise import noise_power, transmit_power_w
 from sionna_radar.signal.receiver import Receiver
+from sionna_radar.signal.stages import build_chain
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.checks import (
@@ -46,6 +47,8 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
+    check_rotors,
+    check_vegetation,
 )
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
@@ -258,6 +261,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     scan = custom.scan or build_scan(local.radar.scan)
     antenna = custom.antenna or build_antenna(local.radar.antenna)
     beams = beams_of(antenna, scan)
+    check_vegetation(local, antenna)
+    check_rotors(local, chirp)
     check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
     detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
@@ -288,6 +293,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         speckle_memory(local.tracing),
     )
     _check_profiles(local, mapper, custom)
+    sweeps = build_sweeps(local.radar)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()
     return Prepared(
@@ -299,11 +305,12 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         flown=flown,
         flight=flight,
         receiver=Receiver(
-            sweeps=build_sweeps(local.radar),
+            sweeps=sweeps,
             transmit_power_w=transmit_power_w(local.radar),
             noise_power_w=noise_power(local.radar, chirp, echo),
             seed=local.seed,
             high_pass=high_pass,
+            chain=build_chain(local.radar, sweeps, high_pass),
         ),
         detector=detector,
         expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),

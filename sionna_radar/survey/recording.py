@@ -81,6 +81,7 @@ class Recording:
     paths: how many were traced.
     rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
     lost_to_rain: pulses without an echo because rain masks the ground.
+    saturated_pulses, saturated_samples: those that the receiver's converter clipped.
     """
 
     echoes: Echoes
@@ -89,6 +90,8 @@ class Recording:
     paths: int
     rain_echoes: int
     lost_to_rain: int = 0
+    saturated_pulses: int = 0
+    saturated_samples: int = 0
 
     @property
     def behind_volume(self) -> bool:
@@ -97,7 +100,13 @@ class Recording:
 
     def packed(self) -> bytes:
         """Return its bytes, from which `unpacked` makes it again, bit for bit."""
-        seen = Stretch(echoes=self.echoes, profiles=self.profiles, lost=self.lost_to_rain)
+        seen = Stretch(
+            echoes=self.echoes,
+            profiles=self.profiles,
+            lost=self.lost_to_rain,
+            saturated_pulses=self.saturated_pulses,
+            saturated_samples=self.saturated_samples,
+        )
         return packed(seen=seen, lit=self.lit, paths=self.paths, rain_echoes=self.rain_echoes)
 
     @staticmethod
@@ -112,6 +121,8 @@ class Recording:
             paths=int(columns["paths"]),
             rain_echoes=int(columns["rain_echoes"]),
             lost_to_rain=seen.lost,
+            saturated_pulses=seen.saturated_pulses,
+            saturated_samples=seen.saturated_samples,
         )
 
 
@@ -170,6 +181,8 @@ def joined(found: Sequence[Stretch], tally: Tally) -> Recording:
         paths=tally.paths,
         rain_echoes=tally.rain_echoes,
         lost_to_rain=whole.lost,
+        saturated_pulses=whole.saturated_pulses,
+        saturated_samples=whole.saturated_samples,
     )
 
 
@@ -220,7 +233,14 @@ class _Flying:
         else:
             self.tally.add_echoes(self.sensor.correct(seen.echoes, pulses.index, pulses.measured), seen.paths)
         profiles = seen.profiles if self.prepared.mapper.keeps_profiles else None
-        return Stretch(echoes=seen.echoes, profiles=profiles, lost=lost)
+        saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
+        return Stretch(
+            echoes=seen.echoes,
+            profiles=profiles,
+            lost=lost,
+            saturated_pulses=int(np.count_nonzero(saturated)),
+            saturated_samples=int(saturated.sum()),
+        )
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = BLOCK_SIZE) -> Points:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from sionna_radar.accuracy.breakdown import Breakdown, break_down
+from sionna_radar.accuracy.canopy import CanopyReading, read_canopy
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.flight.pulses import PulseSchedule
@@ -17,9 +18,18 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.uncertainty import Uncertainty
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.layers import Overhang
+from sionna_radar.scene.vegetation import canopy_over
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+
+
+@dataclass(frozen=True, kw_only=True)
+class Saturation:
+    """How many pulses and samples of a survey exceed the full scale of its receiver's converter."""
+
+    saturated_pulses: int
+    saturated_samples: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +52,7 @@ class Survey(Brief):
     warnings: what degrades the result.
     overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
     sensor: the one that flew, for a second look at some pulses; None for a survey that was not flown here.
+    saturation: what the converter of the receiver clipped; None without a full scale.
 
     Examples
     --------
@@ -72,6 +83,7 @@ class Survey(Brief):
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None
     sensor: Sensor | None = None
+    saturation: Saturation | None = None
 
     @property
     def scenario(self) -> Scenario:
@@ -109,6 +121,14 @@ class Survey(Brief):
             walls=self.prepared.truth().walls,
             seed=self.scenario.seed,
         )
+
+    @cached_property
+    def canopy_reading(self) -> CanopyReading | None:
+        """How high among plants the DEM lies; computed when first asked for; None where nothing grows."""
+        vegetation = self.prepared.scene.scene.vegetation
+        if vegetation is None:
+            return None
+        return read_canopy(self.error, canopy_over(vegetation, self.truth))
 
     @cached_property
     def dem_uncertainty(self) -> UncertaintyCheck | None:

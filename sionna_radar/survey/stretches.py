@@ -21,11 +21,14 @@ class Stretch:
 
     echoes: sorted by pulse, not corrected for Doppler; profiles: around them, where the map wants them.
     lost: pulses without an echo because rain masks the ground.
+    saturated_pulses, saturated_samples: those that the receiver's converter clipped.
     """
 
     echoes: Echoes
     profiles: Profiles | None
     lost: int
+    saturated_pulses: int = 0
+    saturated_samples: int = 0
 
     @staticmethod
     def joined(stretches: Sequence["Stretch"]) -> "Stretch":
@@ -35,6 +38,8 @@ class Stretch:
             echoes=Echoes.concatenate([one.echoes for one in stretches]),
             profiles=Profiles.concatenate(profiles) if profiles else None,
             lost=sum(one.lost for one in stretches),
+            saturated_pulses=sum(one.saturated_pulses for one in stretches),
+            saturated_samples=sum(one.saturated_samples for one in stretches),
         )
 
 
@@ -79,7 +84,9 @@ def stretch_of(columns: dict[str, Any]) -> Stretch:
         volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
         profiles = table_of(Profiles, of_profiles, columns, volume=volume)
     return Stretch(
-        echoes=table_of(Echoes, f"seen{OF}echoes", columns), profiles=profiles, lost=int(columns[f"seen{OF}lost"])
+        echoes=table_of(Echoes, f"seen{OF}echoes", columns),
+        profiles=profiles,
+        **{name: int(columns[f"seen{OF}{name}"]) for name in ("lost", "saturated_pulses", "saturated_samples")},
     )
 
 

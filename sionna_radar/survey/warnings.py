@@ -28,6 +28,10 @@ def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> di
     return words
 
 
+# More clipped pulses than these are told.
+SATURATED_SHARE_WARNED = 0.001
+
+
 def warnings_of(
     echoes: int,
     rain_echoes: int,
@@ -105,6 +109,16 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     if points == 0:
         warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)
     return warnings
+
+
+def saturation_warnings(saturated_pulses: int, pulses: int) -> tuple[str, ...]:
+    """Return what is said of pulses that exceed the full scale of the receiver's converter."""
+    if saturated_pulses <= SATURATED_SHARE_WARNED * pulses:
+        return ()
+    return (
+        f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
+        "radar.receiver.converter and are clipped; lower the gain, or set agc_headroom_db",
+    )
 
 
 def _name(made: object) -> str:

@@ -13,6 +13,7 @@ from sionna_radar.foundation.columns import Columns
 # Values of `Paths.surface` where no surface is hit.
 TARGET = -1
 VOLUME = -2
+VEGETATION = -3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,10 +24,10 @@ class Paths(Columns):
     delay_s: two-way delay at the middle of the chirp.
     gain: received over transmitted wave; |gain|^2 is a power ratio, the phase excludes the delay.
     range_rate_mps: positive when receding.
-    incidence_rad: angle between the ray and the surface normal; NaN for point targets and volume cells.
+    incidence_rad: angle between the ray and the surface normal; NaN for point targets, volume cells and plants.
     hit_m: where the surface is hit, world frame; for a volume cell, its position on the boresight.
     surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a volume
-        cell: rain, snow, fog, dust.
+        cell: rain, snow, fog, dust; VEGETATION (-3) for plants.
     """
 
     pulse: Int[np.ndarray, " path"]

@@ -1,4 +1,4 @@
-"""Everything that a radar sees of a scene: surfaces by an engine, mirrors, point targets, and the weather."""
+"""Everything that a radar sees of a scene: surfaces by an engine, plants, mirrors, point targets, and the weather."""
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
@@ -7,6 +7,7 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
+from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
@@ -14,7 +15,7 @@ from sionna_radar.tracing.paths import Paths
 
 
 class Tracer:
-    """An engine for the surfaces, with mirror reflections, point targets, and the weather.
+    """An engine for the surfaces, with vegetation, mirror reflections, point targets, and the weather.
 
     Point targets preserve the polarization, like spheres and trihedral reflectors (an odd number of bounces): a
     cross-polar receiver does not see them, nor does a circular one of the same sense.
@@ -38,12 +39,15 @@ class Tracer:
         self._chirp, self._caster = chirp, caster
         self._atmosphere, self._seed = atmosphere, seed
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
+        self._canopy = None if scene.vegetation is None else Canopy(scene.vegetation, scene, seed)
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
         if self._atmosphere is not None:
             paths = self._atmosphere.with_volume(paths, pulses)
+        if self._canopy is not None:
+            paths = self._canopy.over(paths, pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
         if self._scene.targets and self._antenna.mirrored != 0:

@@ -38,7 +38,17 @@ def test_every_number_has_a_unit_or_counts_something():
     """A number without a unit in its name is a ratio, an exponent, a count or a seed."""
     bare = {key.name for s in sections() for key in s.keys if re.match(r"(whole )?number", key.values) and not key.unit}
     counts = {"seed", "count", "samples_per_chirp", "guard", "training", "zero_padding", "beams", "paths_per_pulse"}
-    counts |= {"high_pass_order", "swerling", "levels", "element_exponent"}
+    counts |= {
+        "high_pass_order",
+        "anti_alias_order",
+        "swerling",
+        "levels",
+        "element_exponent",
+        "sinusoidal_periods",
+        "bits",
+        "blades",
+        "points",
+    }
     shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
     shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share"}

@@ -8,7 +8,8 @@ import pytest
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.radar.chirp import build_sweeps
-from sionna_radar.scenario.radar import RadarTable, ReceiverTable
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.receiver import Receiver

@@ -61,4 +61,4 @@ def _beam(prepared: Prepared) -> str:
 
 def _noise(prepared: Prepared) -> str:
     radar = prepared.scenario.radar
-    return f"{radar.noise_figure_db:g} dB figure" if radar.snr_db is None else f"SNR {radar.snr_db:g} dB"
+    return f"{radar.system_noise_figure_db:.4g} dB figure" if radar.snr_db is None else f"SNR {radar.snr_db:g} dB"

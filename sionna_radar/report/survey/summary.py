@@ -20,11 +20,14 @@ MEANING = {
     "dem_error": "all cells that the DEM fills",
     "lit_error": "those of them that the main beam reached",
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
+    "canopy": "the DEM in filled cells under [[vegetation]]: share is its mean height over the ground over that of the "
+    "plants, 0 where it reads the ground and 1 where it reads their tops",
     "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest, and "
     "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
     **ERROR_MEANING,
+    "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
     "and the variogram (semivariance_m2 by Matheron, robust_m2 by Dowd)",
@@ -52,12 +55,14 @@ def summary(survey: Survey) -> dict[str, Any]:
         "pulses": survey.pulses,
         "paths": survey.paths,
         "echoes": len(survey.points),
+        "receiver": asdict(survey.saturation) if survey.saturation else None,
         "dem_error": asdict(survey.dem_error),
         "lit_error": asdict(survey.lit_error),
         "off_wall_error": asdict(survey.off_wall_error) if survey.off_wall_error else None,
         "breakdown": asdict(survey.breakdown),
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
+        "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
         "versions": versions(),

@@ -63,6 +63,12 @@ def _notes(survey: Survey) -> dict[str, str]:
         rows["cells under an overhang"] = (
             f"{over.cells:,} ({over.share:.1%}), {where}; the truth is the highest surface"
         )
+    reading = survey.canopy_reading
+    if reading is not None and reading.count:
+        rows["among plants"] = (
+            f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
+            f"{reading.share:.0%} of the plants' height"
+        )
     record = survey.prepared.flown.record
     if record is not None:
         rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"

@@ -10,6 +10,7 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.triangular import PairedEchoes
 from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.signal.receiver import Reception
 from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
@@ -32,7 +33,7 @@ class Radar:
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
         self._receiving = ThreadPoolExecutor(1, thread_name_prefix="receive")
-        self._expected: deque[tuple[Pulses, Future[Paths], Future[Beats]]] = deque()
+        self._expected: deque[tuple[Pulses, Future[Paths], Future[Reception]]] = deque()
         self.sweeps = SweepDetector(
             detector=given.detector,
             sweeps=given.receiver.sweeps,
@@ -44,8 +45,8 @@ class Radar:
     def expect(self, pulses: Pulses) -> None:
         """Begin to trace a block of pulses before it is to be observed."""
         paths = self._thread.submit(self.tracer.trace, pulses)
-        beats: Future[Beats] = self._receiving.submit(lambda: self._receiver.beats(paths.result(), pulses))
-        self._expected.append((pulses, paths, beats))
+        received: Future[Reception] = self._receiving.submit(lambda: self._receiver.reception(paths.result(), pulses))
+        self._expected.append((pulses, paths, received))
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses."""
@@ -54,24 +55,26 @@ class Radar:
             with self._watch("trace"):
                 paths = traced.result()
             with self._watch("synthesise"):
-                beats = received.result()
+                reception = received.result()
         else:
             with self._watch("trace"):
                 paths = self._trace(pulses)
-            beats = self._beats(paths, pulses)
+            with self._watch("synthesise"):
+                reception = self._receiver.reception(paths, pulses)
         if self._angle is not None:
-            return self._in_directions(self._angle, paths, beats, pulses)
+            return self._in_directions(self._angle, paths, reception, pulses)
         with self._watch("detect"):
-            found = self.sweeps.detect(beats, pulses)
+            found = self.sweeps.detect(reception.beats, pulses)
         return Observation(
             paths=paths,
             echoes=found.echoes,
             profiles=found.profiles,
             through_volume=found.through_volume,
-            beats=tuple(beats),
+            beats=tuple(reception.beats),
+            saturated=reception.saturated,
         )
 
-    def _in_directions(self, angle: AngleEstimator, paths: Paths, beats: Beats, pulses: Pulses) -> Observation:
+    def _in_directions(self, angle: AngleEstimator, paths: Paths, reception: Reception, pulses: Pulses) -> Observation:
         """Return points along the echoes of a block, from the signals of all receivers."""
         with self._watch("synthesise"):
             sides = [
@@ -80,8 +83,9 @@ class Radar:
             ]
         with self._watch("detect"):
             window_m = self.sweeps.window_m(pulses)
-            echoes = angle.find([beats[0], *sides], pulses.index, pulses.measured, window_m)
-        return Observation(paths=paths, echoes=echoes, beats=tuple(beats))
+            echoes = angle.find([reception.beats[0], *sides], pulses.index, pulses.measured, window_m)
+        beats = tuple(reception.beats)
+        return Observation(paths=paths, echoes=echoes, beats=beats, saturated=reception.saturated)
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""

@@ -39,6 +39,7 @@ class Observation:
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
     beats: beat signals of each sweep, for whoever records them; None for a sensor without.
+    saturated: samples of each pulse that the converter clipped; None for a sensor without a full scale.
     """
 
     paths: Paths
@@ -46,6 +47,7 @@ class Observation:
     profiles: Profiles | None = None
     through_volume: bool = False
     beats: Beats | None = None
+    saturated: Int[np.ndarray, " pulse"] | None = None
 
 
 @runtime_checkable

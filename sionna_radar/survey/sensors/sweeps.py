@@ -21,6 +21,8 @@ Beats = Sequence[Inexact[np.ndarray, "pulse sample"]]
 
 # A glance at so many pulses shows whether rain fills the beam; if it does, so many show its mean echo.
 GLANCE_PULSES, VOLUME_PULSES = 48, 256
+# The mean of so many is what leaks, and a 256th of the power of all that changes: 24 dB under it.
+STILL_PULSES = 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,7 @@ class SweepDetector:
     sweeps: of one pulse.
     schedule: all pulses of the survey, of which some are looked at for rain before it starts.
     expected_ground: what is known of the ground beforehand; None for nothing.
-    beats: returns the beat signals of pulses.
+    beats: returns the beat signals of pulses, as they are sampled.
     """
 
     detector: Detector
@@ -87,7 +89,7 @@ class SweepDetector:
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
             found = []
-            for beat, sweep in zip(self.beats(pulses), self.sweeps, strict=True):
+            for beat, sweep in zip(self._moving(self.beats(pulses)), self.sweeps, strict=True):
                 power = detector.analyser.power(beat)
                 if not shows_volume(detector, power):
                     return [None] * len(self.sweeps)
@@ -95,11 +97,23 @@ class SweepDetector:
                     found.append(volume_in_front(detector, power, pulses, sweep))
         return found
 
+    @cached_property
+    def still(self) -> list[Inexact[np.ndarray, " sample"]]:
+        """What is the same in all chirps of each sweep: the mean over pulses spread over the survey."""
+        return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
+
+    def _moving(self, beats: Beats) -> Beats:
+        """Return beat signals without what is the same in all of them, where the processing is to take it out."""
+        if self.detector.processing.leakage == "keep":
+            return beats
+        return [beat - still for beat, still in zip(beats, self.still, strict=False)]
+
     def detect(self, beats: Beats, pulses: Pulses) -> Found:
         """Return the echoes in the beat signals of a block of pulses."""
+        beats = self._moving(beats)
         through = self.through[0]
         if self.paired:
-            return Found(echoes=self.pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
+            return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
         sweep, (beat,) = self.sweeps[0], beats
         window_m = self._window_m(pulses, sweep)
         if through is None:
@@ -110,6 +124,9 @@ class SweepDetector:
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
+        return self._pairs(self._moving(beats), pulses)
+
+    def _pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         detector = self.detector
         up, down = (
             detector.uncorrected(detector.spectra(beat), pulses.index, self._window_m(pulses, sweep))
@@ -129,7 +146,7 @@ class SweepDetector:
         Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
         """
         detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
-        beat = self.beats(pulses)[0]
+        beat = self._moving(self.beats(pulses))[0]
         spectra = detector.spectra(beat)
         if through is None:
             echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))

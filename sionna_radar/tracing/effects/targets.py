@@ -1,4 +1,4 @@
-"""Point targets: one path each, by the radar equation, with a constant or fluctuating cross-section.
+"""Point targets: by the radar equation, with a constant or fluctuating cross-section, at rest or on their way.
 
 Swerling's cases draw the cross-section about its mean: 1 and 2 from an exponential distribution, as of many scatterers
 alike, 3 and 4 from a chi-squared one with four degrees of freedom, as of a large scatterer among small ones; 1 and 3
@@ -7,6 +7,7 @@ models" (handwiki.org) and in AGI's description of its SwerlingTargetModel.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -29,15 +30,17 @@ def trace_targets(
     """Return the paths of visible targets, sorted by pulse.
 
     |gain|^2 = G^2 lambda^2 sigma / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 3), with zero phase apart from the
-    delay, as of a fixed point.
+    delay, as of a fixed point. A moving target and its rotors are where they are in the middle of the chirp, and move
+    on evenly during it.
 
     seed: of the fluctuations.
     """
-    place = np.array([t.position_m for t in targets])
-    rcs_m2 = np.column_stack([cross_section(t, k, pulses, seed) for k, t in enumerate(targets)]).ravel()
     pose = pulses.true
-    away = (place[None] - pose.position_m[:, None]).reshape(-1, 3)
-    row = np.repeat(np.arange(len(pulses)), len(targets))
+    bodies = [_body(target, number, pulses, seed) for number, target in enumerate(targets)]
+    place = np.concatenate([body.position_m for body in bodies], axis=1)
+    rcs_m2 = np.concatenate([body.rcs_m2 for body in bodies], axis=1).ravel()
+    away = (place - pose.position_m[:, None]).reshape(-1, 3)
+    row = np.repeat(np.arange(len(pulses)), place.shape[1])
     range_m = np.linalg.norm(away, axis=1)
     direction = away / range_m[:, None]
     gain = antenna.gain(np.einsum("nij,ni->nj", pose.R_world_antenna[row], direction))
@@ -45,7 +48,7 @@ def trace_targets(
     seen = power > 0
     hit = pose.position_m[row] + away
     seen[seen] = caster.visible(pose.position_m[row][seen], hit[seen], TOUCHING_M)
-    return Paths.to_points(
+    paths = Paths.to_points(
         pulses,
         row[seen],
         hit[seen],
@@ -53,15 +56,52 @@ def trace_targets(
         incidence_rad=np.full(int(seen.sum()), np.nan),
         surface=np.full(int(seen.sum()), TARGET),
     )
+    if all(target.way is None and not target.rotors for target in targets):
+        return paths
+    velocity = np.concatenate([body.velocity_mps for body in bodies], axis=1).reshape(-1, 3)
+    receding = np.einsum("ni,ni->n", velocity[seen], direction[seen])
+    return replace(paths, range_rate_mps=paths.range_rate_mps + receding)
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A target's own point and those of its rotors, at each pulse."""
+
+    position_m: Float[np.ndarray, "pulse point 3"]
+    velocity_mps: Float[np.ndarray, "pulse point 3"]
+    rcs_m2: Float[np.ndarray, "pulse point"]
+
+
+def _body(target: Target, number: int, pulses: Pulses, seed: int) -> _Body:
+    """Return where a target is, how it moves, and what it returns."""
+    time_s, count = pulses.time_s, len(pulses)
+    place, velocity = np.tile(np.array(target.position_m), (count, 1)), np.zeros((count, 3))
+    heading = np.full(count, target.heading_rad)
+    if target.way is not None:
+        place, velocity = target.way.at(time_s)
+        heading = target.way.heading_rad(time_s)
+    rcs_m2 = cross_section(target, number, pulses, seed)
+    if target.rcs_table is not None:
+        toward = pulses.true.position_m - place
+        toward = toward / np.linalg.norm(toward, axis=1)[:, None]
+        rcs_m2 = rcs_m2 * target.rcs_table.toward(toward, heading)
+    places, velocities, levels = [place[:, None]], [velocity[:, None]], [rcs_m2[:, None]]
+    for rotor in target.rotors:
+        offset, turning = rotor.at(time_s, heading)
+        places.append(place[:, None] + offset)
+        velocities.append(velocity[:, None] + turning)
+        levels.append(np.full(offset.shape[:2], rotor.rcs_m2 / rotor.points))
+    return _Body(*(np.concatenate(parts, axis=1) for parts in (places, velocities, levels)))
 
 
 def cross_section(target: Target, number: int, pulses: Pulses, seed: int) -> Float[np.ndarray, " pulse"]:
-    """Return the cross-section of a target at each pulse.
+    """Return the cross-section of a target at each pulse; of one with a table, its factor on that.
 
     number: index of the target in its scene; it and the seed alone determine the fluctuation.
     """
+    mean_m2 = target.rcs_m2 if target.rcs_table is None else 1.0
     if target.swerling == 0:
-        return np.full(len(pulses), target.rcs_m2)
+        return np.full(len(pulses), mean_m2)
     if target.swerling in (2, 4):
         drawn = pulse_uniforms(seed, Stream.TARGETS, pulses.index, 2, item=number)
     else:
@@ -71,4 +111,4 @@ def cross_section(target: Target, number: int, pulses: Pulses, seed: int) -> Flo
     exponential = -np.log1p(-drawn)
     # The mean of two exponentials is chi-squared with four degrees of freedom.
     share = exponential[:, 0] if target.swerling in (1, 2) else exponential.mean(axis=1)
-    return target.rcs_m2 * share
+    return mean_m2 * share

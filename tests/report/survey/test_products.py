@@ -43,6 +43,7 @@ KEYS = [
     "breakdown",
     "dem_uncertainty",
     "overhang",
+    "canopy",
     "meaning",
     "points_sha256",
     "versions",

@@ -1,0 +1,220 @@
+"""The receiver as it is built, and the oscillator that it shares with the transmitter: `[radar.receiver]`."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from sionna_radar.foundation.decibel import from_db, to_db
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.scenario.choice import ChosenBy
+from sionna_radar.scenario.oscillators import PHASE_NOISE
+from sionna_radar.scenario.parts import RECEIVER_STAGES
+from sionna_radar.scenario.problems import nearest
+from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+
+Order = Annotated[int, Field(strict=True, ge=1, le=4)]
+# An offset from the carrier, and the level there in one sideband.
+Offset = tuple[Annotated[Real, Field(gt=0, le=1e12)], Annotated[Real, Field(ge=-250, le=0)]]
+Place = Literal["leakage", "mixer", "noise", "filters", "converter"]
+Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
+
+
+def _published(name: str) -> str:
+    if name not in PHASE_NOISE:
+        raise refuse(
+            "", f"{shown(name)} is unknown; give one of {', '.join(PHASE_NOISE)}.{nearest(name, list(PHASE_NOISE))}"
+        )
+    return name
+
+
+class OscillatorTable(Table):
+    """What the frequency of the sweep is besides ideal: echoes are mixed with the same sweep, which has gone on since.
+
+    Errors of frequency are those of the transmitted wave.
+
+    phase_noise_dbc_hz: pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between
+        them decibels are linear in the logarithm of the offset, below the first they go on as between the first two,
+        beyond the last they stay.
+    phase_noise_preset: instead of it, that of a published oscillator.
+    quadratic_hz: error of frequency at both ends of the sweep that grows with the square of the time from its middle.
+    cubic_hz: error at the end of the sweep that grows with the cube, the negative at its start.
+    sinusoidal_hz: amplitude of an error that repeats itself.
+    sinusoidal_periods: how often in a sweep.
+    settling_hz: error at the start of the sweep that dies away exponentially.
+    settling_time_s: in which it falls to 1/e.
+    sweep_error: a CSV with the columns time_s, from the start of the sweep, and error_hz, added to these.
+    drift_ppm_per_k: of the reference that slope, carrier and sampling follow, for each kelvin.
+    warmer_k: temperature over that at which the reference was measured.
+    used_window: the shares of the sweep between which samples are used: fewer samples of less bandwidth, at the same
+        rate. The time of a pulse is that of their middle.
+    """
+
+    phase_noise_dbc_hz: tuple[Offset, ...] = ()
+    phase_noise_preset: Annotated[str, AfterValidator(_published)] | None = None
+    quadratic_hz: Real = 0.0
+    cubic_hz: Real = 0.0
+    sinusoidal_hz: Real = 0.0
+    sinusoidal_periods: Annotated[Real, Field(gt=0, le=1e4)] = 1.0
+    settling_hz: Real = 0.0
+    settling_time_s: Positive | None = None
+    sweep_error: InputPath | None = None
+    drift_ppm_per_k: Annotated[Real, Field(ge=-1e4, le=1e4)] = 0.0
+    warmer_k: Annotated[Real, Field(ge=-200, le=200)] = 0.0
+    used_window: tuple[Annotated[Real, Field(ge=0, le=1)], Annotated[Real, Field(ge=0, le=1)]] = (0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> OscillatorTable:
+        offsets = [offset for offset, _ in self.phase_noise_dbc_hz]
+        if any(b <= a for a, b in pairwise(offsets)):
+            raise refuse("phase_noise_dbc_hz", "its offsets must increase from pair to pair; sort them")
+        if offsets and self.phase_noise_preset is not None:
+            raise refuse("phase_noise_preset", "contradicts phase_noise_dbc_hz; give one of them")
+        if (self.settling_hz != 0) != (self.settling_time_s is not None):
+            raise refuse("settling_time_s", "goes with settling_hz; give both or none")
+        first, last = self.used_window
+        if last - first < 0.05:
+            raise refuse("used_window", f"{first:g} to {last:g} is less than a twentieth of the sweep; widen it")
+        return self
+
+    @property
+    def levels_dbc_hz(self) -> tuple[Offset, ...]:
+        """Offsets from the carrier and levels of one sideband; none for an oscillator without phase noise."""
+        return PHASE_NOISE[self.phase_noise_preset].levels if self.phase_noise_preset else self.phase_noise_dbc_hz
+
+    @property
+    def bent(self) -> bool:
+        """Whether the sweep is not straight."""
+        errors = (self.quadratic_hz, self.cubic_hz, self.sinusoidal_hz, self.settling_hz)
+        return any(errors) or self.sweep_error is not None
+
+    @property
+    def scale(self) -> float:
+        """Ranges that are read over true ones, by the drift of the reference."""
+        return 1 + 1e-6 * self.drift_ppm_per_k * self.warmer_k
+
+
+class LeakageTable(Table):
+    """A way of the transmitted wave into the receiver that never changes: between the antennas, off a radome.
+
+    delay_ns: from transmitter to receiver.
+    level_db: of what arrives, over the transmitted power.
+    """
+
+    delay_ns: Annotated[Real, Field(ge=0, le=1e6)]
+    level_db: Annotated[Real, Field(ge=-250, le=0)]
+
+
+class AmplifierTable(Table):
+    """A stage of amplification, or with a negative gain of loss, in front of the converter.
+
+    gain_db: of power.
+    noise_figure_db: of the stage alone; that of a passive one is its loss.
+    """
+
+    gain_db: Annotated[Real, Field(ge=-100, le=150)]
+    noise_figure_db: Annotated[Real, Field(ge=0, le=100)]
+
+
+class ConverterTable(Table):
+    """The analogue-to-digital converter and what is in front of it; each part of I/Q samples has one.
+
+    bits: of a sample; without them it is not rounded.
+    full_scale_dbm: power of the sine that just fills the converter, at its input.
+    full_scale_over_noise_db: instead of it, over the thermal noise of a sample.
+    gain_db: fixed gain between antenna and converter, beside that of the amplifiers.
+    agc_headroom_db: instead of a fixed gain, one for each sweep that puts its strongest sample so far under full scale.
+    dc_offset_db: of an offset of the converter, in both parts of I/Q samples: its amplitude over full scale.
+    iq_gain_db: amplification of the quadrature part over that of the other.
+    iq_phase_deg: by which the quadrature part lags behind a quarter of a turn.
+    """
+
+    bits: Annotated[int, Field(strict=True, ge=1, le=24)] | None = None
+    full_scale_dbm: Annotated[Real, Field(ge=-200, le=60)] | None = None
+    full_scale_over_noise_db: Annotated[Real, Field(ge=0, le=250)] | None = None
+    gain_db: Annotated[Real, Field(ge=-100, le=200)] = 0.0
+    agc_headroom_db: Annotated[Real, Field(ge=0, le=60)] | None = None
+    dc_offset_db: Annotated[Real, Field(ge=-250, le=0)] | None = None
+    iq_gain_db: Annotated[Real, Field(ge=-10, le=10)] = 0.0
+    iq_phase_deg: Annotated[Real, Field(ge=-45, le=45)] = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ConverterTable:
+        scales = {
+            "full_scale_dbm": self.full_scale_dbm,
+            "full_scale_over_noise_db": self.full_scale_over_noise_db,
+            "agc_headroom_db": self.agc_headroom_db,
+        }
+        given = [key for key, value in scales.items() if value is not None]
+        if len(given) > 1:
+            raise refuse(given[1], f"contradicts {given[0]}; give one of {', '.join(scales)}")
+        for key in ("bits", "dc_offset_db"):
+            if getattr(self, key) is not None and not given:
+                raise refuse(key, f"needs a full scale; give one of {', '.join(scales)}")
+        if self.gain_db != 0 and self.full_scale_dbm is None:
+            raise refuse("gain_db", "has no effect without full_scale_dbm; give it")
+        return self
+
+    @property
+    def limited(self) -> bool:
+        """Whether samples have a full scale."""
+        return any(v is not None for v in (self.full_scale_dbm, self.full_scale_over_noise_db, self.agc_headroom_db))
+
+    @property
+    def imbalanced(self) -> bool:
+        """Whether the two parts of I/Q samples differ."""
+        return self.iq_gain_db != 0 or self.iq_phase_deg != 0
+
+
+class ReceiverTable(Table):
+    """The receiver between antenna and samples; what is not given is ideal.
+
+    high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
+    high_pass_order: of that filter.
+    anti_alias_corner_hz: of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the
+        sampled band. With I/Q samples it counts from the middle of their band.
+    anti_alias_order: of that filter.
+    oscillator: phase noise, a sweep that is not straight, drift.
+    leakage: ways of the transmitted wave into the receiver.
+    amplifiers: gains and noise figures from the antenna on, instead of `radar.noise_figure_db`.
+    converter: bits, full scale, and errors of I/Q samples.
+    stages: stages of the receiver that custom ones replace, by their names: leakage, mixer, noise, filters, converter.
+    """
+
+    high_pass_corner_hz: NonNegative = 0.0
+    high_pass_order: Order = 2
+    anti_alias_corner_hz: NonNegative = 0.0
+    anti_alias_order: Annotated[int, Field(strict=True, ge=1, le=8)] = 4
+    oscillator: OscillatorTable = OscillatorTable()
+    leakage: tuple[LeakageTable, ...] = ()
+    amplifiers: tuple[AmplifierTable, ...] = ()
+    converter: ConverterTable = ConverterTable()
+    stages: dict[Place, Stage] = {}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ReceiverTable:
+        for kind in ("high_pass", "anti_alias"):
+            order, usual = getattr(self, f"{kind}_order"), type(self).model_fields[f"{kind}_order"].default
+            if getattr(self, f"{kind}_corner_hz") == 0 and order != usual:
+                message = f"{order} has no effect without {kind}_corner_hz; give it"
+                raise refuse(f"{kind}_order", message)
+        return self
+
+    @property
+    def amplifier_gain_db(self) -> float:
+        """The gain of all amplifiers."""
+        return sum((stage.gain_db for stage in self.amplifiers), 0.0)
+
+    @property
+    def noise_figure_db(self) -> float | None:
+        """The noise figure of all amplifiers (Friis 1944); None where there are none."""
+        if not self.amplifiers:
+            return None
+        factor, gain = 1.0, 1.0
+        for stage in self.amplifiers:
+            factor += (from_db(stage.noise_figure_db) - 1) / gain
+            gain *= from_db(stage.gain_db)
+        return to_db(factor)

@@ -1,0 +1,112 @@
+"""The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding.
+
+Samples are returned on the scale of the antenna: the gain in front of the converter is known, and taken out again.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.scenario.receiver import ConverterTable
+from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imbalance:
+    """The quadrature part of I/Q samples: its amplitude over that of the other, and its lag behind a quarter turn.
+
+    A tone gets an image at the negative frequency, |a|^2 / |b|^2 below it, of a, b = (1 +- g exp(-+ j lag)) / 2.
+    """
+
+    gain: float
+    lag_rad: float
+
+    def __call__(self, samples: Complex[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse sample"]:
+        """Return samples as they are received."""
+        turn = self.gain * np.exp(-1j * self.lag_rad)
+        mixed: Complex[np.ndarray, "pulse sample"] = samples * (1 + turn) / 2
+        mixed += np.conj(samples) * (1 - np.conj(turn)) / 2
+        return mixed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converter:
+    """A converter.
+
+    bits: None for one that does not round.
+    full_scale_w: power of the sine that fills it, on the scale of the antenna; None with a gain control.
+    over_noise: instead of it, over the noise of a sample.
+    headroom: amplitude of the strongest sample over full scale, with a gain control; None for a fixed gain.
+    offset: over the amplitude of full scale.
+    """
+
+    bits: int | None = None
+    full_scale_w: float | None = None
+    over_noise: float | None = None
+    headroom: float | None = None
+    offset: float = 0.0
+    imbalance: Imbalance | None = None
+
+    def __call__(self, received: Received) -> Received:
+        """Return what is received as numbers."""
+        samples = received.signal
+        if self.imbalance is not None:
+            samples = self.imbalance(samples)
+        if self.full_scale_w is None and self.over_noise is None and self.headroom is None:
+            return replace(received, samples=samples)
+        # Each part of complex samples has a converter.
+        parts = np.ascontiguousarray(samples).view(np.float64)
+        full = self._amplitude(parts, received)
+        codes, outside = self._converted(parts / full + self.offset)
+        saturated = outside.reshape(*samples.shape, -1).any(axis=2).sum(axis=1)
+        return replace(received, samples=(codes * full).view(samples.dtype), saturated=saturated)
+
+    def _amplitude(self, parts: Float[np.ndarray, "pulse part"], received: Received) -> Float[np.ndarray, "#pulse 1"]:
+        """Return the amplitude that fills the converter in each sweep, on the scale of the antenna."""
+        if self.headroom is not None:
+            strongest = np.max(np.abs(parts), axis=1, keepdims=True) / self.headroom
+            return np.where(strongest > 0, strongest, 1.0)
+        power_w = self.full_scale_w
+        if power_w is None:
+            assert self.over_noise is not None
+            power_w = self.over_noise * received.noise_power_w
+        # A real tone of power P has the amplitude sqrt(2 P), each part of a complex one sqrt(P).
+        return np.full((1, 1), np.sqrt(power_w * (2 if received.chirp.sampling == "real" else 1)))
+
+    def _converted(
+        self, filled: Float[np.ndarray, "pulse part"]
+    ) -> tuple[Float[np.ndarray, "pulse part"], Bool[np.ndarray, "pulse part"]]:
+        """Return values in units of full scale as they are converted, and which of them do not fit."""
+        if self.bits is None:
+            return np.clip(filled, -1.0, 1.0), np.abs(filled) > 1
+        half = 2.0 ** (self.bits - 1)
+        # One bit tells the sign: its two values lie half a step off zero, as do all of so coarse a converter.
+        shift = 0.5 if self.bits == 1 else 0.0
+        code = np.floor(filled * half) if self.bits == 1 else np.rint(filled * half)
+        kept = np.clip(code, -half, half - 1)
+        return (kept + shift) / half, kept != code
+
+
+@register_receiver_stage("converter", StageParameters)
+def build_converter(_: StageParameters, given: StageInputs) -> Converter:
+    """Return the converter of a scenario's radar."""
+    receiver = given.radar.receiver
+    table = receiver.converter
+    gain = from_db(receiver.amplifier_gain_db + table.gain_db)
+    return Converter(
+        bits=table.bits,
+        full_scale_w=None if table.full_scale_dbm is None else 1e-3 * from_db(table.full_scale_dbm) / gain,
+        over_noise=None if table.full_scale_over_noise_db is None else from_db(table.full_scale_over_noise_db),
+        headroom=None if table.agc_headroom_db is None else from_db(-table.agc_headroom_db / 2),
+        offset=0.0 if table.dc_offset_db is None else from_db(table.dc_offset_db / 2),
+        imbalance=_imbalance(table),
+    )
+
+
+def _imbalance(table: ConverterTable) -> Imbalance | None:
+    if not table.imbalanced:
+        return None
+    return Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))

@@ -1,0 +1,206 @@
+"""The frequency of a real oscillator: what its phase is besides that of an ideal sweep.
+
+An echo of delay tau is mixed with the wave that is being sent, so that the phase error e(t) of the oscillator enters
+its beat as e(t) - e(t - tau). Of a random one with the spectrum S(f) that leaves 4 sin^2(pi f tau) S(f): near echoes
+are cleaner than far ones (Budge and Burt 1993, "Range correlation effects in radars", IEEE National Radar Conference).
+"""
+
+import csv
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Complex, Float, Int
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.randomness import Stream, pulse_generators
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario.receiver import OscillatorTable
+
+COLUMNS = ("time_s", "error_hz")
+# Over which a spectrum is summed.
+FREQUENCIES = 512
+
+
+@dataclass(frozen=True)
+class SweepError:
+    """An error of the transmitted frequency over the sweep; before and after it the error is that of its ends.
+
+    table: its figures. duration_s: of the whole sweep.
+    middle_s: where time counts from, after the middle of the whole sweep.
+    points: times after its start and errors, in Hz, that are added; linear between them.
+    """
+
+    table: OscillatorTable
+    duration_s: float
+    middle_s: float = 0.0
+    points: Float[np.ndarray, "2 point"] | None = None
+
+    def frequency_hz(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        """Return the error of frequency at times."""
+        table, whole = self.table, self.duration_s
+        t = self._inside(time_s)
+        error = table.quadratic_hz * (2 * t / whole) ** 2 + table.cubic_hz * (2 * t / whole) ** 3
+        error += table.sinusoidal_hz * np.sin(2 * np.pi * table.sinusoidal_periods * t / whole)
+        if table.settling_time_s is not None:
+            error += table.settling_hz * np.exp(-(t + whole / 2) / table.settling_time_s)
+        if self.points is not None:
+            error += np.interp(t + whole / 2, *self.points)
+        return error
+
+    def phase(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        """Return the phase error at times, rad: its integral, but for a constant."""
+        table, whole = self.table, self.duration_s
+        t = self._inside(time_s)
+        turns = table.quadratic_hz * 4 * t**3 / (3 * whole**2) + table.cubic_hz * 2 * t**4 / whole**3
+        period = whole / table.sinusoidal_periods
+        turns -= table.sinusoidal_hz * period / (2 * np.pi) * np.cos(2 * np.pi * t / period)
+        if table.settling_time_s is not None:
+            decay = table.settling_time_s
+            turns -= table.settling_hz * decay * np.exp(-(t + whole / 2) / decay)
+        if self.points is not None:
+            turns += self._summed(t + whole / 2)
+        return 2 * np.pi * (turns + self.frequency_hz(time_s) * (time_s + self.middle_s - t))
+
+    def _inside(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        return np.clip(time_s + self.middle_s, -self.duration_s / 2, self.duration_s / 2)
+
+    def _summed(self, after_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        """Return the integral of the points' error from the first of them on."""
+        assert self.points is not None
+        time, error = self.points
+        inside = np.clip(after_s, time[0], time[-1])
+        whole = np.concatenate([[0.0], np.cumsum(np.diff(time) * (error[1:] + error[:-1]) / 2)])
+        before = np.minimum(np.searchsorted(time, inside, side="right") - 1, len(time) - 2)
+        into = inside - time[before]
+        slope = (error[before + 1] - error[before]) / (time[before + 1] - time[before])
+        sums: Float[np.ndarray, " t"] = whole[before] + into * (error[before] + slope * into / 2)
+        return sums + (after_s - inside) * np.where(after_s < time[0], error[0], error[-1])
+
+
+@dataclass(frozen=True)
+class PhaseNoise:
+    """Random phase with the levels of one side band at offsets from the carrier, Gaussian and stationary.
+
+    levels_dbc_hz: offsets in Hz, and levels in dBc/Hz.
+    """
+
+    levels_dbc_hz: tuple[tuple[float, float], ...]
+
+    def density(self, offset_hz: Float[np.ndarray, " f"]) -> Float[np.ndarray, " f"]:
+        """Return the level of one side band over the carrier, 1/Hz; zero at no offset.
+
+        The phase has this two-sided power density, in rad^2/Hz, and twice it counted over positive frequencies alone.
+        """
+        at, level = np.log10([f for f, _ in self.levels_dbc_hz]), np.array([dbc for _, dbc in self.levels_dbc_hz])
+        asked = np.log10(np.where(offset_hz > 0, offset_hz, 1.0))
+        found = np.interp(asked, at, level)
+        if len(at) > 1:
+            slope = (level[1] - level[0]) / (at[1] - at[0])
+            found += np.where(asked < at[0], slope * (asked - at[0]), 0.0)
+        density: Float[np.ndarray, " f"] = np.where(offset_hz > 0, 10.0 ** (found / 10), 0.0)
+        return density
+
+    def waves(
+        self, seed: int, pulse: Int[np.ndarray, " pulse"], points: int, rate_hz: float, sweep: int = 0
+    ) -> "PhaseWaves":
+        """Return the random phases of sweeps of pulses: `points` at a rate, taken from a period twice as long."""
+        period = scipy.fft.next_fast_len(2 * points, real=True)
+        period += period % 2
+        offset_hz = scipy.fft.rfftfreq(period, 1 / rate_hz)
+        size = np.sqrt(self.density(offset_hz) * (rate_hz / period) / 2)
+        size[-1] = 0.0  # half the rate has no phase of its own
+        amplitude = np.empty((len(pulse), len(offset_hz)), dtype=np.complex128)
+        for row, generator in enumerate(pulse_generators(seed, Stream.PHASE_NOISE, pulse)):
+            drawn = generator.standard_normal((sweep + 1, 2, len(offset_hz)))[sweep]
+            amplitude[row] = size * (drawn[0] + 1j * drawn[1])
+        return PhaseWaves(offset_hz, amplitude, points)
+
+
+@dataclass(frozen=True)
+class PhaseWaves:
+    """Phases as sums of waves of both signs of frequency."""
+
+    offset_hz: Float[np.ndarray, " wave"]
+    amplitude: Complex[np.ndarray, "pulse wave"]
+    points: int
+
+    def difference(self, delay_s: float, rows: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row point"]:
+        """Return how far the phases of some pulses have gone on within a delay, exact for any delay."""
+        gone = -np.expm1(-2j * np.pi * self.offset_hz * delay_s)
+        length = 2 * (len(self.offset_hz) - 1)
+        found: Float[np.ndarray, "row point"] = scipy.fft.irfft(self.amplitude[rows] * gone, length, norm="forward")
+        return found[:, : self.points]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Oscillator:
+    """A real oscillator.
+
+    error: of each sweep of a pulse; None for straight ones. noise: None for none.
+    scale: of all ranges and range rates, by the drift of the reference.
+    """
+
+    error: SweepError | None = None
+    noise: PhaseNoise | None = None
+    scale: float = 1.0
+
+    @property
+    def ideal(self) -> bool:
+        """Whether echoes are mixed with a straight and clean sweep."""
+        return self.error is None and self.noise is None
+
+    def fastest_hz(self, chirp: Chirp) -> float:
+        """Return the highest frequency with which the phase of a beat changes over the delay of its echo."""
+        bend = 0.0 if self.error is None else float(np.max(np.abs(self.error.frequency_hz(chirp.sample_time_s))))
+        if self.noise is None:
+            return bend
+        half_hz = chirp.sampling_rate_hz / 2
+        # What is random shifts the frequency too, by up to four standard deviations.
+        offset_hz = np.linspace(0.0, half_hz, FREQUENCIES + 1)[1:]
+        shift_hz = np.sqrt(2 * np.sum(offset_hz**2 * self.noise.density(offset_hz)) * half_hz / FREQUENCIES)
+        return bend + half_hz + 4 * float(shift_hz)
+
+
+def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:
+    """Return the oscillator of a scenario.
+
+    Parameters
+    ----------
+    table:
+        Its figures.
+    whole_s, middle_s:
+        Duration of a whole sweep, and the middle of its used window after its own.
+
+    Raises
+    ------
+    InputFileError
+        The table of the sweep's error cannot be used.
+
+    """
+    points = None if table.sweep_error is None else _read(table)
+    return Oscillator(
+        error=SweepError(table, whole_s, middle_s, points) if table.bent else None,
+        noise=PhaseNoise(table.levels_dbc_hz) if table.levels_dbc_hz else None,
+        scale=table.scale,
+    )
+
+
+def _read(table: OscillatorTable) -> Float[np.ndarray, "2 point"]:
+    """Return the times and errors of a sweep's table."""
+    path = table.sweep_error
+    assert path is not None
+    name = "radar.receiver.oscillator.sweep_error"
+    rows = list(csv.reader(read_text(path, name, "give a CSV of time_s,error_hz").splitlines()))
+    header = [entry.strip().lower() for entry in rows[0]] if rows else []
+    try:
+        columns = [header.index(column) for column in COLUMNS]
+        points = np.array([[float(row[column]) for column in columns] for row in rows[1:] if row]).T
+    except (ValueError, IndexError) as error:
+        message = f"{name} {shown(path)} is not a table of numbers with the columns {', '.join(COLUMNS)}"
+        raise InputFileError(message) from error
+    if points.ndim < 2 or points.shape[1] < 2 or not np.all(np.isfinite(points)) or np.any(np.diff(points[0]) <= 0):
+        message = f"{name} {shown(path)}: time_s must increase from row to row, in two rows or more, all finite"
+        raise InputFileError(message)
+    return points

@@ -1,0 +1,106 @@
+"""Vegetation in front of the ground: what it takes from the ground's echo, and its own.
+
+Each diffuse path to the ground stands for a solid angle, whose ray passes through the stands on its way. With the
+extinction k (power, one way) and the cross-section eta per volume along it, the ground's echo passes with
+exp(-2 tau), tau the integral of k, and a length ds of the ray returns, by the radar equation over the volume
+s^2 dOmega ds,
+
+    dP / P_t = lambda^2 G^2 eta dOmega ds / ((4 pi)^3 s^2) exp(-2 tau(s)),
+
+where lambda^2 G^2 dOmega / (4 pi)^3 = |a|^2 r^2 cos(t) / sigma0(t) of the path a itself: an engine's paths suffice.
+Over level ground this adds up to the water-cloud model (Attema and Ulaby 1978, "Vegetation modeled as a water
+cloud"),
+
+    sigma0 = eta cos(t) / (2 k) (1 - exp(-2 k h / cos t)) + sigma0_ground exp(-2 k h / cos t).
+
+All of a ray's plants are one path, at a place drawn with their echo as weight. Leaves move by more than a wavelength
+from chirp to chirp, so place and phase are new in each; the echo keeps the co-polar polarization.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.randomness import Stream, pulse_generators
+from sionna_radar.scene.model import Scene
+from sionna_radar.scene.vegetation import Vegetation
+from sionna_radar.surfaces.radar_material import as_radar_material
+from sionna_radar.tracing.paths import VEGETATION, Paths
+
+# Steps along the part of each ray that may lie among plants.
+STEPS = 96
+# Least cosines of a ray to the ground and to the vertical: it is looked at no farther than so many heights.
+SHALLOWEST = 0.04
+
+
+class Canopy:
+    """The vegetation of a scene, as it changes the paths to the ground."""
+
+    def __init__(self, vegetation: Vegetation, scene: Scene, seed: int) -> None:
+        self._vegetation, self._seed = vegetation, seed
+        self._sigma0 = [as_radar_material(scene.materials[surface.material]).co_polar for surface in scene.surfaces]
+        self._highest_m = float(vegetation.height_m.max())
+
+    def over(self, paths: Paths, pulses: Pulses) -> Paths:
+        """Return a block's paths, those to the ground dimmed, together with the echo of plants."""
+        # Numba takes half a second to import.
+        from sionna_radar.tracing.effects.canopy_kernels import follow
+
+        own = np.flatnonzero(paths.surface >= 0)
+        row = pulses.row_of(paths.pulse[own])
+        toward = pulses.true.position_m[row] - paths.hit_m[own]
+        range_m = np.linalg.norm(toward, axis=1)
+        back = toward / range_m[:, None]
+        cosine = np.cos(paths.incidence_rad[own])
+        shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), SHALLOWEST)
+        plants, drawn = self._vegetation, self._drawn(paths.pulse[own], pulses)
+        passed, returned, away_m = np.empty((3, len(own)))
+        follow(
+            np.ascontiguousarray(paths.hit_m[own], dtype=np.float64),
+            np.ascontiguousarray(back),
+            np.minimum(self._highest_m / shallow, range_m * (1 - 1e-6)),
+            STEPS,
+            (plants.grid.west_m, plants.grid.south_m),
+            plants.grid.spacing_m,
+            plants.stand,
+            plants.top_m,
+            plants.extinction_per_m,
+            plants.backscatter_per_m,
+            np.ascontiguousarray(drawn[:, :2]),
+            (passed, returned, away_m),
+        )
+        gain = paths.gain.copy()
+        gain[own] *= np.sqrt(passed)
+        dimmed = replace(paths, gain=gain)
+        sigma0 = self._ground(paths.surface[own], paths.incidence_rad[own])
+        seen = (returned > 0) & (sigma0 > 0)
+        if not seen.any():
+            return dimmed
+        some, away = own[seen], range_m[seen] - away_m[seen]
+        beam = np.abs(paths.gain[some]) ** 2 * range_m[seen] ** 2 * cosine[seen] / sigma0[seen]
+        power = beam * returned[seen] / away**2
+        echo = Paths.to_points(
+            pulses,
+            row[seen],
+            pulses.true.position_m[row[seen]] - back[seen] * away[:, None],
+            gain=np.sqrt(power) * np.exp(2j * np.pi * drawn[seen, 2]),
+            incidence_rad=np.full(len(some), np.nan),
+            surface=np.full(len(some), VEGETATION),
+        )
+        return Paths.concatenate([dimmed, echo])
+
+    def _drawn(self, pulse: np.ndarray, pulses: Pulses) -> Float[np.ndarray, "path 3"]:
+        """Return three numbers in [0, 1) for each path, from its pulse and its place among the pulse's own."""
+        count = np.bincount(pulses.row_of(pulse), minlength=len(pulses))
+        generators = pulse_generators(self._seed, Stream.VEGETATION, pulses.index)
+        return np.concatenate([one.random((many, 3)) for one, many in zip(generators, count, strict=True)])
+
+    def _ground(self, surface: np.ndarray, incidence_rad: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
+        """Return sigma0 of the surface that each path meets."""
+        sigma0 = np.zeros(len(surface))
+        for number in np.unique(surface):
+            of_it = surface == number
+            sigma0[of_it] = self._sigma0[number].sigma0(incidence_rad[of_it])
+        return sigma0

@@ -1,0 +1,133 @@
+"""Vegetation as a volume: the water-cloud model, the height that a pulse reads, borders, and randomness by pulse."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.tracing.paths import VEGETATION, Paths
+
+EVERYWHERE = [[-290, -290], [290, -290], [290, 290], [-290, 290]]
+HEIGHT_M, EXTINCTION_DB_PER_M, BACKSCATTER_DB_PER_M = 6.0, 0.5, -25.0
+KAPPA, ETA = np.log(10) / 10 * EXTINCTION_DB_PER_M, 10 ** (BACKSCATTER_DB_PER_M / 10)
+ALTITUDE_M = 60.0
+
+
+def over_stand(incidence_deg, polygon=EVERYWHERE, **changes):
+    """A level stand seen by a narrow beam that stands still on the platform."""
+    stand = {
+        "polygon_m": polygon,
+        "height_m": HEIGHT_M,
+        "extinction_db_per_m": EXTINCTION_DB_PER_M,
+        "backscatter_db_per_m": BACKSCATTER_DB_PER_M,
+    }
+    return parse_scenario(
+        {
+            "terrain": {"kind": "flat", "size_m": [600.0, 600.0]},
+            "platform": {"altitude_m": ALTITUDE_M, "speed_mps": 10.0, "length_m": 6.0},
+            "radar": {
+                "snr_db": 40.0,
+                "samples_per_chirp": 2048,
+                "antenna": {"beamwidth_deg": 1.0},
+                "scan": {"mode": "fixed", "incidence_deg": incidence_deg},
+            },
+            "vegetation": [stand],
+        }
+        | changes
+    )
+
+
+def traced(scenario, pulses=150, step=1):
+    prepared = prepare(scenario)
+    block = prepared.flight.pulses(np.arange(0, pulses, step))
+    return prepared, block, prepared.sensor_inputs().tracer().trace(block)
+
+
+@pytest.mark.parametrize("speckle", ["per_pulse", "persistent"])
+@pytest.mark.parametrize("incidence_deg", [0.0, 45.0, 70.0])
+def test_a_homogeneous_stand_is_a_water_cloud(speckle, incidence_deg):
+    """Attema and Ulaby 1978, with the spreading loss of each depth, which they take for that of the ground."""
+    prepared, _, paths = traced(over_stand(incidence_deg, tracing={"speckle": speckle}))
+    cosine = np.cos(np.deg2rad(incidence_deg))
+    ground_m = ALTITUDE_M / cosine
+    power, plants = np.abs(paths.gain) ** 2, paths.surface == VEGETATION
+
+    def returned(height_m, weight=1.0):
+        range_m = (ALTITUDE_M - height_m) / cosine
+        return weight * ETA * np.exp(-2 * KAPPA * (HEIGHT_M - height_m) / cosine) * (ground_m / range_m) ** 2
+
+    volume = quad(returned, 0.0, HEIGHT_M)[0]
+    sigma0 = prepared.scene.scene.materials["ground"].co_polar.sigma0(np.array([np.deg2rad(incidence_deg)]))[0]
+    passed = np.exp(-2 * KAPPA * HEIGHT_M / cosine)
+    assert power[plants].sum() / power[~plants].sum() == pytest.approx(volume / (sigma0 * passed), rel=0.02)
+    middle = quad(lambda z: returned(z, z), 0.0, HEIGHT_M)[0] / volume
+    height_m = paths.hit_m[plants, 2]
+    assert np.average(height_m, weights=power[plants]) == pytest.approx(middle, abs=0.05)
+    assert -0.1 < height_m.min() < 0.2 < HEIGHT_M - 0.2 < height_m.max() < HEIGHT_M + 0.1
+
+
+def test_denser_plants_are_read_nearer_to_their_tops():
+    """The mean height over the ground of an opaque stand is that of one extinction length under its top."""
+    dense = {"polygon_m": EVERYWHERE, "height_m": HEIGHT_M, "extinction_db_per_m": 6.0, "backscatter_db_per_m": -10.0}
+    _, _, paths = traced(over_stand(0.0, vegetation=[dense]))
+    power, plants = np.abs(paths.gain) ** 2, paths.surface == VEGETATION
+    read_m = np.average(paths.hit_m[plants, 2], weights=power[plants])
+    assert read_m == pytest.approx(HEIGHT_M - 1 / (2 * np.log(10) / 10 * 6.0), abs=0.05)
+
+
+def test_beside_a_stand_nothing_changes():
+    """Paths that pass no plants are those of the scene without them; those through a border pass a part of it."""
+    half = [[0, -290], [290, -290], [290, 290], [0, 290]]
+    beam = {"platform": {"altitude_m": 60.0, "speed_mps": 10.0, "length_m": 60.0, "start_m": [-90.0, 0.0]}}
+    _, _, bare = traced(over_stand(45.0, vegetation=[], **beam), pulses=2000, step=10)
+    _, _, half_bare = traced(over_stand(45.0, half, **beam), pulses=2000, step=10)
+    ground = half_bare.rows(np.flatnonzero(half_bare.surface >= 0))
+    np.testing.assert_array_equal(ground.hit_m, bare.hit_m)
+    loss_db = -20 * np.log10(np.abs(ground.gain) / np.abs(bare.gain))
+    whole_db = 2 * EXTINCTION_DB_PER_M * HEIGHT_M / np.cos(np.deg2rad(45.0))
+    deep_m = bare.hit_m[:, 0]
+    assert np.all(loss_db[deep_m < -0.5] < 1e-4)
+    well_inside = deep_m > HEIGHT_M + 1.0
+    np.testing.assert_allclose(np.median(loss_db[well_inside]), whole_db, rtol=0.03)
+    # A ray down to a place x behind the border enters through the edge, at the height x: it passes x of depth.
+    between = (deep_m > 1.0) & (deep_m < HEIGHT_M - 1.0)
+    along_m = deep_m[between] / np.cos(np.deg2rad(45.0))
+    # Side lobes look elsewhere.
+    assert np.quantile(np.abs(loss_db[between] - 2 * EXTINCTION_DB_PER_M * along_m), 0.99) < 0.9
+
+
+def test_a_pulse_draws_the_same_in_any_block():
+    scenario = over_stand(45.0)
+    prepared, block, whole = traced(scenario, 40)
+    tracer = prepared.sensor_inputs().tracer()
+    parts = [tracer.trace(block.rows(np.arange(a, b))) for a, b in ((0, 7), (7, 40))]
+    again = Paths.concatenate(parts)
+    np.testing.assert_array_equal(again.gain, whole.gain)
+    np.testing.assert_array_equal(again.delay_s, whole.delay_s)
+
+
+def test_a_survey_says_how_far_it_reads_the_tops():
+    dense = {"polygon_m": EVERYWHERE, "height_m": 6.0, "extinction_db_per_m": 4.0, "backscatter_db_per_m": -10.0}
+    platform = {"altitude_m": 50.0, "speed_mps": 10.0, "length_m": 12.0}
+    scenario = over_stand(45.0, vegetation=[dense], platform=platform, radar={"snr_db": 30.0})
+    reading = run(scenario).canopy_reading
+    assert reading.count > 100
+    assert reading.height_m == 6.0
+    assert 0.8 < reading.share < 1.05
+    assert run(over_stand(45.0, vegetation=[], platform=platform, radar={"snr_db": 30.0})).canopy_reading is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"polygon": [[900, 900], [950, 900], [950, 950]]}, "beyond the terrain"),
+        ({"polygon": [[0, 0], [0.01, 0], [0.01, 0.01]]}, "holds no ground"),
+        ({"radar": {"snr_db": 30.0, "antenna": {"polarization": "RHCP"}}}, "linear co-polar"),
+    ],
+)
+def test_stands_that_cannot_be_are_refused(changes, says):
+    with pytest.raises(ScenarioError, match=says):
+        prepare(over_stand(45.0, **changes))
