@@ -107,6 +107,7 @@ RECEIVER_STAGES = Registry(
     {
         "leakage": "sionna_radar.signal.leakage",
         "mixer": "sionna_radar.signal.mixer",
+        "interference": "sionna_radar.signal.interference",
         "noise": "sionna_radar.signal.noise",
         "filters": "sionna_radar.signal.filters",
         "converter": "sionna_radar.signal.converter",

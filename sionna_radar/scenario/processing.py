@@ -75,6 +75,7 @@ class ProcessingTable(Table):
         ground to the beam's width across.
     leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
     transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
+    interference: "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -92,6 +93,7 @@ class ProcessingTable(Table):
     angle: Literal["off", "interferometric", "monopulse"] = "off"
     angle_length_m: Positive | None = None
     leakage: Literal["keep", "subtract"] = "keep"
+    interference: Literal["keep", "zeroing"] = "keep"
     doppler_correction: bool = Field(default=True, strict=True)
 
     @model_validator(mode="after")

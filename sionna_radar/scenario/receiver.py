@@ -19,7 +19,7 @@ from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, 
 Order = Annotated[int, Field(strict=True, ge=1, le=4)]
 # An offset from the carrier, and the level there in one sideband.
 Offset = tuple[Annotated[Real, Field(gt=0, le=1e12)], Annotated[Real, Field(ge=-250, le=0)]]
-Place = Literal["leakage", "mixer", "noise", "filters", "converter"]
+Place = Literal["leakage", "mixer", "interference", "noise", "filters", "converter"]
 Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
 
 
@@ -181,7 +181,8 @@ class ReceiverTable(Table):
     leakage: ways of the transmitted wave into the receiver.
     amplifiers: gains and noise figures from the antenna on, instead of `radar.noise_figure_db`.
     converter: bits, full scale, and errors of I/Q samples.
-    stages: stages of the receiver that custom ones replace, by their names: leakage, mixer, noise, filters, converter.
+    stages: stages of the receiver that custom ones replace, by their names: leakage, mixer,
+        interference, noise, filters, converter.
     """
 
     high_pass_corner_hz: NonNegative = 0.0

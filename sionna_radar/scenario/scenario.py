@@ -16,6 +16,7 @@ from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
+from sionna_radar.scenario.interferers import Interferer
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
@@ -69,6 +70,7 @@ class Scenario(Table):
     objects: meshes on it.
     footprints: buildings from a file of outlines.
     targets: points of a given radar cross-section.
+    interferers: other radars that transmit into ours.
     vegetation: stands of plants.
     materials: by their names, which surfaces refer to.
     platform: the flight.
@@ -104,6 +106,7 @@ class Scenario(Table):
     objects: tuple[MeshObject, ...] = ()
     footprints: tuple[Footprints, ...] = ()
     targets: tuple[PointTarget, ...] = ()
+    interferers: tuple[Interferer, ...] = ()
     vegetation: tuple[VegetationTable, ...] = ()
     materials: dict[str, Material] = {}
     platform: Platform
@@ -131,6 +134,16 @@ class Scenario(Table):
         nowhere = nowhere or (isinstance(self.terrain, MeshTerrain) and self.terrain.crs is None)
         if self.coordinates != "local" and nowhere and self.terrain.centre_lonlat_deg is None:
             raise refuse("coordinates", f"{shown(self.coordinates)} {NO_PLACE_ON_THE_MAP.format(self.terrain.kind)}")
+        return self
+
+    @model_validator(mode="after")
+    def _interference_has_powers(self) -> Scenario:
+        if self.interferers and self.radar.transmit_power_dbm is None:
+            raise refuse(
+                "interferers",
+                "their powers count in watts, and radar.snr_db tells none; give radar.transmit_power_dbm and "
+                "radar.noise_figure_db instead",
+            )
         return self
 
     @model_validator(mode="after")

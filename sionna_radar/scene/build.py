@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.registry import PACKAGE
 from sionna_radar.scene.ground import build_ground, shared_ground
+from sionna_radar.scene.ground_cover import canopy_heights
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
@@ -75,7 +77,7 @@ def build_scene(
     land = ground.land
     _check_materials(land, known)
     step()
-    place = (repr((scenario.targets, scenario.vegetation)), Same(known))
+    place = (repr((scenario.targets, scenario.vegetation, window_m if scenario.vegetation else ())), Same(known))
 
     def build() -> Scene:
         return Scene(
@@ -84,7 +86,9 @@ def build_scene(
             targets=_targets(scenario, land),
             ground_material=land.ground_material,
             georeference=land.georeference,
-            vegetation=vegetation_of(scenario.vegetation, land.ground_m),
+            vegetation=vegetation_of(
+                scenario.vegetation, land.ground_m, window_m, partial(canopy_heights, land.georeference)
+            ),
         )
 
     scene = ground.caster.once("scene", place, build)

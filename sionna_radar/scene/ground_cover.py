@@ -5,10 +5,11 @@ Later covers override earlier ones: the raster's classes, then those of the vect
 each in the order given.
 """
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from matplotlib.path import Path as Outline
 from rasterio.windows import Window
 
@@ -20,6 +21,7 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.cover import CoverRaster, CoverVector
+from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import read_polygons
 
@@ -150,30 +152,73 @@ def classes_at(
         Only one of the raster and the terrain is georeferenced.
 
     """
-    with open_raster(cover.path, "terrain.cover_raster.path") as source:
-        require_cells(source, str(cover.path), "class values; give a GeoTIFF of whole numbers")
-        x, y = in_crs_of(source, point_m, georeference, "terrain.cover_raster.path")
+    key, wanted = "terrain.cover_raster.path", "class values; give a GeoTIFF of whole numbers"
+    inside, cells = raster_at(cover.path, key, wanted, point_m, georeference)
+    value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
+    value[inside] = _whole(cells)
+    return value
+
+
+def raster_at(
+    path: Path | str, key: str, wanted: str, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
+) -> tuple[Bool[np.ndarray, " n"], np.ma.MaskedArray]:
+    """Return which horizontal positions a raster covers, and the values of its cells there.
+
+    Parameters
+    ----------
+    path, key, wanted:
+        The file, its dotted key, and what it should hold, for messages.
+    point_m, georeference:
+        The positions, and the place of the local frame.
+
+    Raises
+    ------
+    InputFileError
+        The raster cannot be read, or does not overlap the points.
+    ScenarioError
+        Only one of the raster and the terrain is georeferenced.
+
+    """
+    with open_raster(path, key) as source:
+        require_cells(source, str(path), wanted)
+        x, y = in_crs_of(source, point_m, georeference, key)
         column, row = apply_affine(~source.transform, x, y)
         inside = (column >= 0) & (column < source.width) & (row >= 0) & (row < source.height)
-        value = np.full(len(point_m), NO_CLASS, dtype=np.int64)
         if not inside.any():
-            message = f"{cover.path}: does not overlap the terrain; check its position and CRS"
+            message = f"{path}: does not overlap the terrain; check its position and CRS"
             raise InputFileError(message)
         column, row = (c[inside].astype(np.int64) for c in (column, row))
         # Only the part of the file that covers the ground is read.
         window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
         if window.width * window.height > MOST_CELLS_READ:
             message = (
-                f"{cover.path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
+                f"{path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
                 f"{MOST_CELLS_READ:,}; coarsen it with gdal_translate -tr"
             )
             raise InputFileError(message)
-        cells = _whole(source.read(1, window=window, masked=True))
-        value[inside] = cells[row - row.min(), column - column.min()]
-        return value
+        cells = source.read(1, window=window, masked=True)
+        return inside, cells[row - row.min(), column - column.min()]
 
 
-def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, "row column"]:
+def canopy_heights(
+    georeference: Georeference | None, stand: VegetationTable, key: str, point_m: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """Return the heights of a stand's raster at horizontal positions; NaN beyond it, and where it has none.
+
+    Raises
+    ------
+    InputFileError, ScenarioError
+        As for `raster_at`.
+
+    """
+    assert stand.path is not None
+    found = np.full(len(point_m), np.nan)
+    inside, cells = raster_at(stand.path, f"{key}.path", "heights of plants in metres", point_m, georeference)
+    found[inside] = np.ma.filled(cells.astype(np.float64), np.nan)
+    return found
+
+
+def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, " n"]:
     """Return class values as integers; invalid ones are NO_CLASS."""
     if cells.dtype.kind != "f":
         return np.ma.filled(cells.astype(np.int64), NO_CLASS)

@@ -47,7 +47,11 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         )
         terrain = terrain.model_copy(update={"cover": cover})
     vegetation = tuple(
-        stand.model_copy(update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)})
+        stand.model_copy(
+            update={"polygon_m": tuple(moving(f"vegetation.{i}.polygon_m", p) for p in stand.polygon_m)}
+            if stand.polygon_m
+            else {}
+        )
         for i, stand in enumerate(scenario.vegetation)
     )
     targets = tuple(
@@ -64,7 +68,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             )
             for i, entry in enumerate(getattr(scenario, name))
         )
-        for name in ("buildings", "objects", "targets")
+        for name in ("buildings", "objects", "targets", "interferers")
     }
     if moving.problems:
         raise ScenarioError(moving.problems)

@@ -10,13 +10,17 @@ from matplotlib.path import Path as Outline
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.vegetation import VegetationTable
 
 # Borders of stands follow the cells of this grid: so fine, unless it would have too many.
 SPACING_M, MOST_CELLS = 0.25, 4_000_000
 # A decibel of power is so many nepers of it.
 NEPERS = math.log(10.0) / 10.0
+TALLEST_M = 100.0
+
+# Returns heights of plants at horizontal positions from a raster file; NaN where it has none.
+CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,61 +28,93 @@ class Vegetation:
     """All stands of a scene.
 
     grid: cells in which they stand; stand: the number of the stand in each, -1 for none.
-    top_m: heights of their tops in the world frame, by cell; minus infinity where none stands.
-    height_m, extinction_per_m, backscatter_per_m: of each stand: over the ground; of power, one way, in nepers per
-        metre; cross-section per volume.
+    plant_m, top_m: heights of plants over the ground, NaN where none stand, and of their tops in the world frame, minus
+        infinity there.
+    extinction_per_m, backscatter_per_m: of each stand: of power, one way, in nepers per metre; cross-section per
+        volume.
     """
 
     grid: Grid
     stand: Int[np.ndarray, "row column"]
+    plant_m: Float[np.ndarray, "row column"]
     top_m: Float[np.ndarray, "row column"]
-    height_m: Float[np.ndarray, " stand"]
     extinction_per_m: Float[np.ndarray, " stand"]
     backscatter_per_m: Float[np.ndarray, " stand"]
 
-    def stands_at(self, place_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
-        """Return the number of the stand at horizontal positions, -1 for none."""
-        row, column, inside = self.grid.cell_of(place_m)
-        return np.where(inside, self.stand[row, column], -1)
+    @property
+    def highest_m(self) -> float:
+        """Height of the tallest plants over the ground."""
+        return float(np.nanmax(self.plant_m, initial=0.0))
+
+    def over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+        """Return the height of the plants over the cells of a map; NaN where none stand."""
+        row, column, inside = self.grid.cell_of(grid.centres_m)
+        return np.where(inside, self.plant_m[row, column], np.nan).reshape(grid.shape)
 
 
 def vegetation_of(
-    tables: Sequence[VegetationTable], ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+    tables: Sequence[VegetationTable],
+    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    window_m: tuple[float, float, float, float],
+    heights: CanopyHeights,
 ) -> Vegetation | None:
     """Return the vegetation of a scenario; None if it has none.
 
-    Raises ScenarioError for a stand that is not on the terrain.
+    Parameters
+    ----------
+    tables:
+        The stands.
+    ground_m:
+        Returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
+    window_m:
+        Extent that the survey can see (west, south, east, north), for stands without an outline.
+    heights:
+        Reads the heights of a stand from its raster.
+
+    Raises
+    ------
+    ScenarioError
+        A stand holds no ground.
+    InputFileError
+        A raster of heights cannot be read.
+
     """
     if not tables:
         return None
-    corners = [np.array(table.polygon_m) for table in tables]
-    (west, south), (east, north) = np.vstack(corners).min(axis=0), np.vstack(corners).max(axis=0)
-    spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MOST_CELLS))
-    grid = Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
-    stand = np.full(grid.shape, -1, dtype=np.int64)
-    for number, corner in enumerate(corners):
+    west, south, east, north = window_m
+    whole = np.array([[west, south], [east, south], [east, north], [west, north]])
+    corners = [whole if table.polygon_m is None else np.array(table.polygon_m) for table in tables]
+    grid = _grid(np.vstack(corners))
+    stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
+    for number, (table, corner) in enumerate(zip(tables, corners, strict=True)):
         inside = _inside(grid, corner)
-        if not inside.any():
-            message = "holds no ground; give corners around an area"
+        place = grid.centres_m[inside.ravel()]
+        height = np.full(len(place), table.height_m)
+        if table.path is not None:
+            height = heights(table, f"vegetation.{number}", place)
+            height = np.where(height >= table.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+        if not np.any(np.isfinite(ground_m(place)) & np.isfinite(height)):
+            message = "holds no plants over the terrain; move or enlarge the stand, or the terrain"
             raise ScenarioError([Problem(f"vegetation.{number}.polygon_m", message)])
-        stand[inside] = number
-    ground = np.full(grid.shape, np.nan)
-    ground[stand >= 0] = ground_m(grid.centres_m[(stand >= 0).ravel()])
-    for number in range(len(tables)):
-        own = ground[stand == number]
-        if len(own) and not np.isfinite(own).any():
-            message = "lies beyond the terrain; move it or enlarge the terrain"
-            raise ScenarioError([Problem(f"vegetation.{number}.polygon_m", message)])
-    stand[~np.isfinite(ground)] = -1
-    height_m = np.array([table.height_m for table in tables])
+        stand[inside] = np.where(np.isfinite(height), number, stand[inside])
+        plant_m[inside] = np.where(np.isfinite(height), height, plant_m[inside])
+    base_m = np.full(grid.shape, np.nan)
+    base_m[stand >= 0] = ground_m(grid.centres_m[(stand >= 0).ravel()])
+    stand[~np.isfinite(base_m)] = -1
     return Vegetation(
         grid=grid,
         stand=stand,
-        top_m=np.where(stand >= 0, np.nan_to_num(ground) + height_m[stand], -np.inf),
-        height_m=height_m,
+        plant_m=np.where(stand >= 0, plant_m, np.nan),
+        top_m=np.where(stand >= 0, base_m + plant_m, -np.inf),
         extinction_per_m=np.array([NEPERS * table.extinction_db_per_m for table in tables]),
         backscatter_per_m=np.array([from_db(table.backscatter_db_per_m) for table in tables]),
     )
+
+
+def _grid(corner_m: Float[np.ndarray, "corner 2"]) -> Grid:
+    (west, south), (east, north) = corner_m.min(axis=0), corner_m.max(axis=0)
+    spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MOST_CELLS))
+    return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
 
 
 def _inside(grid: Grid, corner_m: Float[np.ndarray, "corner 2"]) -> Bool[np.ndarray, "row column"]:
@@ -90,10 +126,3 @@ def _inside(grid: Grid, corner_m: Float[np.ndarray, "corner 2"]) -> Bool[np.ndar
     if x.size:
         inside[near] = Outline(corner_m).contains_points(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
     return inside
-
-
-def canopy_over(vegetation: Vegetation, truth: Raster) -> Float[np.ndarray, "row column"]:
-    """Return the height of the plants over the cells of a map; NaN where none stand."""
-    stand = vegetation.stands_at(truth.grid.centres_m)
-    height = np.where(stand >= 0, vegetation.height_m[stand], np.nan)
-    return height.reshape(truth.grid.shape)

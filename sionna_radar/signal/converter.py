@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from sionna_radar.foundation.decibel import from_db
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.receiver import ConverterTable
 from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
@@ -69,12 +70,22 @@ class Converter:
         if self.headroom is not None:
             strongest = np.max(np.abs(parts), axis=1, keepdims=True) / self.headroom
             return np.where(strongest > 0, strongest, 1.0)
+        full = self._full_scale(received.noise_power_w, received.chirp)
+        assert full is not None
+        return np.full((1, 1), full)
+
+    def step(self, noise_power_w: float, chirp: Chirp) -> float | None:
+        """Return the least difference between two samples; None without one, or with one that a gain control sets."""
+        full = self._full_scale(noise_power_w, chirp)
+        return None if full is None or self.bits is None else full / 2.0 ** (self.bits - 1)
+
+    def _full_scale(self, noise_power_w: float, chirp: Chirp) -> float | None:
+        """Return the amplitude that fills the converter; None with a gain control, and without a full scale."""
         power_w = self.full_scale_w
-        if power_w is None:
-            assert self.over_noise is not None
-            power_w = self.over_noise * received.noise_power_w
+        if power_w is None and self.over_noise is not None:
+            power_w = self.over_noise * noise_power_w
         # A real tone of power P has the amplitude sqrt(2 P), each part of a complex one sqrt(P).
-        return np.full((1, 1), np.sqrt(power_w * (2 if received.chirp.sampling == "real" else 1)))
+        return None if power_w is None else float(np.sqrt(power_w * (2 if chirp.sampling == "real" else 1)))
 
     def _converted(
         self, filled: Float[np.ndarray, "pulse part"]

@@ -8,11 +8,14 @@ its size, in the middle of a step, and slower ones by less. Where e(t) - e(t - t
 step, at most STEP_RAD^3 / 12 of it is wrong.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.signal.beat import analytic_beats
 from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
@@ -21,6 +24,8 @@ from sionna_radar.signal.stages import Received, StageInputs, register_receiver_
 from sionna_radar.tracing.paths import Paths
 
 STEP_RAD = 0.5
+# A sweep that errs by more of its bandwidth is another one.
+MOST_SHIFTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -52,31 +57,41 @@ class Mixer:
             )
         step_s = STEP_RAD / (2 * np.pi * self.oscillator.fastest_hz(wide))
         place = paths.delay_s / step_s
+        cell = np.floor(place).astype(np.int64)
+        order = np.argsort(cell, kind="stable")
         # Every node that any path is shared with; nodes between two far groups of paths have none.
-        cell = np.unique(np.floor(place).astype(np.int64))
-        for node in np.unique(cell[:, None] + np.arange(-1, 3)):
-            weight = shares(place - node)
-            near = np.flatnonzero(weight)
+        for node in np.unique(np.unique(cell)[:, None] + np.arange(-1, 3)):
+            first, last = np.searchsorted(cell, (node - 2, node + 2), sorter=order)
+            near = np.sort(order[first:last])
             own = paths.rows(near)
-            own = replace(own, gain=own.gain * weight[near])
+            own = replace(own, gain=own.gain * shares(place[near] - node))
             rows = np.flatnonzero(np.isin(pulses.index, own.pulse))
             if len(rows):
-                factor = self._factor(node * step_s, received.grid, waves, rows)
-                beat[rows] += analytic_beats(own, pulses.rows(rows), wide) * factor
+                clean = analytic_beats(own, pulses.rows(rows), wide)
+                over_rows(self._adding(beat, clean, rows, node * step_s, received.grid, waves), len(rows))
         return beat
 
-    def _factor(
-        self, delay_s: float, grid: SampleGrid, waves: PhaseWaves | None, rows: np.ndarray
-    ) -> Complex[np.ndarray, "row point"]:
+    def _adding(
+        self,
+        beat: Complex[np.ndarray, "pulse point"],
+        clean: Complex[np.ndarray, "row point"],
+        rows: Int[np.ndarray, " row"],
+        delay_s: float,
+        grid: SampleGrid,
+        waves: PhaseWaves | None,
+    ) -> Callable[[int, int], None]:
+        """Return what adds the clean beats of some pulses, times the factor of a delay, to the beat."""
         wide, error = grid.wide, self.oscillator.error
-        phase: Float[np.ndarray, "row point"] = np.zeros((1, wide.samples))
+        bend = np.zeros(wide.samples)
         if error is not None:
-            phase = phase + error.phase(wide.sample_time_s) - error.phase(wide.sample_time_s - delay_s)
-        if waves is not None:
-            phase = phase + waves.difference(delay_s, rows)
-        # A down-sweep is mixed the other way round.
-        factor: Complex[np.ndarray, "row point"] = np.exp(1j * wide.direction * phase)
-        return factor
+            bend = error.phase(wide.sample_time_s) - error.phase(wide.sample_time_s - delay_s)
+
+        def add(low: int, high: int) -> None:
+            phase = bend if waves is None else bend + waves.difference(delay_s, rows[low:high])
+            # A down-sweep is mixed the other way round.
+            beat[rows[low:high]] += clean[low:high] * np.exp(1j * wide.direction * phase)
+
+        return add
 
 
 def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
@@ -90,10 +105,21 @@ def shares(distance: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
 
 @register_receiver_stage("mixer", StageParameters)
 def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
-    """Return the mixer of a scenario's radar."""
+    """Return the mixer of a scenario's radar.
+
+    Raises ScenarioError for an oscillator that is none of a radar.
+    """
     radar, chirp = given.radar, given.sweeps[0]
     first, last = radar.used_samples
     whole = radar.samples_per_chirp
     middle = first + (last - first) // 2 - whole // 2
     rate_hz = chirp.sampling_rate_hz
-    return Mixer(build_oscillator(radar.receiver.oscillator, whole / rate_hz, middle / rate_hz))
+    oscillator = build_oscillator(radar.receiver.oscillator, whole / rate_hz, middle / rate_hz)
+    shift_hz = oscillator.shift_hz(chirp)
+    if shift_hz > MOST_SHIFTED * radar.bandwidth_hz:
+        message = (
+            f"shifts the frequency by {shift_hz:.3g} Hz, more than {MOST_SHIFTED:g} of radar.bandwidth_hz; lower the "
+            "errors of its sweep, or its phase noise"
+        )
+        raise ScenarioError([Problem("radar.receiver.oscillator", message)])
+    return Mixer(oscillator)

@@ -151,16 +151,19 @@ class Oscillator:
         """Whether echoes are mixed with a straight and clean sweep."""
         return self.error is None and self.noise is None
 
-    def fastest_hz(self, chirp: Chirp) -> float:
-        """Return the highest frequency with which the phase of a beat changes over the delay of its echo."""
+    def shift_hz(self, chirp: Chirp) -> float:
+        """Return by how much the frequency differs from that of an ideal sweep: the largest error, and four sigma."""
         bend = 0.0 if self.error is None else float(np.max(np.abs(self.error.frequency_hz(chirp.sample_time_s))))
         if self.noise is None:
             return bend
         half_hz = chirp.sampling_rate_hz / 2
-        # What is random shifts the frequency too, by up to four standard deviations.
         offset_hz = np.linspace(0.0, half_hz, FREQUENCIES + 1)[1:]
-        shift_hz = np.sqrt(2 * np.sum(offset_hz**2 * self.noise.density(offset_hz)) * half_hz / FREQUENCIES)
-        return bend + half_hz + 4 * float(shift_hz)
+        random = np.sqrt(2 * np.sum(offset_hz**2 * self.noise.density(offset_hz)) * half_hz / FREQUENCIES)
+        return bend + 4 * float(random)
+
+    def fastest_hz(self, chirp: Chirp) -> float:
+        """Return the highest frequency with which the phase of a beat changes over the delay of its echo."""
+        return self.shift_hz(chirp) + (0.0 if self.noise is None else chirp.sampling_rate_hz / 2)
 
 
 def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:

@@ -18,7 +18,7 @@ from sionna_radar.tracing.paths import Paths
 class Reception:
     """The beat signals of each sweep of a block, and the samples of each pulse that a converter clipped.
 
-    saturated: None without a converter that has a full scale.
+    saturated: of the first receiver; None without a converter that has a full scale.
     """
 
     beats: list[Inexact[np.ndarray, "pulse sample"]]
@@ -63,7 +63,7 @@ class Receiver:
         """Return the beat signals of each sweep of a block's pulses, and what did not fit the converter."""
         if self.chain is None:
             return Reception(beats=self.beats(paths, pulses))
-        swept = self._through(self.chain, paths, pulses, self.sweeps)
+        swept = self._through(self.chain, paths, pulses, self.sweeps, 0)
         saturated = [one.saturated for one in swept if one.saturated is not None]
         return Reception(
             beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
@@ -89,7 +89,7 @@ class Receiver:
         ]
 
     def _through(
-        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int = 0
+        self, chain: Chain, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Received]:
         """Return each sweep behind all stages of a receiver as it is built."""
         return [

@@ -25,8 +25,10 @@ from sionna_radar.signal.high_pass import HighPass
 from sionna_radar.signal.sample_grid import SampleGrid
 from sionna_radar.tracing.paths import Paths
 
+# On the grids of all pulses that are received at once.
+MOST_POINTS = 2**22
 # In the order in which a wave passes them.
-ORDER: tuple[Place, ...] = ("leakage", "mixer", "noise", "filters", "converter")
+ORDER: tuple[Place, ...] = ("leakage", "mixer", "interference", "noise", "filters", "converter")
 
 Builder = TypeVar("Builder", bound=Callable[..., "ReceiverStage"])
 
@@ -88,12 +90,14 @@ class StageInputs:
     radar: the radar of the scenario.
     sweeps: of a pulse.
     high_pass, anti_alias: of the receiver; None if it has none.
+    interference: adds what other radars radiate; None if there are none.
     """
 
     radar: RadarTable
     sweeps: tuple[Chirp, ...]
     high_pass: HighPass | None
     anti_alias: AntiAlias | None = None
+    interference: ReceiverStage | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +121,24 @@ class Chain:
         return self._grids.setdefault(chirp, SampleGrid(chirp, self.oversampling, self.guard))
 
     def receive(self, received: Received) -> Received:
-        """Return one sweep behind all stages."""
+        """Return one sweep behind all stages; of many pulses at once no more than memory is meant for."""
+        most = max(1, MOST_POINTS // received.grid.wide.samples)
+        pulses = received.pulses
+        if len(pulses) <= most:
+            return self._staged(received)
+        parts = []
+        for first in range(0, len(pulses), most):
+            some = pulses.rows(slice(first, first + most))
+            own = slice(*np.searchsorted(received.paths.pulse, (some.index[0], some.index[-1] + 1)))
+            parts.append(self._staged(replace(received, pulses=some, paths=received.paths.rows(own))))
+        saturated = [part.saturated for part in parts if part.saturated is not None]
+        return replace(
+            received,
+            samples=np.concatenate([part.signal for part in parts]),
+            saturated=np.concatenate(saturated) if saturated else None,
+        )
+
+    def _staged(self, received: Received) -> Received:
         received = replace(received, noise_points=self.noise_points)
         for stage in self.stages:
             received = stage(received)
@@ -164,33 +185,63 @@ FADE_SAMPLES, SETTLED = 64, 1e-4
 LONGEST_GUARD = 2
 # Points in a sample before an anti-alias filter, and the power that is to pass it at the end of their band.
 OVERSAMPLINGS, PASSED = (2, 4, 8), 1e-4
+# Points in a sample where sweeps of other radars cross ours.
+CROSSING = 4
 
 
-def build_chain(radar: RadarTable, sweeps: tuple[Chirp, ...], high_pass: HighPass | None) -> Chain | None:
+def build_chain(
+    radar: RadarTable,
+    sweeps: tuple[Chirp, ...],
+    high_pass: HighPass | None,
+    interference: ReceiverStage | None = None,
+) -> Chain | None:
     """Return the stages of a scenario's receiver; None where it is ideal but for noise and a high-pass."""
-    receiver, oscillator = radar.receiver, radar.receiver.oscillator
-    shaped = oscillator.bent or bool(oscillator.levels_dbc_hz)
-    converted = receiver.converter.limited or receiver.converter.imbalanced
-    anti_alias = build_anti_alias(receiver, sweeps[0])
-    if not (shaped or oscillator.scale != 1 or anti_alias or receiver.leakage or converted or receiver.stages):
+    anti_alias = build_anti_alias(radar.receiver, sweeps[0])
+    given = StageInputs(
+        radar=radar, sweeps=sweeps, high_pass=high_pass, anti_alias=anti_alias, interference=interference
+    )
+    if not _real(given):
         return None
-    given = StageInputs(radar=radar, sweeps=sweeps, high_pass=high_pass, anti_alias=anti_alias)
     stages = []
     for place in ORDER:
-        chosen = receiver.stages.get(place) or StageParameters(stage=place)
+        chosen = radar.receiver.stages.get(place) or StageParameters(stage=place)
         stage: ReceiverStage = RECEIVER_STAGES.entry(chosen.stage)(chosen, given)
         require(stage, ReceiverStage, str(RECEIVER_STAGES.entry(chosen.stage)))
         stages.append(stage)
-    # Twice the sampling rate holds every side band that an ideal filter lets pass of an echo in the sampled band.
-    oversampling = 2 if shaped else 1
-    if anti_alias is not None:
-        oversampling = next((n for n in OVERSAMPLINGS if anti_alias.left(n) < PASSED), OVERSAMPLINGS[-1])
+    oversampling = _oversampling(given)
     return Chain(
         stages=tuple(stages),
         oversampling=oversampling,
         guard=_guard(high_pass, anti_alias, sweeps[0], oversampling),
         noise_points=1 if anti_alias is None else oversampling,
     )
+
+
+def _real(given: StageInputs) -> bool:
+    """Return whether a receiver does more than to add noise and to filter it by a high-pass."""
+    receiver = given.radar.receiver
+    oscillator, converter = receiver.oscillator, receiver.converter
+    effects = (
+        oscillator.bent,
+        oscillator.levels_dbc_hz,
+        oscillator.scale != 1,
+        converter.limited,
+        converter.imbalanced,
+    )
+    return any((*effects, receiver.leakage, receiver.stages, given.anti_alias, given.interference))
+
+
+def _oversampling(given: StageInputs) -> int:
+    """Return the points in a sample that the effects of a receiver need."""
+    oscillator, anti_alias = given.radar.receiver.oscillator, given.anti_alias
+    # Twice the sampling rate holds every side band that an ideal filter lets pass of an echo in the sampled band.
+    least = 2 if oscillator.bent or oscillator.levels_dbc_hz else 1
+    # Bursts are cut off at the ends of the grid's band, far from what is sampled.
+    least = CROSSING if given.interference is not None else least
+    if anti_alias is None:
+        return least
+    wide = (n for n in OVERSAMPLINGS if n >= least and anti_alias.left(n) < PASSED)
+    return next(wide, OVERSAMPLINGS[-1])
 
 
 def _guard(high_pass: HighPass | None, anti_alias: AntiAlias | None, chirp: Chirp, oversampling: int) -> int:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.foundation.decibel import to_db
 from sionna_radar.scenario import Scenario
@@ -63,8 +64,8 @@ class Simulated:
 class Link:
     """One material at one incidence in one rain, over range.
 
-    echo, clutter: mean power of the ground in its strongest range cell, and of what is in the air there, over the noise
-        in a cell.
+    echo, clutter: mean power of the ground in its strongest range cell, and of what is in the air there, over all the
+        floors there: noise, leakage, rounding.
     detection: probability of detecting that cell in one pulse.
     """
 
@@ -94,17 +95,61 @@ class Link:
         return float(np.interp(SURE, self.detection[[after, before]], self.range_m[[after, before]]))
 
 
+ECHO_NOISE = "phase noise of the echo"
+# From one side lobe of a window to the next, at up to two bins a cell.
+LOBE_BINS = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floors:
+    """Mean powers in the bins of the calibrated spectrum, on the scale of the transmitted power.
+
+    echo_m: range of the ground on the beam's axis: from the survey's height at its scan's incidence.
+    ground, clutter: its echo, and that of what is in the air before it; terms: of everything else, by its name.
+    found: the simulated mean spectrum.
+    """
+
+    echo_m: float
+    range_m: Float[np.ndarray, " bin"]
+    ground: Float[np.ndarray, " bin"]
+    clutter: Float[np.ndarray, " bin"]
+    terms: dict[str, Float[np.ndarray, " bin"]]
+    found: Float[np.ndarray, " bin"]
+
+    @property
+    def envelopes(self) -> dict[str, Float[np.ndarray, " bin"]]:
+        """The terms without the zeros between the side lobes of the window."""
+        return {name: maximum_filter1d(power, LOBE_BINS) for name, power in self.terms.items()}
+
+    def rulers(self) -> list[tuple[str, float, float]]:
+        """Return which floor is the highest from which range to which, near to far."""
+        names, envelopes = list(self.terms), self.envelopes
+        best = np.argmax([envelopes[name] for name in names], axis=0)
+        start = np.concatenate([[0], np.flatnonzero(np.diff(best)) + 1])
+        stop = np.append(start[1:], len(best)) - 1
+        return [
+            (names[best[a]], float(self.range_m[a]), float(self.range_m[b])) for a, b in zip(start, stop, strict=True)
+        ]
+
+
 @dataclass(frozen=True, kw_only=True)
 class LinkBudget:
     """The links of a scenario's radar.
 
+    floors: under the echo that the survey itself has.
     noise_w, transmit_power_w: of a sample; relative to the transmitted power if that is 1.
     """
 
     scenario: Scenario
     noise_w: float
     transmit_power_w: float
+    floors: Floors
     links: tuple[Link, ...]
+
+    @property
+    def physical(self) -> bool:
+        """Whether powers are in watts, and not relative to the transmitted one."""
+        return self.scenario.radar.transmit_power_dbm is not None
 
     @property
     def largest_difference_db(self) -> float:

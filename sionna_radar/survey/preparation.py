@@ -36,6 +36,7 @@ from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
+from sionna_radar.signal.interference import build_interference
 from sionna_radar.signal.noise import noise_power, transmit_power_w
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.stages import build_chain
@@ -294,6 +295,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     )
     _check_profiles(local, mapper, custom)
     sweeps = build_sweeps(local.radar)
+    others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()
     return Prepared(
@@ -310,7 +312,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
             noise_power_w=noise_power(local.radar, chirp, echo),
             seed=local.seed,
             high_pass=high_pass,
-            chain=build_chain(local.radar, sweeps, high_pass),
+            chain=build_chain(local.radar, sweeps, high_pass, others),
         ),
         detector=detector,
         expected_ground=build_expected_ground(local.processing.expected_ground, flown.altitude_m, antenna, grid, place),

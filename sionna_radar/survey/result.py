@@ -18,7 +18,6 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.uncertainty import Uncertainty
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.layers import Overhang
-from sionna_radar.scene.vegetation import canopy_over
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -128,7 +127,7 @@ class Survey(Brief):
         vegetation = self.prepared.scene.scene.vegetation
         if vegetation is None:
             return None
-        return read_canopy(self.error, canopy_over(vegetation, self.truth))
+        return read_canopy(self.error, vegetation.over(self.truth.grid))
 
     @cached_property
     def dem_uncertainty(self) -> UncertaintyCheck | None:

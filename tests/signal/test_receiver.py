@@ -8,11 +8,15 @@ import pytest
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.radar.chirp import build_sweeps
+from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.high_pass import build_high_pass
+from sionna_radar.signal.noise import add_noise
 from sionna_radar.signal.receiver import Receiver
+from sionna_radar.signal.stages import build_chain, register_receiver_stage
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import Paths
 
 PULSES = make_pulses(12, incidence_deg=30.0)
@@ -79,3 +83,43 @@ def test_another_seed_is_other_noise_on_the_same_echoes():
     assert np.any(radar.beat(PATHS, PULSES) != other.beat(PATHS, PULSES))
     echoes = radar.beat(PATHS, PULSES) - radar.beat(SILENCE, PULSES)
     np.testing.assert_allclose(echoes, other.beat(PATHS, PULSES) - other.beat(SILENCE, PULSES), atol=1e-16)
+
+
+@pytest.mark.parametrize("corner_hz", [0.0, 20e3])
+def test_what_is_not_asked_for_changes_no_bit(corner_hz):
+    """A prepared survey has no chain unless a key asks for it, and its beats are sums, noise and high-pass alone."""
+    keys = {"platform.length_m": 2.0, "tracing.paths_per_pulse": 16, "terrain.spacing_m": 2.0}
+    ready = prepare(load_scenario("hills", {**keys, "radar.receiver.high_pass_corner_hz": corner_hz}))
+    plain, pulses = ready.receiver, ready.flight.pulses(np.arange(4))
+    assert plain.chain is None
+    paths, sweep, high_pass = ready.sensor_inputs().tracer().trace(pulses), plain.chirp, plain.high_pass
+    if high_pass is None:
+        expected = add_noise(synthesise(paths, pulses, sweep), plain.noise_power_w, plain.seed, pulses.index)
+    else:
+        noise = add_noise(np.zeros((4, sweep.samples)), plain.noise_power_w, plain.seed, pulses.index)
+        expected = synthesise(high_pass.filtered(paths, sweep), pulses, sweep)
+        expected = expected + high_pass.shaped(noise, sweep.sampling_rate_hz)
+    seen = plain.reception(paths, pulses)
+    assert seen.beats[0].tobytes() == expected.tobytes()
+    assert seen.saturated is None
+
+
+def test_a_custom_stage_takes_the_place_of_one_of_ours():
+    class Half(StageParameters):
+        """A stage that weakens.
+
+        scale: of amplitudes.
+        """
+
+        scale: float = 0.5
+
+    @register_receiver_stage("weaker_for_this_test", Half)
+    def weaker(parameters, given):
+        assert given.sweeps[0].samples == 1024
+        return lambda received: replace(received, samples=parameters.scale * received.samples)
+
+    table = {"stages": {"converter": {"stage": "weaker_for_this_test", "scale": 0.25}}}
+    radar = RadarTable(snr_db=30.0, receiver=table)
+    custom = receiver(make_chirp(), noise_w=0.0, chain=build_chain(radar, (make_chirp(),), None))
+    plain = receiver(make_chirp(), noise_w=0.0)
+    np.testing.assert_allclose(custom.beat(PATHS, PULSES), 0.25 * plain.beat(PATHS, PULSES), atol=1e-16)

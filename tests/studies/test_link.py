@@ -92,8 +92,40 @@ def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
     done = cli("link", small, "--incidence", "45", "--rain", "0", "--pulses", "200", "-o", tmp_path / "link")
     assert done.returncode in (0, 1), done.stderr  # so few pulses compare with nothing
     names = {path.relative_to(tmp_path / "link").as_posix() for path in (tmp_path / "link").rglob("*.*")}
-    assert names == {"link.json", "link.csv", "manifest.json", "figures/link.png"}
+    assert names == {"link.json", "link.csv", "manifest.json", "figures/link.png", "figures/floors.png"}
     document = json.loads((tmp_path / "link" / "link.json").read_text())
     assert len(document["links"][0]["range_m"]) == 60
     assert "reach" in done.stdout
     assert cli("link", small, "--rain", "much", "-o", tmp_path / "none").returncode == 2
+
+
+BUILT = {
+    "radar.chirp_rate_hz": 4000.0,
+    "platform.length_m": 1.0,
+    "radar.transmit_power_dbm": 5.0,
+    "radar.receiver.leakage": [{"delay_ns": 1.003, "level_db": -25.0}],
+    "radar.receiver.converter.bits": 14,
+    "radar.receiver.converter.full_scale_dbm": -12.0,
+    "radar.receiver.oscillator.phase_noise_dbc_hz": [[1e3, -95.0], [1e6, -95.0]],
+}
+
+
+def test_floors_are_those_of_the_chain():
+    """Leakage, its phase noise, rounding and thermal noise, and what all leave under the echo."""
+    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[0.0], pulses=600)
+    found = budget.floors
+    assert set(found.terms) == {
+        "thermal noise",
+        "rounding of the converter",
+        "leakage",
+        "phase noise of the leakage",
+        "phase noise of the echo",
+    }
+    every = found.ground + np.sum(list(found.terms.values()), axis=0)
+    for low_m, high_m in ((1.0, 2.0), (5.0, 40.0), (85.0, 140.0)):
+        band = (found.range_m > low_m) & (found.range_m < high_m)
+        assert 10 * np.log10(found.found[band].sum() / every[band].sum()) == pytest.approx(0.0, abs=0.3)
+    rulers = [name for name, *_ in found.rulers()]
+    assert rulers[0] == "leakage"
+    assert "phase noise of the leakage" in rulers
+    assert budget.agrees

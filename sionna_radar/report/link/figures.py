@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -15,11 +16,13 @@ from sionna_radar.studies.link_result import Link, LinkBudget
 COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
 LINES = ("-", "--", ":", "-.")
 LEAST_DB = -20.0
+# What is shown under the floors.
+DEPTH_DB = 25.0
 
 
 def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
     """Draw every figure into a directory as PNG, and return the files."""
-    return save_figures(budget, {"link": link}, directory)
+    return save_figures(budget, {"link": link, "floors": floors}, directory)
 
 
 def link(budget: LinkBudget) -> Figure:
@@ -52,6 +55,40 @@ def link(budget: LinkBudget) -> Figure:
         handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Echo of the air alone (thin)")]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6), frameon=False)
     return figure
+
+
+def floors(budget: LinkBudget) -> Figure:
+    """Draw what every noise leaves in each range cell, under the echo that the survey has, beside simulated pulses."""
+    found = budget.floors
+    figure = ReportFigure(figsize=(8.5, 5.6), layout="constrained")
+    axes = figure.subplots()
+    shown, envelopes = slice(1, None), found.envelopes
+    every = found.ground + found.clutter + np.sum(list(found.terms.values()), axis=0)
+    scale = 1e3 if budget.physical else 1.0
+    axes.plot(found.range_m[shown], _levels(scale * found.found)[shown], color="0.75", lw=2.5, label="Simulated")
+    axes.plot(found.range_m[shown], _levels(scale * every)[shown], color="black", lw=0.9, label="All together")
+    axes.plot(found.range_m[shown], _levels(scale * found.ground)[shown], color=BLUE, label="Ground")
+    if np.any(found.clutter > 0):
+        axes.plot(found.range_m[shown], _levels(scale * found.clutter)[shown], color=ORANGE, label="Echo of the air")
+    for number, (name, level) in enumerate(envelopes.items()):
+        colour = COLOURS[2 + number % (len(COLOURS) - 2)]
+        axes.plot(found.range_m[shown], _levels(scale * level)[shown], ls="--", color=colour, label=name.capitalize())
+    # Where the highest floor is lowest, and some way under it.
+    lowest = float(np.min(_levels(scale * np.max(list(envelopes.values()), axis=0))[shown]))
+    highest = float(np.nanmax(_levels(scale * every)[shown]))
+    axes.set_ylim(lowest - DEPTH_DB, highest + 5.0)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    unit = "dBm" if budget.physical else "dB rel. to transmitted"
+    axes.set(xlabel="Range (m)", ylabel=f"Mean power in a range cell ({unit})")
+    axes.set_title(f"Floors over range, ground at {found.echo_m:.0f} m", fontsize="medium")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize="small", loc="upper right")
+    return figure
+
+
+def _levels(power: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return decibels(np.where(power > 0, power, np.nan))
 
 
 def _draw(upper: Axes, lower: Axes, one: Link, colour: str, line: str) -> None:

@@ -47,6 +47,7 @@ def link_summary(budget: LinkBudget) -> dict[str, Any]:
         "reach_probability": SURE,
         "noise_w": budget.noise_w,
         "transmit_power_w": budget.transmit_power_w,
+        "floors": _floors(budget),
         "meaning": MEANING,
         "links": [_link(link) for link in budget.links],
         "scenario": budget.scenario.model_dump(mode="json"),
@@ -65,6 +66,18 @@ def link_csv(budget: LinkBudget) -> str:
             own = [f"{value:.6g}" if np.isfinite(value) else "" for value in row]
             rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *own])
     return text.getvalue()
+
+
+def _floors(budget: LinkBudget) -> dict[str, Any]:
+    found = budget.floors
+    spectra = {"ground": found.ground, "clutter": found.clutter, **found.terms, "simulated": found.found}
+    return {
+        "ground_m": found.echo_m,
+        "unit": "dBW" if budget.physical else "dB over the transmitted power",
+        "highest": [{"floor": name, "from_m": start, "to_m": end} for name, start, end in found.rulers()],
+        "range_m": found.range_m.tolist(),
+        "power_db": {name: _finite(decibels(power)) for name, power in spectra.items()},
+    }
 
 
 def _link(link: Link) -> dict[str, Any]:

@@ -6,6 +6,9 @@ from sionna_radar.foundation.decibel import to_db
 from sionna_radar.report.terminal import console, number
 from sionna_radar.studies.link_result import SURE, TOLERANCE_DB, LinkBudget
 
+# Floors that take turns are all in the file.
+MOST_RULERS = 6
+
 
 def print_link(budget: LinkBudget) -> None:
     """Print a row for each range that was simulated, and whether closed form and simulation agree."""
@@ -17,6 +20,8 @@ def print_link(budget: LinkBudget) -> None:
         f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)", soft_wrap=True
     )
     out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
+    for name, start, end in budget.floors.rulers()[:MOST_RULERS]:
+        out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
     for reason in dict.fromkeys(one.reason for link in budget.links for one in link.simulated if one.reason):
         out.print(f"not simulated: {reason}", soft_wrap=True)
 

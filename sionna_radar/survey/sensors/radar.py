@@ -83,9 +83,10 @@ class Radar:
             ]
         with self._watch("detect"):
             window_m = self.sweeps.window_m(pulses)
-            echoes = angle.find([reception.beats[0], *sides], pulses.index, pulses.measured, window_m)
-        beats = tuple(reception.beats)
-        return Observation(paths=paths, echoes=echoes, beats=beats, saturated=reception.saturated)
+            # What leaks is the same in all receivers.
+            beats = [self.sweeps.cleaned([beat])[0] for beat in (reception.beats[0], *sides)]
+            echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
+        return Observation(paths=paths, echoes=echoes, beats=tuple(reception.beats), saturated=reception.saturated)
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""

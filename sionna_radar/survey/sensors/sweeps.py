@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Inexact, Int
 
+from sionna_radar.detection.bursts import zeroed
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
@@ -89,7 +90,7 @@ class SweepDetector:
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
             found = []
-            for beat, sweep in zip(self._moving(self.beats(pulses)), self.sweeps, strict=True):
+            for beat, sweep in zip(self.cleaned(self.beats(pulses)), self.sweeps, strict=True):
                 power = detector.analyser.power(beat)
                 if not shows_volume(detector, power):
                     return [None] * len(self.sweeps)
@@ -102,15 +103,16 @@ class SweepDetector:
         """What is the same in all chirps of each sweep: the mean over pulses spread over the survey."""
         return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
 
-    def _moving(self, beats: Beats) -> Beats:
-        """Return beat signals without what is the same in all of them, where the processing is to take it out."""
-        if self.detector.processing.leakage == "keep":
-            return beats
-        return [beat - still for beat, still in zip(beats, self.still, strict=False)]
+    def cleaned(self, beats: Beats) -> Beats:
+        """Return beat signals without what the processing is to take out of them: leakage, bursts of other radars."""
+        processing = self.detector.processing
+        if processing.leakage == "subtract":
+            beats = [beat - still for beat, still in zip(beats, self.still, strict=True)]
+        return [zeroed(beat) for beat in beats] if processing.interference == "zeroing" else beats
 
     def detect(self, beats: Beats, pulses: Pulses) -> Found:
         """Return the echoes in the beat signals of a block of pulses."""
-        beats = self._moving(beats)
+        beats = self.cleaned(beats)
         through = self.through[0]
         if self.paired:
             return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
@@ -124,7 +126,7 @@ class SweepDetector:
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
-        return self._pairs(self._moving(beats), pulses)
+        return self._pairs(self.cleaned(beats), pulses)
 
     def _pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         detector = self.detector
@@ -146,7 +148,7 @@ class SweepDetector:
         Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
         """
         detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
-        beat = self._moving(self.beats(pulses))[0]
+        beat = self.cleaned(self.beats(pulses))[0]
         spectra = detector.spectra(beat)
         if through is None:
             echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))

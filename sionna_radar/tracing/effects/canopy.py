@@ -41,7 +41,7 @@ class Canopy:
     def __init__(self, vegetation: Vegetation, scene: Scene, seed: int) -> None:
         self._vegetation, self._seed = vegetation, seed
         self._sigma0 = [as_radar_material(scene.materials[surface.material]).co_polar for surface in scene.surfaces]
-        self._highest_m = float(vegetation.height_m.max())
+        self._highest_m = vegetation.highest_m
 
     def over(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's paths, those to the ground dimmed, together with the echo of plants."""

@@ -37,6 +37,7 @@ KEYS = [
     "pulses",
     "paths",
     "echoes",
+    "receiver",
     "dem_error",
     "lit_error",
     "off_wall_error",
@@ -82,6 +83,7 @@ def test_summary_holds_the_survey(survey: Survey) -> None:
     assert list(document) == KEYS
     assert document["echoes"] == len(survey.points)
     assert document["engine"] == "sionna"
+    assert document["receiver"] is None  # no converter with a full scale
     assert document["seed"] == 7
     assert document["dem_error"]["rms_m"] == survey.dem_error.rms_m
     assert document["points_sha256"] == survey.points.sha256()

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import rasterio
 from scipy.integrate import quad
 
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
@@ -123,11 +125,35 @@ def test_a_survey_says_how_far_it_reads_the_tops():
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"polygon": [[900, 900], [950, 900], [950, 950]]}, "beyond the terrain"),
-        ({"polygon": [[0, 0], [0.01, 0], [0.01, 0.01]]}, "holds no ground"),
+        ({"polygon": [[900, 900], [950, 900], [950, 950]]}, "holds no plants over the terrain"),
+        ({"polygon": [[0, 0], [0.01, 0], [0.01, 0.01]]}, "holds no plants"),
         ({"radar": {"snr_db": 30.0, "antenna": {"polarization": "RHCP"}}}, "linear co-polar"),
     ],
 )
 def test_stands_that_cannot_be_are_refused(changes, says):
     with pytest.raises(ScenarioError, match=says):
         prepare(over_stand(45.0, **changes))
+
+
+def test_heights_come_from_a_raster(tmp_path):
+    """A canopy-height model in metres over the local frame: half of it 4 m high, the rest lower than plants are."""
+    file = tmp_path / "chm.tif"
+    heights = np.full((60, 60), 0.2, dtype=np.float32)
+    heights[:, 30:] = 4.0
+    heights[0, :] = -9999.0
+    place = rasterio.Affine(2.0, 0.0, -60.0, 0.0, -2.0, 60.0)
+    profile = {"driver": "GTiff", "height": 60, "width": 60, "count": 1, "dtype": "float32", "nodata": -9999.0}
+    with rasterio.open(file, "w", transform=place, **profile) as target:
+        target.write(heights, 1)
+    stand = {"path": str(file), "extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}
+    vegetation = prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation
+    grid = Grid(west_m=-50.0, south_m=-50.0, spacing_m=10.0, columns=12, rows=12)
+    found = vegetation.over(grid)
+    east = np.tile(grid.x_m, (12, 1))
+    north = np.tile(grid.y_m[:, None], (1, 12))
+    inside = (np.abs(east) < 60) & (np.abs(north) < 58)
+    assert np.all(found[inside & (east > 1)] == 4.0)
+    assert np.all(np.isnan(found[(east < -1) | ~inside & (east < 60) & (north < 58)]))
+    assert vegetation.highest_m == 4.0
+    with pytest.raises(ScenarioError, match="either height_m or path"):
+        over_stand(0.0, vegetation=[stand | {"height_m": 2.0}])

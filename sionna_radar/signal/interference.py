@@ -1,0 +1,159 @@
+"""Waves of other radars in our receiver: bursts where their sweeps cross ours.
+
+The wave that arrives is mixed with the one that is being sent, like an echo; the beat is the difference of two sweeps,
+a chirp of the difference of their slopes, and within the band of the receiver for as long as it takes to cross it
+(Brooker 2007, "Mutual interference of millimeter-wave radar systems", IEEE Trans. Electromagn. Compat. 49, 170-181).
+Its power is that of one way: P G G_r lambda^2 / (4 pi r)^2 (Friis 1946).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.scenario.interferers import Interferer
+from sionna_radar.signal.sample_grid import SampleGrid
+from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
+
+# Bursts fade out over this share of the grid's band next to its ends, which filters take away.
+FADED = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherRadar:
+    """Another radar: its place, what it radiates toward us (power times gain), and its sweep.
+
+    slope_hz_s: zero for a steady carrier. period_s: of its sweeps. start_s: of one of them.
+    """
+
+    position_m: Float[np.ndarray, "3"]
+    radiated_w: float
+    carrier_hz: float
+    slope_hz_s: float = 0.0
+    period_s: float = np.inf
+    start_s: float = 0.0
+
+    def into_sweep(self, time_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the time from the middle of the sweep that is under way."""
+        if not np.isfinite(self.period_s):
+            return time_s
+        return np.mod(time_s - self.start_s, self.period_s) - self.period_s / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interference:
+    """What other radars add to a signal.
+
+    antennas: ours, or that of each beam of an electronic scan.
+    """
+
+    radars: tuple[OtherRadar, ...] = ()
+    antennas: tuple[Antenna, ...] = ()
+
+    def __call__(self, received: Received) -> Received:
+        """Return what is received with the bursts of the other radars."""
+        samples = received.signal
+        for radar in self.radars:
+            power_w, range_m, rate_mps = self.arriving(radar, received.pulses, received.chirp.wavelength_m)
+            beat = np.sqrt(power_w)[:, None] * _beat(radar, received.pulses, received.grid, range_m, rate_mps)
+            samples = samples + (beat if np.iscomplexobj(samples) else np.sqrt(2) * beat.real)
+        return replace(received, samples=samples)
+
+    def arriving(
+        self, radar: OtherRadar, pulses: Pulses, wavelength_m: float
+    ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+        """Return the power that our antenna receives from a radar in each pulse, its range and its range rate."""
+        pose = pulses.true
+        away = radar.position_m - pose.position_m
+        # Nearer than a wavelength there is no far field.
+        range_m = np.maximum(np.linalg.norm(away, axis=1), wavelength_m)
+        toward = away / range_m[:, None]
+        seen = np.einsum("nij,ni->nj", pose.R_world_antenna, toward)
+        gain = np.zeros(len(pulses))
+        beam = np.zeros(len(pulses), dtype=np.int64) if pulses.beam is None else pulses.beam
+        for number in np.unique(beam):
+            gain[beam == number] = self.antennas[number].receive_gain(seen[beam == number])
+        power_w = radar.radiated_w * gain * (wavelength_m / (4 * np.pi * range_m)) ** 2
+        return power_w, range_m, -np.einsum("ni,ni->n", pose.velocity_mps, toward)
+
+
+def _beat(
+    radar: OtherRadar,
+    pulses: Pulses,
+    grid: SampleGrid,
+    range_m: Float[np.ndarray, " pulse"],
+    rate_mps: Float[np.ndarray, " pulse"],
+) -> Complex[np.ndarray, "pulse point"]:
+    """Return the beats of a radar's wave of unit power with our sweeps, where they are within the band of the grid."""
+    wide = grid.wide
+    t = wide.sample_time_s
+    sent = (pulses.time_s + wide.centre_s - range_m / speed_of_light)[:, None]
+    own = radar.into_sweep(sent + t * (1 - rate_mps[:, None] / speed_of_light))
+    between_hz = wide.direction * (wide.carrier_hz + wide.slope_hz_s * t - radar.carrier_hz - radar.slope_hz_s * own)
+    half_hz = wide.sampling_rate_hz / 2
+    # I/Q samples see beats around the middle of their band.
+    middle_hz = grid.chirp.sampling_rate_hz / 2 if wide.sampling == "iq" else 0.0
+    beyond = (np.abs(between_hz - middle_hz) / half_hz - (1 - FADED)) / FADED
+    beat = np.zeros(own.shape, dtype=np.complex128)
+    row, point = np.nonzero(beyond < 1)
+    ours = wide.carrier_hz * t[point] + wide.slope_hz_s * t[point] ** 2 / 2
+    u = own[row, point]
+    turns = ours - radar.carrier_hz * u - radar.slope_hz_s * u**2 / 2
+    fading = np.cos(np.pi / 2 * np.maximum(beyond[row, point], 0.0)) ** 2
+    beat[row, point] = fading * np.exp(2j * np.pi * wide.direction * np.mod(turns, 1.0))
+    return beat
+
+
+@register_receiver_stage("interference", StageParameters)
+def build_interference_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
+    """Return the stage that adds what other radars radiate."""
+    return given.interference or Interference()
+
+
+def build_interference(
+    interferers: Sequence[Interferer],
+    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    antennas: tuple[Antenna, ...],
+) -> Interference | None:
+    """Return the other radars of a scenario, whose positions are local; None for none.
+
+    Raises ScenarioError for one beyond the terrain, where its height counts from nothing.
+    """
+    if not interferers:
+        return None
+    places = np.array([table.position_m for table in interferers])
+    ground = ground_m(places)
+    lost: Int[np.ndarray, " n"] = np.flatnonzero(~np.isfinite(ground))
+    if len(lost):
+        text = "lies beyond the terrain, from which its height counts; move it, or enlarge the terrain"
+        raise ScenarioError(
+            [Problem(f"interferers.{n}.position_m", f"{interferers[n].position_m} {text}") for n in lost]
+        )
+    return Interference(
+        radars=tuple(
+            _radar(table, np.array([*place, base + table.height_m]))
+            for table, place, base in zip(interferers, places, ground, strict=True)
+        ),
+        antennas=antennas,
+    )
+
+
+def _radar(table: Interferer, position_m: Float[np.ndarray, "3"]) -> OtherRadar:
+    radiated_w = 1e-3 * from_db(table.power_dbm + table.antenna_gain_db)
+    if table.bandwidth_hz is None or table.chirp_rate_hz is None:
+        return OtherRadar(position_m=position_m, radiated_w=radiated_w, carrier_hz=table.carrier_hz)
+    return OtherRadar(
+        position_m=position_m,
+        radiated_w=radiated_w,
+        carrier_hz=table.carrier_hz,
+        slope_hz_s=table.bandwidth_hz * table.chirp_rate_hz * (1 if table.sweep == "up" else -1),
+        period_s=1 / table.chirp_rate_hz,
+        start_s=table.offset_s,
+    )
