@@ -3,8 +3,8 @@ Frames of chirps: range and range rate
 ======================================
 
 The phase of an echo turns from chirp to chirp as its range changes. A transform over the chirps of a frame gives a map
-over range rate and range, in which what moves stands apart from the ground. With SIONNA_RADAR_SMALL=1 in the environment
-the ground has few scatterers.
+over range rate and range, in which what moves stands apart from the ground. With SIONNA_RADAR_SMALL=1 in the
+environment the ground has few scatterers.
 """
 
 # %%
@@ -37,8 +37,9 @@ for target in frames.targets:
     )
 
 # %%
-# The map of the last frame. The ground in the beam has the range rates of its directions against the flight, a band that
-# is as wide as the beam.
+# The map of the last frame. The ground in the beam has the range rates of its directions against the flight, a band as
+# wide as the beam. What lies far from it at 33 and 37 m is the ground in the skirts of the beam, 60 dB down, whose
+# speckle is drawn anew in each chirp, so that it has no range rate.
 last = frames.last
 power_db = 10 * np.log10(last.power / last.power.max())
 figure = Figure(figsize=(9, 5.4), layout="constrained")
