@@ -59,13 +59,22 @@ class RecordedReception(Table):
     """What the processing of a real recording must be told of its radar.
 
     antenna: its beam.
-    receiver: between mixer and sampler.
+    receiver: its high-pass, which calibrated spectra divide out; all else has happened to the samples.
     """
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
     receiver: ReceiverTable = ReceiverTable()
+
+    @model_validator(mode="after")
+    def _only_the_high_pass(self) -> RecordedReception:
+        given = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order"})
+        if given:
+            raise refuse(
+                f"receiver.{given[0]}", "has no effect on samples that are recorded already; only the high-pass has"
+            )
+        return self
 
 
 class RecordedSettings(Table):

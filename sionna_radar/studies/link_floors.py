@@ -25,6 +25,7 @@ from sionna_radar.signal.stages import StageInputs
 THERMAL, ROUNDING = "thermal noise", "rounding of the converter"
 # Of the window around a tone, in range cells.
 NEAR_CELLS = 32
+LEAST_PASSED = 1e-12
 LEAKAGE, LEAKAGE_NOISE = "leakage", "phase noise of the leakage"
 
 
@@ -40,7 +41,8 @@ def floors_of(
     step = _step(radar, receiver)
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
-        found[ROUNDING] = np.full(len(analyser.range_m), parts * step**2 / 12 * in_cell(analyser))
+        # It comes behind the high-pass, whose response the calibration divides out.
+        found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / _passed(analyser)
     ways = radar.receiver.leakage
     if ways and "leakage" not in radar.receiver.stages:
         found[LEAKAGE] = _still(ways, radar, receiver, analyser)
@@ -121,6 +123,14 @@ def _leakage_noise(
             left += fftconvolve(density * gone[a] * np.conj(gone[b]), own[a] * np.conj(own[b])).real
     first = bins + 3 * reach
     return np.maximum(left[first : first + bins], 0.0)
+
+
+def _passed(analyser: SpectrumAnalyser) -> Float[np.ndarray, " bin"]:
+    """Return the power response of the high-pass in each bin."""
+    if analyser.high_pass is None:
+        return np.ones(len(analyser.range_m))
+    response = analyser.high_pass.power_response(analyser.range_m * analyser.chirp.beat_per_metre_hz)
+    return np.maximum(response, LEAST_PASSED)
 
 
 def _step(radar: RadarTable, receiver: Receiver) -> float | None:

@@ -12,6 +12,7 @@ from sionna_radar.scenario.loading import (
     shipped_scenarios,
     to_toml,
 )
+from sionna_radar.scenario.recorded import recorded_settings
 
 LEAST = {
     "terrain": {"kind": "flat"},
@@ -233,3 +234,10 @@ def test_no_message_speaks_of_pydantic(key):
         message = told(data)
         for word in ("Table", "instance", "pydantic", "input should", "valid dictionary", "tuple", "NoneType"):
             assert word not in message, value
+
+
+def test_a_recording_has_its_receiver_behind_it_but_for_the_high_pass():
+    kept = recorded_settings({"radar.receiver.high_pass_corner_hz": 1e3}, "recording.nc")
+    assert kept.radar.receiver.high_pass_corner_hz == 1e3
+    with pytest.raises(ScenarioError, match=r"radar.receiver.oscillator: has no effect on samples"):
+        recorded_settings({"radar.receiver.oscillator.cubic_hz": 1e3}, "recording.nc")
