@@ -14,7 +14,10 @@ from written import write
 SECTIONS = {
     "scripts": ("First scripts", "scenario_in_python elevation_file one_chirp custom_antenna_and_scan"),
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
-    "radar": ("What the radar and its maps do", "floors maps uncertainty navigation triangular second_receiver sar"),
+    "radar": (
+        "What the radar and its maps do",
+        "floors maps uncertainty navigation triangular second_receiver range_doppler sar",
+    ),
     "weather": ("Weather", "rain weather vegetation radar_and_lidar circular"),
     "paper": (
         "The reference paper",

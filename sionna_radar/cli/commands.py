@@ -52,7 +52,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
     app.command()(demo)
     app.command(name="run")(run_command)
-    for command in (crosscheck, budget, link, image, sweep, merge):
+    for command in (crosscheck, budget, link, image, range_doppler, sweep, merge):
         app.command()(command)
 
 
@@ -298,6 +298,34 @@ def image(
         marker=MARKER,
         write=write_imagery,
         show=print_image,
+    )
+
+
+def range_doppler(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
+    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Frames, one after the other.")] = 8,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
+    from sionna_radar.report.range_doppler.products import MARKER, write_frames
+    from sionna_radar.report.range_doppler.table import print_frames
+    from sionna_radar.studies.range_doppler import fly_frames
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    checked = session.load()
+    session.produce(
+        lambda progress, _: fly_frames(checked, chirps=chirps, frames=frames, progress=progress),
+        suffix="_range_doppler",
+        marker=MARKER,
+        write=write_frames,
+        show=print_frames,
     )
 
 

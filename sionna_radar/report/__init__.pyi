@@ -9,6 +9,7 @@ from .maps import colour_bar as colour_bar
 from .maps import empty_patch as empty_patch
 from .maps import finish_map as finish_map
 from .maps import show_raster as show_raster
+from .range_doppler.products import write_frames as write_frames
 from .show.page import show_page as show_page
 from .survey.environment_figure import draw_environment as draw_environment
 from .survey.figures import draw_chirp as draw_chirp
@@ -40,6 +41,7 @@ __all__ = [
     "write_budget",
     "write_comparison",
     "write_crosscheck",
+    "write_frames",
     "write_imagery",
     "write_log",
     "write_survey",

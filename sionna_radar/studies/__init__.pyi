@@ -18,6 +18,8 @@ from .planning import FlightPlan as FlightPlan
 from .planning import Wanted as Wanted
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
+from .range_doppler import Frames as Frames
+from .range_doppler import fly_frames as fly_frames
 from .sweep import fly_sweep as fly_sweep
 from .sweep_plan import label as label
 from .sweep_plan import plan_sweep as plan_sweep
@@ -32,6 +34,7 @@ __all__ = [
     "CrossCheck",
     "Design",
     "FlightPlan",
+    "Frames",
     "Imagery",
     "LogInspection",
     "Sampler",
@@ -42,6 +45,7 @@ __all__ = [
     "Wanted",
     "check_plan",
     "fit_material",
+    "fly_frames",
     "fly_images",
     "fly_sweep",
     "inspect_log",

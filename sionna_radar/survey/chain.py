@@ -29,10 +29,12 @@ from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, Sampl
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.warnings import saturation_warnings, steered_warnings, warnings_of
+from sionna_radar.survey.warnings import direction_warnings, saturation_warnings, steered_warnings, warnings_of
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
+# Spread over the survey, by which warnings know how the antenna looks at the ground.
+WARNED_PULSES = 200
 
 
 def run(
@@ -232,6 +234,10 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         None if prepared.expected_ground is None else "processing.expected_ground",
         stepped_behind_volume=prepared.mapper.name == "stepped" and recording.behind_volume,
     )
+    found, sampled = len(recording.echoes), prepared.flight.sample(WARNED_PULSES).measured
+    if prepared.angle is not None and found == 0:
+        warnings = prepared.flown.warnings  # what follows says more than that there is no echo
+    warnings += direction_warnings(prepared.angle, sampled, found)
     mapper = prepared.mapper
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared))
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)

@@ -48,8 +48,23 @@ def test_neither_the_block_size_nor_packing_changes_a_bit(surveys):
 
 def test_a_phase_error_tilts_the_points():
     """Half a radian between the receivers of an elevation pair lifts or lowers what lies ahead."""
-    wrong = run(load_scenario("hills", ON | {"radar.second_receiver.phase_error_deg": 20.0}))
+    wrong = run(load_scenario("hills", ON | {"platform.length_m": 8.0, "radar.second_receiver.phase_error_deg": 20.0}))
     assert abs(wrong.lit_error.mean_m) > 1.0
+
+
+def test_one_axis_is_warned_of_where_it_does_not_tell_height():
+    """A whisk-broom turns the range cells across the beam, a conical scan keeps them across the elevation axis."""
+    told, shorter = {}, ON | {"platform.length_m": 8.0}
+    for name, changes in (("whisk", {}), ("cone", {"radar.scan.mode": "conical"})):
+        for axis in ("elevation", "azimuth"):
+            survey = run(load_scenario("hills", shorter | changes | {"radar.second_receiver.axis": axis}))
+            told[name, axis] = " ".join(survey.warnings)
+            if (name, axis) == ("cone", "elevation"):
+                assert survey.lit_error.rms_m < 0.15
+    assert "set radar.second_receiver.axis = 'both'" in told["whisk", "elevation"]
+    assert told["cone", "elevation"] == ""
+    assert "no direction was found for any echo" in told["cone", "azimuth"]
+    assert "no echo" not in told["cone", "azimuth"]
 
 
 def test_signals_of_one_receiver_are_neither_recorded_nor_made_into_directions(tmp_path):

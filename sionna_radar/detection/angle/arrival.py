@@ -243,8 +243,7 @@ class _Stretches:
             begin=begin,
             power=total,
             peak_power=np.maximum.reduceat(power, begin) if len(begin) else total,
-            # White receiver noise; next to a wide echo its estimate is raised by the echo itself.
-            noise=np.median(spans.noise, axis=1)[row],
+            noise=_receiver_noise(spans.noise)[row],
             range_m=mean_m,
             range_variance_m2=_sums(power * apart**2, begin) / total,
             bin_m=spans.bin_m,
@@ -303,6 +302,18 @@ class _Stretches:
         )
         power = _sums(one.real**2 + one.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
+
+
+def _receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:
+    """Return the noise of each pulse from its estimates around all bins.
+
+    It is white; next to a wide echo the echo raises the estimate, and where no training cells fit it is infinite.
+    """
+    tested = np.isfinite(noise).all(axis=0)
+    if not tested.any():
+        return np.full(len(noise), np.inf)
+    middle: Float[np.ndarray, " pulse"] = np.median(noise[:, tested], axis=1)
+    return middle
 
 
 def _sums(value: Inexact[np.ndarray, " cell"], begin: Int[np.ndarray, " point"]) -> Inexact[np.ndarray, " point"]:

@@ -63,7 +63,7 @@ def span_cells(
 ) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"], Int[np.ndarray, " span"]]:
     """Return row and bin of all cells of some spans, and where each span begins among them."""
     length = stop - start
-    begin = np.concatenate([[0], np.cumsum(length)[:-1]]).astype(np.int64)
+    begin = (np.cumsum(length) - length).astype(np.int64)
     bins = np.arange(length.sum()) - np.repeat(begin - start, length)
     return np.repeat(row, length), bins, begin
 

@@ -106,6 +106,13 @@ def test_a_known_length_of_points():
     assert len(short) > 1.4 * len(long)
 
 
+def test_no_echo_is_no_point():
+    found = estimator("interferometric", "interferometer")
+    points = points_of(found, plane_echo(0.0).rows(slice(0)))
+    assert len(points) == 0
+    assert points.across_sigma_m.shape == (0,)
+
+
 def test_range_grows_across_the_strip():
     """Over level ground, by r tan(incidence) a radian toward where the antenna sees up."""
     strips = range_strips(PULSES.measured, (0.04, 0.04))

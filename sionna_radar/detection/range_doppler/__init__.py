@@ -1,0 +1,1 @@
+"""Range-Doppler maps of frames of chirps, and detection in two dimensions."""

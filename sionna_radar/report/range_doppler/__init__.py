@@ -1,0 +1,1 @@
+"""Files and figures of range-Doppler maps."""

@@ -1,0 +1,222 @@
+"""Frames of chirps from the middle of a flight: their range-Doppler maps, and what is detected in the last one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
+from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
+from sionna_radar.detection.range_doppler.movers import Movers, find_movers
+from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
+from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.brief import Brief
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.scenario import Scenario
+from sionna_radar.survey.preparation import Prepared, prepare
+
+# Cells beside the one under test, and beyond them, of the ring around it, in range rate and in range alike.
+GUARD, TRAINING = 3, 6
+# Of the latest map in the levels of a clutter map.
+WEIGHT = 0.25
+# Share of the beam by which the antenna may turn during a frame.
+MOST_TURN = 0.5
+# A mover this many cells away from where a target is, in either direction, is that target.
+NEAR_CELLS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenTarget:
+    """A target of the scenario in the last frame: where it is, and where it was found; NaN if it was not.
+
+    number: in the scenario, from 0.
+    """
+
+    number: int
+    range_m: float
+    range_rate_mps: float
+    found_range_m: float
+    found_rate_mps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frames(Brief):
+    """Range-Doppler maps of frames that follow each other, and detection in the last of them.
+
+    analyser: windows and cells; frames: how many.
+    last: map of the last frame, and mean: of all of them.
+    detected: cells of the last one over the ring around them; changed: over what they held in earlier frames.
+    movers: peaks among the detected cells.
+    targets: those of the scenario, in its order.
+    smear_cells: by how many cells the range rate of still ground in the middle of the beam changes during a frame, as
+        the radar passes it; peaks of frames in which that is more than one are low and wide.
+    """
+
+    scenario: Scenario
+    analyser: RangeDoppler
+    frames: int
+    last: RangeDopplerMap
+    mean: Float[np.ndarray, "rate bin"]
+    detected: Bool[np.ndarray, "rate bin"]
+    changed: Bool[np.ndarray, "rate bin"]
+    movers: Movers
+    targets: tuple[SeenTarget, ...]
+    smear_cells: float
+
+    def __repr__(self) -> str:
+        found = sum(bool(np.isfinite(target.found_range_m)) for target in self.targets)
+        cells = f"{self.last.chirp.range_resolution_m:.3g} m and {self.analyser.rate_cell_mps:.3g} m/s"
+        return (
+            f"Frames: {self.frames} of {self.analyser.chirps} chirps, cells of {cells}\n"
+            f"  {len(self.movers)} peaks, {found} of {len(self.targets)} targets among them"
+        )
+
+
+def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progress: Progress = silent) -> Frames:
+    """Return range-Doppler maps from the middle of a flight.
+
+    Parameters
+    ----------
+    scenario:
+        The survey, with `tracing.speckle = "persistent"`: the phase of the ground must go on from chirp to chirp.
+        Windows, padding and the false-alarm rate are those of its `processing`; with `cfar.kind = "OS"` the ring takes
+        an order statistic, otherwise its mean.
+    chirps, frames:
+        Chirps of a frame, and how many frames.
+    progress:
+        Called with the stage "frames".
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        Too few pulses, a beam that turns during a frame, or a scenario that cannot be flown; see `prepare`.
+
+    Examples
+    --------
+    >>> seen = fly_frames(load_scenario("slar"), chirps=32, frames=2)
+    >>> len(seen.targets), seen.last.power.shape
+    (3, (64, 512))
+
+    """
+    _check(scenario)
+    prepared = prepare(scenario, progress=progress)
+    analyser = RangeDoppler(
+        chirp=prepared.receiver.chirp,
+        chirps=chirps,
+        range_window=scenario.processing.window,
+        rate_window=scenario.processing.window,
+        zero_padding=scenario.processing.zero_padding,
+    )
+    first = _first(prepared, chirps, frames)
+    cfar, clutter = _ring(scenario, analyser), _clutter(scenario)
+    tracer = prepared.sensor_inputs().tracer()
+    total = np.zeros((len(analyser.range_rate_mps), len(analyser.range_m)))
+    for number in range(frames):
+        pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
+        last = analyser.map(prepared.receiver.beat(tracer.trace(pulses), pulses))
+        changed = clutter.detected(last.power)
+        total += last.power
+        progress("frames", number + 1, frames)
+    detected = cfar.detected(last.power)
+    movers = find_movers(last, detected)
+    middle = pulses.rows(slice(chirps // 2, chirps // 2 + 1))
+    return Frames(
+        scenario=scenario,
+        analyser=analyser,
+        frames=frames,
+        last=last,
+        mean=total / frames,
+        detected=detected,
+        changed=changed,
+        movers=movers,
+        targets=_targets(prepared, middle, movers, analyser),
+        smear_cells=_smear_cells(prepared, middle.true, analyser),
+    )
+
+
+def _check(scenario: Scenario) -> None:
+    problems = []
+    if scenario.sensor != "radar":
+        problems.append(Problem("sensor", f"{scenario.sensor!r} has no chirps; set sensor = 'radar'"))
+    if scenario.radar.sweep == "triangular":
+        message = "'triangular' has two sweeps for each range rate; set radar.sweep = 'up' or 'down'"
+        problems.append(Problem("radar.sweep", message))
+    if scenario.tracing.speckle != "persistent":
+        message = f"{scenario.tracing.speckle!r} breaks the phase from chirp to chirp; set 'persistent'"
+        problems.append(Problem("tracing.speckle", message))
+    if problems:
+        raise ScenarioError(problems)
+
+
+def _first(prepared: Prepared, chirps: int, frames: int) -> int:
+    """Return the first pulse of frames in the middle of the flight."""
+    if frames < 1 or chirps * frames > len(prepared):
+        message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
+        raise ScenarioError([Problem("frames", message)])
+    first = (len(prepared) - chirps * frames) // 2
+    ends = prepared.flight.pulses(first + np.array([0, chirps - 1])).true.boresight
+    turned = float(np.arccos(np.clip(ends[0] @ ends[1], -1.0, 1.0)))
+    if turned > MOST_TURN * min(prepared.antenna.beamwidths_rad):
+        message = (
+            f"{chirps} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, raise "
+            "radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
+        )
+        raise ScenarioError([Problem("chirps", message)])
+    return first
+
+
+def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:
+    """Return the change of range rate in a frame, in cells: the square of the speed across the ray over the range."""
+    range_m = float(prepared.scene.caster.cast(middle.position_m, middle.boresight).distance_m[0])
+    across = np.linalg.norm(np.cross(middle.velocity_mps[0], middle.boresight[0]))
+    frame_s = analyser.chirps / analyser.chirp.rate_hz
+    return float(across**2 / range_m * frame_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
+
+
+def _ring(scenario: Scenario, analyser: RangeDoppler) -> RingCfar:
+    table = scenario.processing.cfar
+    return RingCfar(
+        kind="OS" if table.kind == "OS" else "CA",
+        guard=(GUARD, GUARD),
+        training=(TRAINING, TRAINING),
+        false_alarm_probability=table.false_alarm_probability,
+        rank=table.rank,
+        correlation=analyser.noise_correlation(GUARD + TRAINING + 1),
+        stride=analyser.zero_padding,
+    )
+
+
+def _clutter(scenario: Scenario) -> ClutterMap:
+    return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
+
+
+def _targets(prepared: Prepared, middle: Pulses, movers: Movers, analyser: RangeDoppler) -> tuple[SeenTarget, ...]:
+    """Return the scenario's targets, each with the nearest peak that is near enough."""
+    seen = []
+    for number, target in enumerate(prepared.scene.scene.targets):
+        place, velocity = np.array(target.position_m), np.zeros(3)
+        if target.way is not None:
+            place, velocity = (column[0] for column in target.way.at(middle.time_s))
+        away = place - middle.true.position_m[0]
+        range_m = float(np.linalg.norm(away))
+        rate_mps = float((velocity - middle.true.velocity_mps[0]) @ away) / range_m
+        # Range rates wrap at the ends of the unambiguous ones.
+        span = 2 * analyser.highest_rate_mps
+        rate_mps = (rate_mps + span / 2) % span - span / 2
+        apart = np.maximum(
+            np.abs(movers.range_m - range_m) / analyser.chirp.range_resolution_m,
+            np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
+        )
+        nearest = int(np.argmin(apart)) if len(apart) else -1
+        found = nearest >= 0 and bool(apart[nearest] <= NEAR_CELLS)
+        seen.append(
+            SeenTarget(
+                number=number,
+                range_m=range_m,
+                range_rate_mps=rate_mps,
+                found_range_m=float(movers.range_m[nearest]) if found else float("nan"),
+                found_rate_mps=float(movers.range_rate_mps[nearest]) if found else float("nan"),
+            )
+        )
+    return tuple(seen)

@@ -1,0 +1,78 @@
+"""Frames of a flight: targets of known place in their maps, files, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.report.range_doppler.products import write_frames
+from sionna_radar.report.range_doppler.table import print_frames
+from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.range_doppler import fly_frames
+
+SPARSE = {"tracing.scatterers_per_m2": 10.0}
+TARGETS = [
+    {"position_m": [0.0, -32.0], "waypoints_m": [[0.0, -20.0]], "speed_mps": 3.0, "rcs_dbsm": -10.0},
+    {"position_m": [0.3, -27.0], "rcs_dbsm": -5.0},
+]
+FAST = {"targets": TARGETS, "radar.chirp_rate_hz": 4000.0}
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=3)
+
+
+def test_targets_have_their_ranges_and_range_rates(flown):
+    """One that comes nearer, and one at rest past which the radar flies, to a fraction of a cell."""
+    moving, still = flown.targets
+    assert moving.range_rate_mps == pytest.approx(-3.0 * 28.1 / np.hypot(28.1, 28.0), abs=0.05)
+    for target in (moving, still):
+        assert target.found_range_m == pytest.approx(target.range_m, abs=0.1 * flown.last.chirp.range_resolution_m)
+        assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * flown.analyser.rate_cell_mps)
+
+
+def test_what_moves_through_cells_is_new_and_the_ground_is_not(flown):
+    row = np.argmin(np.abs(flown.last.range_rate_mps - flown.targets[0].range_rate_mps))
+    assert flown.detected[row].any()
+    ground = np.abs(flown.last.range_rate_mps) < 0.1
+    assert flown.changed[ground].mean() < 0.02
+    assert flown.last.power.shape == flown.mean.shape == flown.detected.shape
+
+
+def test_the_ground_smears_as_the_radar_passes(flown):
+    """At 5 m/s, 28 m up and 45 deg: v^2 / r over 32 ms, in cells of half a wavelength over 32 ms."""
+    frame_s = 128 / 4000.0
+    change_mps = 25.0 / (28.0 * np.sqrt(2)) * frame_s
+    assert flown.smear_cells == pytest.approx(change_mps / (flown.last.chirp.wavelength_m / 2 / frame_s), rel=0.05)
+
+
+def test_files_and_table(flown, tmp_path, capsys):
+    files = write_frames(flown, tmp_path / "out")
+    names = {str(file.relative_to(tmp_path / "out")) for file in files}
+    assert {"range_doppler.json", "peaks.csv", "figures/range_doppler.png"} <= names
+    document = json.loads((tmp_path / "out" / "range_doppler.json").read_text())
+    assert document["chirps"] == 128
+    assert len(document["targets"]) == 2
+    print_frames(flown)
+    assert "3 frames of 128 chirps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("changes", "asked", "said"),
+    [
+        ({"tracing.speckle": "per_pulse"}, {}, "tracing.speckle: 'per_pulse' breaks"),
+        ({"radar.sweep": "triangular"}, {}, "radar.sweep: 'triangular' has two sweeps"),
+        (SPARSE, {"chirps": 2000}, "frames: 8 frames of 2000 chirps are not within"),
+        (SPARSE, {"chirps": 2}, "chirps: 2 do not resolve"),
+    ],
+)
+def test_what_cannot_be_framed_is_refused(changes, asked, said):
+    with pytest.raises(ScenarioError, match=said):
+        fly_frames(load_scenario("slar", changes), **asked)
+
+
+def test_a_beam_that_turns_is_refused():
+    with pytest.raises(ScenarioError, match="chirps: 64 turn the beam by"):
+        fly_frames(load_scenario("hills", {"platform.length_m": 20.0, "terrain.spacing_m": 4.0}), frames=1)
