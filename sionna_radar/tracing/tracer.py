@@ -8,7 +8,9 @@ from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
+from sionna_radar.tracing.effects.dihedrals import DihedralTracer
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.reflection import plane_mirrors
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.paths import Paths
@@ -22,6 +24,7 @@ class Tracer:
 
     atmosphere: None for clear air.
     seed: of the targets' fluctuations.
+    bounces: 2 for the echoes of dihedrals, too; the engine adds those of a mirror and a diffuse surface.
     """
 
     def __init__(
@@ -34,11 +37,13 @@ class Tracer:
         *,
         atmosphere: Atmosphere | None = None,
         seed: int = 0,
+        bounces: int = 1,
     ) -> None:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
         self._atmosphere, self._seed = atmosphere, seed
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
+        self._dihedrals = DihedralTracer(plane_mirrors(scene, chirp) if bounces > 1 else [], antenna, chirp, caster)
         self._canopy = None if scene.vegetation is None else Canopy(scene.vegetation, scene, seed)
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -50,6 +55,8 @@ class Tracer:
             paths = self._canopy.over(paths, pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+        if len(self._dihedrals):
+            paths = Paths.concatenate([paths, self._dihedrals.trace(pulses)])
         if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, targets])
@@ -66,4 +73,5 @@ def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> 
         given.caster,
         atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
         seed=given.seed,
+        bounces=given.tracing.bounces,
     )
