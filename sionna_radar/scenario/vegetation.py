@@ -12,8 +12,9 @@ from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Table
 class VegetationTable(Table):
     """A stand of plants: a layer on the ground that returns an echo from all of its depth and dims what lies under it.
 
-    Both values are of the whole stand, gaps included. Measured millimetre-wave extinction is for instance in
-    Recommendation ITU-R P.833, and by Jones, Espeland and Violette (NTIA, conifers in October 1987, 9.6 to 96.1 GHz).
+    Both values are of the whole stand, gaps included; the wind turns the phases of the plants (`weather.wind_mps`).
+    Measured millimetre-wave extinction is for instance in Recommendation ITU-R P.833, and by Jones, Espeland and
+    Violette (NTIA, conifers in October 1987, 9.6 to 96.1 GHz).
 
     polygon_m: its outline on the map: corners in their order, each in the coordinates of the scenario; where stands
         overlap the last one counts. With path it may be left out: all of the raster.

@@ -21,7 +21,7 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.targets import target_of
 from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
+from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter, motions_of
 
 # After each of them `build_scene` reports.
 BUILDING_STEPS = 3
@@ -77,7 +77,11 @@ def build_scene(
     land = ground.land
     _check_materials(land, known)
     step()
-    place = (repr((scenario.targets, scenario.vegetation, window_m if scenario.vegetation else ())), Same(known))
+    motions = motions_of(scenario.all_materials)
+    place = (
+        repr((scenario.targets, scenario.vegetation, window_m if scenario.vegetation else (), motions)),
+        Same(known),
+    )
 
     def build() -> Scene:
         return Scene(
@@ -89,6 +93,7 @@ def build_scene(
             vegetation=vegetation_of(
                 scenario.vegetation, land.ground_m, window_m, partial(canopy_heights, land.georeference)
             ),
+            motions=motions,
         )
 
     scene = ground.caster.once("scene", place, build)

@@ -1,6 +1,7 @@
 """The contents of a scene, in plain arrays that any engine can use."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +12,7 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.surfaces.motion import SurfaceMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +67,7 @@ class Scene:
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the scene is not georeferenced.
     vegetation: None if nothing grows.
+    motions: what the wind moves, by material; others stand still.
     """
 
     surfaces: tuple[Surface, ...]
@@ -73,6 +76,7 @@ class Scene:
     ground_material: str
     georeference: Georeference | None
     vegetation: Vegetation | None = None
+    motions: Mapping[str, SurfaceMotion] = field(default_factory=dict)
 
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:
