@@ -2,14 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, no_type_check
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 from scipy.constants import g as gravity
 from scipy.constants import mile, speed_of_light
-
-from sionna_radar.foundation.compiled import compiled
 
 # Slower air moves nothing; Billingsley's fit ends at some 0.2 m/s, too.
 CALM_MPS = 0.2
@@ -64,12 +62,11 @@ class Windblown:
         moving = 1 / (1 + (2 * np.pi * self.mean_shift_hz * lag_s) ** 2)
         return self.still_share + (1 - self.still_share) * moving
 
-    def turns(self, number: Float[np.ndarray, "n 2"], time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return by how many turns the phases of scatterers have moved on, from two numbers in [0, 1) of each."""
+    def shift_hz(self, number: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the Doppler shifts of scatterers, positive toward the radar, from two numbers in [0, 1) of each."""
         side = 2 * number[:, 1] - 1
         shift_hz = -np.sign(side) * np.log(np.maximum(1 - np.abs(side), 2.0**-60)) * self.mean_shift_hz
-        turns: Float[np.ndarray, " n"] = np.mod(np.where(number[:, 0] < self.still_share, 0.0, shift_hz * time_s), 1.0)
-        return turns
+        return np.where(number[:, 0] < self.still_share, 0.0, shift_hz)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +115,12 @@ class Waves:
         self, place_m: Float[np.ndarray, "n 3"], time_s: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return how far the surface is from its rest (m), and its velocity (m/s), at places and times."""
+        # Numba takes half a second to import.
+        from sionna_radar.surfaces.wave_kernels import orbits
+
         offset, velocity = np.zeros((2, len(place_m), 3))
         waves = (self.wave_per_m, self.rate_rad_per_s, self.amplitude_m, self.phase_rad)
-        _orbits(np.ascontiguousarray(place_m, dtype=np.float64), time_s, *waves, offset, velocity)
+        orbits(np.ascontiguousarray(place_m, dtype=np.float64), time_s, *waves, offset, velocity)
         return offset, velocity
 
     def ripple_hz(
@@ -155,21 +155,3 @@ def _spread(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return angles of the density (2 / pi) cos^2 within a right angle, from shares in [0, 1) of them below each."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 1001)
     return np.interp(share, 0.5 + (angle + np.sin(2 * angle) / 2) / np.pi, angle)
-
-
-@compiled
-@no_type_check
-def _orbits(place, time_s, wave, rate, amplitude, phase, offset, velocity):
-    """Add the orbits of deep-water waves: up by the cosine, against the wave's direction by the sine."""
-    for k in range(len(rate)):
-        number = np.sqrt(wave[k, 0] ** 2 + wave[k, 1] ** 2)
-        east, north = wave[k, 0] / number, wave[k, 1] / number
-        for i in range(len(place)):
-            angle = wave[k, 0] * place[i, 0] + wave[k, 1] * place[i, 1] - rate[k] * time_s[i] + phase[k]
-            cosine, sine = amplitude[k] * np.cos(angle), amplitude[k] * np.sin(angle)
-            offset[i, 0] -= east * sine
-            offset[i, 1] -= north * sine
-            offset[i, 2] += cosine
-            velocity[i, 0] += rate[k] * east * cosine
-            velocity[i, 1] += rate[k] * north * cosine
-            velocity[i, 2] += rate[k] * sine

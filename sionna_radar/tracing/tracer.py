@@ -78,7 +78,7 @@ def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> 
         given.chirp,
         given.caster,
         moving=build_moving_ground(given.scene, np.array(weather.wind_mps), given.chirp, given.seed),
-        canopy=None if plants is None else Canopy(plants, given.scene, given.seed, wind),
+        canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
         atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
         seed=given.seed,
     )

@@ -25,7 +25,7 @@ def test_plants_at_x_band_are_those_that_were_measured():
 def test_scatterers_lose_their_correlation_as_the_spectrum_says():
     plants, lag_s = Windblown.of(5.0, CARRIER_HZ), np.array([0.0, 0.5e-3, 2e-3, 10e-3, 1.0])
     number = np.random.default_rng(1).random((200_000, 2))
-    fields = [np.exp(2j * np.pi * plants.turns(number, np.full(len(number), 7.0 + lag))) for lag in lag_s]
+    fields = [np.exp(2j * np.pi * plants.shift_hz(number) * (7.0 + lag)) for lag in lag_s]
     correlation = [np.vdot(fields[0], field).real / len(number) for field in fields]
     np.testing.assert_allclose(correlation, plants.field_correlation(lag_s), atol=0.01)
     assert correlation[-1] == pytest.approx(plants.still_share, abs=0.01)

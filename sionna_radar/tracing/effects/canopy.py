@@ -26,6 +26,7 @@ from jaxtyping import Float
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.mixing import place_uniforms
 from sionna_radar.foundation.randomness import Stream
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.motion import Windblown
@@ -41,8 +42,9 @@ SHALLOWEST = 0.04
 class Canopy:
     """The vegetation of a scene, as it changes the paths to the ground."""
 
-    def __init__(self, vegetation: Vegetation, scene: Scene, seed: int, wind: Windblown) -> None:
+    def __init__(self, vegetation: Vegetation, scene: Scene, chirp: Chirp, seed: int, wind: Windblown) -> None:
         self._vegetation, self._seed, self._wind = vegetation, seed, wind
+        self._wavelength_m = chirp.wavelength_m
         self._sigma0 = [as_radar_material(scene.materials[surface.material]).co_polar for surface in scene.surfaces]
         self._highest_m = vegetation.highest_m
 
@@ -85,7 +87,8 @@ class Canopy:
         some, away = own[seen], range_m[seen] - away_m[seen]
         beam = np.abs(paths.gain[some]) ** 2 * range_m[seen] ** 2 * cosine[seen] / sigma0[seen]
         power = beam * returned[seen] / away**2
-        turns = drawn[seen, 2] + self._wind.turns(drawn[seen, 3:], pulses.time_s[row[seen]])
+        shift_hz = self._wind.shift_hz(drawn[seen, 3:])
+        turns = drawn[seen, 2] + np.mod(shift_hz * pulses.time_s[row[seen]], 1.0)
         echo = Paths.to_points(
             pulses,
             row[seen],
@@ -94,6 +97,7 @@ class Canopy:
             incidence_rad=np.full(len(some), np.nan),
             surface=np.full(len(some), VEGETATION),
         )
+        echo = replace(echo, range_rate_mps=echo.range_rate_mps - shift_hz * self._wavelength_m / 2)
         return Paths.concatenate([dimmed, echo])
 
     def _ground(self, surface: np.ndarray, incidence_rad: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:

@@ -43,8 +43,9 @@ class MovingGround:
         row = pulses.row_of(paths.pulse)
         of_plants = np.flatnonzero((paths.surface >= 0) & self._plants[np.maximum(paths.surface, 0)])
         number = place_uniforms(self._seed, Stream.MOTION, paths.hit_m[of_plants], 2)
-        turns = self._windblown.turns(number, pulses.time_s[row[of_plants]])
-        gain[of_plants] *= np.exp(2j * np.pi * turns)
+        shift_hz = self._windblown.shift_hz(number)
+        gain[of_plants] *= np.exp(2j * np.pi * np.mod(shift_hz * pulses.time_s[row[of_plants]], 1.0))
+        rate_mps[of_plants] -= shift_hz * self._wavelength_m / 2
         for surface, waves in self._waves.items():
             own = np.flatnonzero(paths.surface == surface)
             place, time_s = paths.hit_m[own].astype(np.float64), pulses.time_s[row[own]]
