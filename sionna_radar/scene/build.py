@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
@@ -140,8 +141,9 @@ def _check_materials(land: Landscape, known: Mapping[str, Backscatter]) -> None:
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     if not scenario.targets:
         return ()
+    wavelength_m = speed_of_light / scenario.radar.carrier_hz
     height = land.standing_m(np.array([target.position_m for target in scenario.targets]))
     return tuple(
-        target_of(table, f"targets.{index}", float(height[index]), land.standing_m)
+        target_of(table, f"targets.{index}", float(height[index]), land.standing_m, wavelength_m)
         for index, table in enumerate(scenario.targets)
     )

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.scene.body import Body
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
@@ -48,6 +49,7 @@ class Target:
     heading_rad: of one that stands, clockwise from north.
     rcs_table: its cross-section by angle; None for `rcs_m2` in all directions.
     rotors: blades that turn on it.
+    body: its shape; None for a point.
     """
 
     position_m: tuple[float, float, float]
@@ -57,6 +59,7 @@ class Target:
     heading_rad: float = 0.0
     rcs_table: RcsTable | None = None
     rotors: tuple[Rotor, ...] = ()
+    body: Body | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
