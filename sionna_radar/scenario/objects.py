@@ -58,6 +58,8 @@ class Footprints(Table):
     path: the vector file.
     level_height_m: height of a storey.
     material: of walls and roofs.
+    material_attribute: attribute that says of what a building is, such as OpenStreetMap's building:material.
+    materials: materials of the scenario by its values; others are of `material`.
 
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
@@ -71,11 +73,15 @@ class Footprints(Table):
     level_height_m: Positive = 3.0
     height_m: Positive | None = None
     material: str = "building"
+    material_attribute: str | None = None
+    materials: dict[str, str] = {}
 
     @model_validator(mode="after")
     def _some_height(self) -> Footprints:
         if self.height is None and self.levels is None and self.height_m is None:
             raise refuse("height_m", "not given; give metres, or the attribute that has them as height or levels")
+        if bool(self.materials) != (self.material_attribute is not None):
+            raise refuse("materials", "goes with material_attribute; give both or none")
         return self
 
 

@@ -14,8 +14,8 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.registry import PACKAGE
+from sionna_radar.scene.canopy_heights import plant_heights
 from sionna_radar.scene.ground import build_ground, shared_ground
-from sionna_radar.scene.ground_cover import canopy_heights
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
@@ -92,7 +92,7 @@ def build_scene(
             ground_material=land.ground_material,
             georeference=land.georeference,
             vegetation=vegetation_of(
-                scenario.vegetation, land.ground_m, window_m, partial(canopy_heights, land.georeference)
+                scenario.vegetation, land.ground_m, window_m, partial(plant_heights, land.georeference, land.ground_m)
             ),
             motions=motions,
         )
