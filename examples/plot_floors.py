@@ -12,8 +12,8 @@ With SIONNA_RADAR_SMALL=1 in the environment fewer pulses are flown.
 import os
 
 from sionna_radar import load_scenario
-from sionna_radar.report.link.figures import floors, link
-from sionna_radar.studies.link import link_budget
+from sionna_radar.report import draw_floors, draw_link
+from sionna_radar.studies import link_budget
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 RADAR = {
@@ -45,12 +45,12 @@ budget = link_budget(
 for name, start, end in budget.floors.rulers():
     print(f"from {start:.1f} to {end:.1f} m: {name}")
 print(f"closed form and simulation are at most {budget.largest_difference_db:.2f} dB apart")
-figure = floors(budget)
+figure = draw_floors(budget)
 figure.savefig("floors.png", dpi=110)
 
 # %%
 # Signal to noise, and how probably one range cell of the ground is detected.
 for one in budget.links:
     print(f"{one.incidence_deg:g} deg, {one.rain_mm_per_h:g} mm/h: detected up to {one.reach_m:.0f} m")
-figure = link(budget)
+figure = draw_link(budget)
 figure.savefig("link.png", dpi=110)

@@ -85,6 +85,11 @@ class SpectrumAnalyser:
         passed: Complex[np.ndarray, " bin"] = np.sqrt(mean) * np.exp(1j * np.angle(self.high_pass.response(bin_hz)))
         return passed
 
+    @property
+    def passed_power(self) -> Float[np.ndarray, " bin"]:
+        """What the calibration divides the powers of the bins by, for the high-pass."""
+        return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self._passed) ** 2
+
     def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
         if self.chirp.sampling == "real":

@@ -28,7 +28,8 @@ FARTHEST_HEIGHT_M = 100_000.0
 # A percentile is found by narrowing the range of heights of each cell, so many parts at a time, so many times.
 PARTS, NARROWINGS = 16, 3
 
-Choice = Literal["first", "ground", "all"]
+# Which points are taken: by a name, or by their classes.
+Choice = Literal["first", "ground", "all"] | tuple[int, ...]
 Piece = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]
 Place = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[np.ndarray, np.ndarray]]
 
@@ -67,7 +68,9 @@ class CloudFile:
 def _chosen(points: Any, choice: Choice) -> Bool[np.ndarray, " n"]:
     kind = np.asarray(points.classification)
     kept = ~np.isin(kind, NOISE_CLASSES) & (np.asarray(points.withheld) == 0)
-    if choice == "first":
+    if isinstance(choice, tuple):
+        kept &= np.isin(kind, choice)
+    elif choice == "first":
         kept &= np.asarray(points.return_number) <= 1
     elif choice == "ground":
         kept &= kind == GROUND_CLASS
@@ -75,15 +78,15 @@ def _chosen(points: Any, choice: Choice) -> Bool[np.ndarray, " n"]:
 
 
 @contextmanager
-def open_cloud(path: Path) -> Iterator[CloudFile]:
-    """Open a LAS or LAZ file.
+def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
+    """Open a LAS or LAZ file that a key of the scenario names.
 
     Raises InputFileError for a file that is none, claims more points than it can hold, or breaks off.
     """
     import laspy
 
-    size = regular_file(path, f"{KEY} =", REMEDY, MOST_BYTES)
-    name = f"{KEY} = {shown(path)}"
+    size = regular_file(path, f"{key} =", REMEDY, MOST_BYTES)
+    name = f"{key} = {shown(path)}"
     with _errors(name):
         reader = laspy.open(path, read_evlrs=False)
     with reader:

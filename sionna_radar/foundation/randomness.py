@@ -25,6 +25,7 @@ class Stream(IntEnum):
     VOLUME = 6
     PHASE_NOISE = 7
     VEGETATION = 12
+    MOTION = 13
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52

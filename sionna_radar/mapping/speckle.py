@@ -12,6 +12,7 @@ both nearly Gaussian in the distance between pulses, so one number describes a p
 correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of the echo.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,9 @@ from scipy.spatial import KDTree
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scenario.tracing import TracingTable
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.materials import SurfaceTable
+from sionna_radar.surfaces.motion import Windblown
 
 # Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
 # The directions are random, but always the same.
@@ -39,25 +42,36 @@ class SpeckleMemory:
 
     decorrelation_s: lag at which the field's correlation 1 / (1 + (b t)^2) has fallen to 1 / e; infinite for ground
         that stands still, 0 for speckle that is new in each pulse.
+    plants: what the wind moves on the ground; None for nothing.
     """
 
     decorrelation_s: float = np.inf
+    plants: Windblown | None = None
 
     def correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the correlation of powers that moving scatterers leave after a time."""
         if self.decorrelation_s == 0:
             return np.where(lag_s == 0, 1.0, 0.0)
-        return (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2) ** -2.0
+        field = 1 / (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2)
+        return field**2 if self.plants is None else (field * self.plants.field_correlation(lag_s)) ** 2
 
 
 STILL = SpeckleMemory()
 
 
-def speckle_memory(table: TracingTable) -> SpeckleMemory:
-    """Return how long the ground of a scenario keeps its speckle."""
+def speckle_memory(scenario: Scenario) -> SpeckleMemory:
+    """Return how long the ground of a scenario keeps its speckle: that of its material where there are several."""
+    table = scenario.tracing
     if table.speckle == "per_pulse":
         return SpeckleMemory(decorrelation_s=0.0)
-    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf)
+    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf, plants=_plants(scenario))
+
+
+def _plants(scenario: Scenario) -> Windblown | None:
+    table = scenario.all_materials.get(getattr(scenario.terrain, "material", "ground"))
+    if not isinstance(table, SurfaceTable) or table.motion != "plants":
+        return None
+    return Windblown.of(math.hypot(*scenario.weather.wind_mps[:2]), scenario.radar.carrier_hz)
 
 
 def speckle_reach(

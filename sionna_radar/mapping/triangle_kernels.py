@@ -10,8 +10,9 @@ from sionna_radar.foundation.compiled import compiled
 
 # Triangles with a smaller ratio of width to length hold no cell: collinear points, and rounding.
 FLAT = 1e-9
-# A cell on a common side belongs to the first of its triangles, and by this share of the area rounding loses none.
-ON_SIDE = 1e-12
+# A cell on a common side belongs to the first of its triangles. By this share of the area, and of a cell around a
+# triangle, rounding loses none of them.
+ON_SIDE = 1e-9
 
 
 @compiled
@@ -38,10 +39,10 @@ def fill_triangles(place, corner, wanted, first, spacing, inside):
         if abs(area) <= FLAT * longest:
             continue
         ax, ay = (place[a, 0] - west) / spacing, (place[a, 1] - south) / spacing
-        low_column = max(int(-(-(ax + min(0.0, bx, cx)) // 1.0)), 0)
-        high_column = min(int((ax + max(0.0, bx, cx)) // 1.0), columns - 1)
-        low_row = max(int(-(-(ay + min(0.0, by, cy)) // 1.0)), 0)
-        high_row = min(int((ay + max(0.0, by, cy)) // 1.0), rows - 1)
+        low_column = max(int(-(-(ax + min(0.0, bx, cx) - ON_SIDE) // 1.0)), 0)
+        high_column = min(int((ax + max(0.0, bx, cx) + ON_SIDE) // 1.0), columns - 1)
+        low_row = max(int(-(-(ay + min(0.0, by, cy) - ON_SIDE) // 1.0)), 0)
+        high_row = min(int((ay + max(0.0, by, cy) + ON_SIDE) // 1.0), rows - 1)
         for row in range(low_row, high_row + 1):
             y = row - ay
             for column in range(low_column, high_column + 1):

@@ -3,6 +3,9 @@ from .compare.page import write_comparison as write_comparison
 from .coordinates import Coordinates as Coordinates
 from .crosscheck.products import write_crosscheck as write_crosscheck
 from .imagery.products import write_imagery as write_imagery
+from .link.figures import draw_floors as draw_floors
+from .link.figures import draw_link as draw_link
+from .link.products import write_link as write_link
 from .log.figures import draw_log as draw_log
 from .log.products import write_log as write_log
 from .maps import colour_bar as colour_bar
@@ -31,6 +34,8 @@ __all__ = [
     "draw_dem",
     "draw_environment",
     "draw_error",
+    "draw_floors",
+    "draw_link",
     "draw_log",
     "draw_power",
     "empty_patch",
@@ -43,6 +48,7 @@ __all__ = [
     "write_crosscheck",
     "write_frames",
     "write_imagery",
+    "write_link",
     "write_log",
     "write_survey",
     "write_sweep",

@@ -39,6 +39,9 @@ class SurfaceTable(MaterialParameters):
     specular: also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone.
     permittivity: [real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from.
     medium: what the surface is made of, for a permittivity by a published formula; instead of one given.
+    motion: what `weather.wind_mps` moves: plants, each scatterer with a Doppler shift of its own, which shows where
+        speckle persists, or water, by its waves.
+    fetch_m: of water, along which the wind has blown over it.
     """
 
     cross_polar_db: Annotated[Real, Field(ge=-100, le=0)] | None = None
@@ -46,6 +49,14 @@ class SurfaceTable(MaterialParameters):
     specular: bool = Field(default=False, strict=True)
     permittivity: tuple[Annotated[Real, Field(ge=1)], NonNegative] | None = None
     medium: Medium | None = None
+    motion: Literal["still", "plants", "water"] = "still"
+    fetch_m: Annotated[Real, Field(ge=1, le=1e6)] = 1000.0
+
+    @model_validator(mode="after")
+    def _fetch_of_water(self) -> SurfaceTable:
+        if self.motion != "water" and self.fetch_m != SurfaceTable.model_fields["fetch_m"].default:
+            raise refuse("fetch_m", "has no effect here; remove it, or set motion = 'water'")
+        return self
 
     def check_one_medium(self) -> None:
         """Refuse a surface made of two things, or of nothing."""

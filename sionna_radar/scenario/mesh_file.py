@@ -22,17 +22,14 @@ METRES = {
 }
 
 
-class MeshFile(Table):
+class MeshShape(Table):
     """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
 
     path: the file.
     units: of its coordinates.
     up: its axis that points up; without it y of GLB and glTF, whose standard says so, and z of all others.
     scale: what it is enlarged by besides.
-    heading_deg: clockwise turn of its y axis (of -z where y is up) from north.
-    material: of all of it but what `materials` names; a table is taken for `materials`.
-    materials: materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of
-        its objects where these have no material.
+    heading_deg: clockwise turn of its y axis (of -z where y is up) from north; on a target from the target's front.
     """
 
     path: InputPath
@@ -40,6 +37,21 @@ class MeshFile(Table):
     up: Literal["y", "z"] | None = None
     scale: Positive = 1.0
     heading_deg: Real = 0.0
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres of one unit of the file's coordinates, the scale included."""
+        return METRES[self.units] * self.scale
+
+
+class MeshFile(MeshShape):
+    """A file of triangles, with what it is made of.
+
+    material: of all of it but what `materials` names; a table is taken for `materials`.
+    materials: materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of
+        its objects where these have no material.
+    """
+
     material: str = "building"
     materials: dict[str, str] = {}
 
@@ -52,8 +64,3 @@ class MeshFile(Table):
                 "materials": values["material"],
             }
         return values
-
-    @property
-    def metres_per_unit(self) -> float:
-        """Metres of one unit of the file's coordinates, the scale included."""
-        return METRES[self.units] * self.scale

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.mesh_file import MeshFile
+from sionna_radar.scenario.mesh_file import MeshFile, MeshShape
 from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
 
@@ -58,6 +58,8 @@ class Footprints(Table):
     path: the vector file.
     level_height_m: height of a storey.
     material: of walls and roofs.
+    material_attribute: attribute that says of what a building is, such as OpenStreetMap's building:material.
+    materials: materials of the scenario by its values; others are of `material`.
 
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
@@ -71,11 +73,15 @@ class Footprints(Table):
     level_height_m: Positive = 3.0
     height_m: Positive | None = None
     material: str = "building"
+    material_attribute: str | None = None
+    materials: dict[str, str] = {}
 
     @model_validator(mode="after")
     def _some_height(self) -> Footprints:
         if self.height is None and self.levels is None and self.height_m is None:
             raise refuse("height_m", "not given; give metres, or the attribute that has them as height or levels")
+        if bool(self.materials) != (self.material_attribute is not None):
+            raise refuse("materials", "goes with material_attribute; give both or none")
         return self
 
 
@@ -100,8 +106,20 @@ class RotorTable(Table):
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
 
 
+class TargetMesh(MeshShape):
+    """The shape of a target, about its position: what returns an echo by physical optics, face by face.
+
+    Faces that the radar does not see, behind others, return nothing; edges, creeping waves and reflections between
+    faces are left out. Its own origin stands at the target's position.
+
+    reflectivity_db: of its surface, power over that of a perfect conductor.
+    """
+
+    reflectivity_db: Annotated[Real, Field(ge=-100, le=0)] = 0.0
+
+
 class PointTarget(Table):
-    """A point of given mean radar cross-section, constant or by Swerling's cases, at a height above the ground.
+    """A point of given mean radar cross-section, constant or by Swerling's cases, or a body, above the ground.
 
     It stands, or moves along a way at one speed; it does not hide anything.
 
@@ -110,6 +128,7 @@ class PointTarget(Table):
     rcs_dbsm: mean radar cross-section, in dB over a square metre.
     rcs_table: instead of it, a CSV with the columns azimuth_deg,rcs_dbsm and, if wanted, elevation_deg: by the
         direction from which the target is seen, clockwise from its front, and above its horizon.
+    mesh: instead of both, its shape.
     swerling: case 0 (constant) to 4.
     waypoints_m: places to which it moves from there, one after another, at its height above the ground.
     speed_mps: at which it moves.
@@ -122,6 +141,7 @@ class PointTarget(Table):
     height_m: NonNegative = 0.0
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)] | None = None
     rcs_table: InputPath | None = None
+    mesh: TargetMesh | None = None
     swerling: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
     waypoints_m: tuple[Point2, ...] = ()
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
@@ -131,8 +151,10 @@ class PointTarget(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> PointTarget:
-        if (self.rcs_dbsm is None) == (self.rcs_table is None):
-            raise refuse("rcs_dbsm", "give either rcs_dbsm or rcs_table, not both and not neither")
+        if sum(given is not None for given in (self.rcs_dbsm, self.rcs_table, self.mesh)) != 1:
+            raise refuse("rcs_dbsm", "give one of rcs_dbsm, rcs_table and mesh, not several and not none")
+        if self.mesh is not None and self.swerling != 0:
+            raise refuse("swerling", "a mesh fluctuates by its shape alone; remove swerling or the mesh")
         if bool(self.waypoints_m) != (self.speed_mps is not None):
             raise refuse("speed_mps", "a way needs both waypoints_m and speed_mps; give the other, or neither")
         if self.closed and not self.waypoints_m:

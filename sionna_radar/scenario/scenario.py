@@ -248,7 +248,9 @@ class Scenario(Table):
         for number, thing in enumerate(self.objects):
             used.append((f"objects.{number}.material", thing.material))
             used += [(f"objects.{number}.materials.{key}", name) for key, name in thing.materials.items()]
-        used += [(f"footprints.{i}.material", f.material) for i, f in enumerate(self.footprints)]
+        for number, file in enumerate(self.footprints):
+            used.append((f"footprints.{number}.material", file.material))
+            used += [(f"footprints.{number}.materials.{key}", name) for key, name in file.materials.items()]
         if isinstance(self.terrain, MeshTerrain):
             used += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
         if isinstance(self.terrain, CityTerrain):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
@@ -13,15 +14,15 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.registry import PACKAGE
+from sionna_radar.scene.canopy_heights import plant_heights
 from sionna_radar.scene.ground import build_ground, shared_ground
-from sionna_radar.scene.ground_cover import canopy_heights
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Scene, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.targets import target_of
 from sionna_radar.scene.vegetation import vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter
+from sionna_radar.surfaces.material import build_materials, channel_of, check_backscatter, motions_of
 
 # After each of them `build_scene` reports.
 BUILDING_STEPS = 3
@@ -77,7 +78,11 @@ def build_scene(
     land = ground.land
     _check_materials(land, known)
     step()
-    place = (repr((scenario.targets, scenario.vegetation, window_m if scenario.vegetation else ())), Same(known))
+    motions = motions_of(scenario.all_materials)
+    place = (
+        repr((scenario.targets, scenario.vegetation, window_m if scenario.vegetation else (), motions)),
+        Same(known),
+    )
 
     def build() -> Scene:
         return Scene(
@@ -87,8 +92,9 @@ def build_scene(
             ground_material=land.ground_material,
             georeference=land.georeference,
             vegetation=vegetation_of(
-                scenario.vegetation, land.ground_m, window_m, partial(canopy_heights, land.georeference)
+                scenario.vegetation, land.ground_m, window_m, partial(plant_heights, land.georeference, land.ground_m)
             ),
+            motions=motions,
         )
 
     scene = ground.caster.once("scene", place, build)
@@ -135,8 +141,9 @@ def _check_materials(land: Landscape, known: Mapping[str, Backscatter]) -> None:
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
     if not scenario.targets:
         return ()
+    wavelength_m = speed_of_light / scenario.radar.carrier_hz
     height = land.standing_m(np.array([target.position_m for target in scenario.targets]))
     return tuple(
-        target_of(table, f"targets.{index}", float(height[index]), land.standing_m)
+        target_of(table, f"targets.{index}", float(height[index]), land.standing_m, wavelength_m)
         for index, table in enumerate(scenario.targets)
     )

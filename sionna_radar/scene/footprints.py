@@ -51,8 +51,8 @@ def build_footprints(
     frame: MapFrame | None,
     window_m: tuple[float, float, float, float],
     ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
-) -> Surface | None:
-    """Return all buildings of a file that the survey can see, as one surface; None if there are none.
+) -> tuple[Surface, ...]:
+    """Return all buildings of a file that the survey can see, as one surface of each material.
 
     Each stands on the lowest ground along its outline, and its roof is level. It has no underside.
 
@@ -74,11 +74,13 @@ def build_footprints(
     import shapely
 
     key, name = f"footprints.{index}", f"footprints.{index}.path = {shown(table.path)}"
-    attributes = [attribute for attribute in (table.height, table.levels) if attribute is not None]
+    attributes = [
+        attribute for attribute in (table.height, table.levels, table.material_attribute) if attribute is not None
+    ]
     found = read_polygons(table.path, key, list(dict.fromkeys(attributes)), frame, window_m, table.layer)
     if len(found.shape) == 0:
         logger.warning("%s: has no polygon within the survey's reach", name)
-        return None
+        return ()
     height = _heights(table, found.values, len(found.shape))
     shape = shapely.orient_polygons(shapely.remove_repeated_points(found.shape, 1e-3))
     base = _lowest_ground(shape, ground_m)
@@ -94,8 +96,30 @@ def build_footprints(
     if not keep.any():
         message = f"none of its {len(shape):,} outlines stands on the terrain; check its place and CRS"
         raise ScenarioError([Problem(f"{key}.path", message)])
-    vertices, faces = _extruded(shape[keep], base[keep], height[keep])
-    return Surface(name=f"footprints-{index}", vertices_m=vertices, faces=faces, material=table.material)
+    material = _materials(table, found.values, len(shape), key)
+    surfaces: list[Surface] = []
+    for name in dict.fromkeys(material[keep]):
+        own = keep & (material == name)
+        vertices, faces = _extruded(shape[own], base[own], height[own])
+        number = f"{index}-{len(surfaces)}" if surfaces else f"{index}"
+        surfaces.append(Surface(name=f"footprints-{number}", vertices_m=vertices, faces=faces, material=str(name)))
+    return tuple(surfaces)
+
+
+def _materials(table: Footprints, values: dict[str, np.ndarray], count: int, key: str) -> np.ndarray:
+    """Return the material of each polygon.
+
+    Raises ScenarioError for values of which no polygon is.
+    """
+    if table.material_attribute is None:
+        return np.full(count, table.material, dtype=object)
+    given = ["" if value is None else str(value) for value in values[table.material_attribute]]
+    unknown = sorted(set(table.materials) - set(given))
+    if unknown:
+        known = ", ".join(shown(name) for name in sorted(set(given) - {""})[:50]) or "none at all"
+        message = f"no outline has {', '.join(map(shown, unknown))} as {table.material_attribute}; there are {known}"
+        raise ScenarioError([Problem(f"{key}.materials", message)])
+    return np.array([table.materials.get(value, table.material) for value in given], dtype=object)
 
 
 def _tell(found: Polygons, tall: Bool[np.ndarray, " polygon"], stands: Bool[np.ndarray, " polygon"], name: str) -> None:

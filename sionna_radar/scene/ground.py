@@ -111,4 +111,4 @@ def _footprints(scenario: Scenario, land: Landscape, given: TerrainInputs) -> tu
         return ()
     frame = frame_of(land.georeference)
     built = [build_footprints(f, i, frame, given.window_m, land.ground_m) for i, f in enumerate(scenario.footprints)]
-    return tuple(surface for surface in built if surface is not None)
+    return tuple(surface for surfaces in built for surface in surfaces)

@@ -21,7 +21,6 @@ from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.cover import CoverRaster, CoverVector
-from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import read_polygons
 
@@ -198,24 +197,6 @@ def raster_at(
             raise InputFileError(message)
         cells = source.read(1, window=window, masked=True)
         return inside, cells[row - row.min(), column - column.min()]
-
-
-def canopy_heights(
-    georeference: Georeference | None, stand: VegetationTable, key: str, point_m: Float[np.ndarray, "n 2"]
-) -> Float[np.ndarray, " n"]:
-    """Return the heights of a stand's raster at horizontal positions; NaN beyond it, and where it has none.
-
-    Raises
-    ------
-    InputFileError, ScenarioError
-        As for `raster_at`.
-
-    """
-    assert stand.path is not None
-    found = np.full(len(point_m), np.nan)
-    inside, cells = raster_at(stand.path, f"{key}.path", "heights of plants in metres", point_m, georeference)
-    found[inside] = np.ma.filled(cells.astype(np.float64), np.nan)
-    return found
 
 
 def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, " n"]:

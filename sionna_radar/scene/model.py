@@ -1,6 +1,7 @@
 """The contents of a scene, in plain arrays that any engine can use."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -8,9 +9,11 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.scene.body import Body
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.surfaces.motion import SurfaceMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +49,7 @@ class Target:
     heading_rad: of one that stands, clockwise from north.
     rcs_table: its cross-section by angle; None for `rcs_m2` in all directions.
     rotors: blades that turn on it.
+    body: its shape; None for a point.
     """
 
     position_m: tuple[float, float, float]
@@ -55,6 +59,7 @@ class Target:
     heading_rad: float = 0.0
     rcs_table: RcsTable | None = None
     rotors: tuple[Rotor, ...] = ()
+    body: Body | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +70,7 @@ class Scene:
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the scene is not georeferenced.
     vegetation: None if nothing grows.
+    motions: what the wind moves, by material; others stand still.
     """
 
     surfaces: tuple[Surface, ...]
@@ -73,6 +79,7 @@ class Scene:
     ground_material: str
     georeference: Georeference | None
     vegetation: Vegetation | None = None
+    motions: Mapping[str, SurfaceMotion] = field(default_factory=dict)
 
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.mesh_file import MeshFile
+from sionna_radar.scenario.mesh_file import MeshFile, MeshShape
 from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
@@ -25,7 +25,7 @@ SIONNA_PREFIX = "mat-"
 GROUND_SAMPLES = 21
 
 
-def upright(table: MeshFile, key: str) -> tuple[MeshPart, ...]:
+def upright(table: MeshShape, key: str) -> tuple[MeshPart, ...]:
     """Return a mesh file in metres, z up, turned to its heading, about its own origin.
 
     Raises InputFileError if it cannot be read or is of no size that a survey can see.
@@ -43,7 +43,7 @@ def upright(table: MeshFile, key: str) -> tuple[MeshPart, ...]:
     return placed
 
 
-def _check_size(parts: Sequence[MeshPart], table: MeshFile, key: str) -> None:
+def _check_size(parts: Sequence[MeshPart], table: MeshShape, key: str) -> None:
     low, high = corners_of(parts)
     largest = float(np.max(high - low))
     named = f"{key}.path = {shown(table.path)}"

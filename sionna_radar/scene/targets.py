@@ -8,6 +8,7 @@ from jaxtyping import Float
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.objects import PointTarget, RotorTable
+from sionna_radar.scene.body_file import body_of
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
 from sionna_radar.scene.rcs_file import read_rcs
@@ -22,6 +23,7 @@ def target_of(
     key: str,
     ground_m: float,
     standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    wavelength_m: float,
 ) -> Target:
     """Return a target over the ground.
 
@@ -33,13 +35,15 @@ def target_of(
         Height of the ground where it stands.
     standing_m:
         Returns that at other places.
+    wavelength_m:
+        Of the carrier, which decides how finely a body is divided.
 
     Raises
     ------
     ScenarioError
         It stands, or moves, beyond the terrain.
     InputFileError
-        Its table of cross-sections cannot be read.
+        Its table of cross-sections, or its mesh, cannot be read.
 
     """
     if not np.isfinite(ground_m):
@@ -53,6 +57,7 @@ def target_of(
         heading_rad=float(np.deg2rad(table.heading_deg)),
         rcs_table=None if table.rcs_table is None else read_rcs(table.rcs_table),
         rotors=tuple(_rotor(rotor) for rotor in table.rotors),
+        body=None if table.mesh is None else body_of(table.mesh, f"{key}.mesh", wavelength_m),
     )
 
 

@@ -11,6 +11,8 @@ from .design_text import read_settings as read_settings
 from .gamma_fit import fit_material as fit_material
 from .images import Imagery as Imagery
 from .images import fly_images as fly_images
+from .link import link_budget as link_budget
+from .link_result import LinkBudget as LinkBudget
 from .log_inspection import LogInspection as LogInspection
 from .log_inspection import inspect_log as inspect_log
 from .plan_check import check_plan as check_plan
@@ -36,6 +38,7 @@ __all__ = [
     "FlightPlan",
     "Frames",
     "Imagery",
+    "LinkBudget",
     "LogInspection",
     "Sampler",
     "Span",
@@ -50,6 +53,7 @@ __all__ = [
     "fly_sweep",
     "inspect_log",
     "label",
+    "link_budget",
     "navigation_budget",
     "parse_design",
     "plan_flight",

@@ -144,10 +144,11 @@ def _floors(case: GroundCase, pulses: int) -> Floors:
     given = case.prepared
     range_m = float(given.flown.altitude_m / np.cos(np.deg2rad(case.incidence_deg)))
     expected, analyser = case.expected(range_m), given.detector.analyser
-    whole = float(expected.ground.sum() / case.response[::STEPS_PER_BIN].sum())
     terms = dict(case.terms)
     if given.local.radar.receiver.oscillator.levels_dbc_hz:
-        terms[ECHO_NOISE] = phase_noise(given.local.radar, analyser, whole, range_m)
+        # Of ground and air: the spectrum, thinned to as many tones as leave it.
+        tones = (expected.ground + expected.clutter) / case.response[::STEPS_PER_BIN].sum()
+        terms[ECHO_NOISE] = phase_noise(given.local.radar, analyser, tones)
     try:
         found = _flown(case, range_m, pulses, expected)[0]
     except RadarError:

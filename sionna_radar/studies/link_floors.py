@@ -25,6 +25,8 @@ from sionna_radar.signal.stages import StageInputs
 THERMAL, ROUNDING = "thermal noise", "rounding of the converter"
 # Of the window around a tone, in range cells.
 NEAR_CELLS = 32
+# Powers over the greatest one below which a tone's phase noise is left out.
+NO_TONE = 1e-6
 LEAST_PASSED = 1e-12
 LEAKAGE, LEAKAGE_NOISE = "leakage", "phase noise of the leakage"
 
@@ -42,7 +44,7 @@ def floors_of(
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
         # It comes behind the high-pass, whose response the calibration divides out.
-        found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / _passed(analyser)
+        found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / np.maximum(analyser.passed_power, LEAST_PASSED)
     ways = radar.receiver.leakage
     if ways and "leakage" not in radar.receiver.stages:
         found[LEAKAGE] = _still(ways, radar, receiver, analyser)
@@ -59,29 +61,33 @@ def in_cell(analyser: SpectrumAnalyser) -> float:
 
 
 def phase_noise(
-    radar: RadarTable, analyser: SpectrumAnalyser, power_w: float, range_m: float
+    radar: RadarTable, analyser: SpectrumAnalyser, power_w: Float[np.ndarray, " bin"]
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator leaves of a tone of a power, from a range, in all bins."""
+    """Return what the oscillator leaves, in all bins, of tones of these powers at the ranges of the bins."""
     levels, chirp = radar.receiver.oscillator.levels_dbc_hz, analyser.chirp
     left = np.zeros(len(analyser.range_m))
     if not levels:
         return left
-    noise, delay_s = PhaseNoise(levels), 2 * range_m / speed_of_light
-    beat_hz, own_hz = analyser.range_m * chirp.beat_per_metre_hz, range_m * chirp.beat_per_metre_hz
-    # A real beat's negative frequencies are folded onto positive ones.
-    for away_hz in [beat_hz - own_hz] + ([beat_hz + own_hz] if chirp.sampling == "real" else []):
-        offset_hz = np.abs(away_hz)
-        left += 4 * np.sin(np.pi * offset_hz * delay_s) ** 2 * noise.density(offset_hz)
-    return power_w * left * chirp.sampling_rate_hz * float(np.sum(analyser.window**2))
+    noise, beat_hz = PhaseNoise(levels), analyser.range_m * chirp.beat_per_metre_hz
+    for own in np.flatnonzero(power_w > NO_TONE * power_w.max()):
+        delay_s = 2 * analyser.range_m[own] / speed_of_light
+        # A real beat's negative frequencies are folded onto positive ones.
+        for away_hz in [beat_hz - beat_hz[own]] + ([beat_hz + beat_hz[own]] if chirp.sampling == "real" else []):
+            offset_hz = np.abs(away_hz)
+            left += power_w[own] * 4 * np.sin(np.pi * offset_hz * delay_s) ** 2 * noise.density(offset_hz)
+    return left * chirp.sampling_rate_hz * float(np.sum(analyser.window**2))
 
 
 def _still(
     ways: tuple[LeakageTable, ...], radar: RadarTable, receiver: Receiver, analyser: SpectrumAnalyser
 ) -> Float[np.ndarray, " bin"]:
     """Return the spectrum of what leaks through an oscillator without phase noise: the same in every chirp."""
-    beat = _tones(ways, radar, receiver, analyser)[1].sum(axis=0, keepdims=True)
-    calibrated = SpectrumAnalyser(analyser.chirp, analyser.window_name, analyser.zero_padding)
-    return calibrated.power(beat if analyser.chirp.sampling == "iq" else np.sqrt(2) * beat.real)[0]
+    delay_s, tone = _tones(ways, radar, receiver, analyser)
+    if analyser.high_pass is not None:
+        beat_hz = phase_polynomial(delay_s, np.zeros(len(ways)), analyser.chirp).frequency_hz
+        tone = tone * analyser.high_pass.response(beat_hz)[:, None]
+    beat = tone.sum(axis=0, keepdims=True)
+    return analyser.power(beat if analyser.chirp.sampling == "iq" else np.sqrt(2) * beat.real)[0]
 
 
 def _tones(
@@ -123,14 +129,6 @@ def _leakage_noise(
             left += fftconvolve(density * gone[a] * np.conj(gone[b]), own[a] * np.conj(own[b])).real
     first = bins + 3 * reach
     return np.maximum(left[first : first + bins], 0.0)
-
-
-def _passed(analyser: SpectrumAnalyser) -> Float[np.ndarray, " bin"]:
-    """Return the power response of the high-pass in each bin."""
-    if analyser.high_pass is None:
-        return np.ones(len(analyser.range_m))
-    response = analyser.high_pass.power_response(analyser.range_m * analyser.chirp.beat_per_metre_hz)
-    return np.maximum(response, LEAST_PASSED)
 
 
 def _step(radar: RadarTable, receiver: Receiver) -> float | None:

@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.registry import require
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.medium import extrapolation_of
+from sionna_radar.surfaces.motion import SurfaceMotion
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical_cross_polar
 
 logger = logging.getLogger("sionna_radar")
@@ -103,6 +104,15 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
         for doubt in doubts(table, built[name], radar.carrier_hz):
             logger.warning("materials.%s: %s", name, doubt)
     return built
+
+
+def motions_of(tables: Mapping[str, MaterialParameters]) -> dict[str, SurfaceMotion]:
+    """Return what the wind moves, by the material's name; others stand still."""
+    return {
+        name: SurfaceMotion(kind=table.motion, fetch_m=table.fetch_m)
+        for name, table in tables.items()
+        if isinstance(table, SurfaceTable) and table.motion != "still"
+    }
 
 
 def check_backscatter(model: object, what: str) -> None:

@@ -293,7 +293,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         detector.analyser,
         local.processing.doppler_correction,
         custom.dem_method,
-        speckle_memory(local.tracing),
+        speckle_memory(local),
     )
     _check_profiles(local, mapper, custom)
     sweeps = build_sweeps(local.radar)

@@ -133,7 +133,7 @@ class _Task:
             self.detector.analyser,
             settings.processing.doppler_correction,
             self.method,
-            speckle_memory(settings.tracing) if isinstance(settings, Scenario) else None,
+            speckle_memory(settings) if isinstance(settings, Scenario) else None,
         )
 
 

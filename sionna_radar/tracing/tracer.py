@@ -1,15 +1,21 @@
 """Everything that a radar sees of a scene: surfaces by an engine, plants, mirrors, point targets, and the weather."""
 
+import math
+
+import numpy as np
+
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
 from sionna_radar.tracing.effects.reflection import plane_mirrors
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
@@ -23,6 +29,7 @@ class Tracer:
     cross-polar receiver does not see them, nor does a circular one of the same sense.
 
     atmosphere: None for clear air.
+    moving: None where all surfaces stand still. canopy: None where nothing grows.
     seed: of the targets' fluctuations.
     bounces: 2 for the echoes of dihedrals, too; the engine adds those of a mirror and a diffuse surface.
     """
@@ -36,19 +43,23 @@ class Tracer:
         caster: RayCaster,
         *,
         atmosphere: Atmosphere | None = None,
+        moving: MovingGround | None = None,
+        canopy: Canopy | None = None,
         seed: int = 0,
         bounces: int = 1,
     ) -> None:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
-        self._atmosphere, self._seed = atmosphere, seed
+        self._atmosphere, self._moving, self._seed = atmosphere, moving, seed
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
         self._dihedrals = DihedralTracer(plane_mirrors(scene, chirp) if bounces > 1 else [], antenna, chirp, caster)
-        self._canopy = None if scene.vegetation is None else Canopy(scene.vegetation, scene, seed)
+        self._canopy = canopy
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
         paths = self._engine.trace(pulses)
+        if self._moving is not None:
+            paths = self._moving.moved(paths, pulses)
         if self._atmosphere is not None:
             paths = self._atmosphere.with_volume(paths, pulses)
         if self._canopy is not None:
@@ -65,12 +76,16 @@ class Tracer:
 
 def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:
     """Return a tracer of everything that a radar sees, with the surfaces traced by an engine."""
+    plants = given.scene.vegetation
+    wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), given.chirp.carrier_hz)
     return Tracer(
         engine,
         given.scene,
         given.antenna,
         given.chirp,
         given.caster,
+        moving=build_moving_ground(given.scene, np.array(weather.wind_mps), given.chirp, given.seed),
+        canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
         atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
         seed=given.seed,
         bounces=given.tracing.bounces,

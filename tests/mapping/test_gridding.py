@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sionna_radar.foundation.raster import Grid
@@ -51,6 +51,7 @@ def test_a_plane_comes_back_exactly(seed, count):
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-3, 3), st.floats(0.5, 3), st.floats(-1e3, 1e3))
+@example(turn=0.0, spacing=0.9695579949050228, shift=0.0)
 def test_points_in_rows_are_no_hindrance(turn, spacing, shift):
     """Scan lines lie on straight lines, collinear but for rounding."""
     a, b = (k.ravel() * spacing + shift for k in np.meshgrid(np.arange(30), np.arange(20)))

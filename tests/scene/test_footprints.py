@@ -27,7 +27,10 @@ def slope(place_m):
 
 
 def footprints(path, ground=level, frame=None, window=WINDOW, **keys):
-    return build_footprints(Footprints(path=path, **({"height_m": 5.0} | keys)), 0, frame, window, ground)
+    """The buildings of one material, as a surface; None if there are none."""
+    surfaces = build_footprints(Footprints(path=path, **({"height_m": 5.0} | keys)), 0, frame, window, ground)
+    assert len(surfaces) < 2
+    return surfaces[0] if surfaces else None
 
 
 def solid(surface):
@@ -191,3 +194,22 @@ def test_a_scenario_stands_its_footprints_among_its_other_things(tmp_path):
         parse_scenario(tables | {"footprints": [{"path": "x.shp", "height_m": 1.0, "material": "tin"}]})
     with pytest.raises(ScenarioError, match=r"footprints.0.height_m: not given"):
         parse_scenario(tables | {"footprints": [{"path": "x.shp"}]})
+
+
+def test_materials_come_from_an_attribute(tmp_path):
+    """Values that no material is given for, and outlines without one, are of the material for all."""
+    made_of = [{"building:material": name} for name in ("brick", "glass", "straw")] + [{}]
+    boxes = [([rectangle(20 * k, 0, 20 * k + 10, 10)], made) for k, made in enumerate(made_of)]
+    table = Footprints(
+        path=write_geojson(tmp_path / "a.geojson", boxes),
+        height_m=4.0,
+        material_attribute="building:material",
+        materials={"brick": "wall", "glass": "pane"},
+    )
+    surfaces = build_footprints(table, 0, None, WINDOW, level)
+    west = {surface.material: surface.vertices_m[:, 0].min() for surface in surfaces}
+    assert west == {"wall": 0.0, "pane": 20.0, "building": 40.0}
+    assert len({surface.name for surface in surfaces}) == 3
+    assert len(next(s for s in surfaces if s.material == "building").faces) == 2 * len(surfaces[0].faces)
+    with pytest.raises(ScenarioError, match="no outline has 'wood' as building:material; there are 'brick'"):
+        build_footprints(table.model_copy(update={"materials": {"wood": "wall"}}), 0, None, WINDOW, level)

@@ -103,6 +103,7 @@ BUILT = {
     "radar.chirp_rate_hz": 4000.0,
     "platform.length_m": 1.0,
     "radar.transmit_power_dbm": 5.0,
+    "radar.receiver.high_pass_corner_hz": 200e3,
     "radar.receiver.leakage": [{"delay_ns": 1.003, "level_db": -25.0}],
     "radar.receiver.converter.bits": 14,
     "radar.receiver.converter.full_scale_dbm": -12.0,
@@ -111,8 +112,8 @@ BUILT = {
 
 
 def test_floors_are_those_of_the_chain():
-    """Leakage, its phase noise, rounding and thermal noise, and what all leave under the echo."""
-    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[0.0], pulses=600)
+    """Leakage, its phase noise, rounding, thermal noise and the phase noise of ground and rain, under the echo."""
+    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=600)
     found = budget.floors
     assert set(found.terms) == {
         "thermal noise",
@@ -121,11 +122,11 @@ def test_floors_are_those_of_the_chain():
         "phase noise of the leakage",
         "phase noise of the echo",
     }
-    every = found.ground + np.sum(list(found.terms.values()), axis=0)
-    for low_m, high_m in ((1.0, 2.0), (5.0, 40.0), (85.0, 140.0)):
+    every = found.ground + found.clutter + np.sum(list(found.terms.values()), axis=0)
+    for low_m, high_m in ((0.1, 0.5), (1.0, 2.0), (5.0, 40.0), (85.0, 140.0)):
         band = (found.range_m > low_m) & (found.range_m < high_m)
         assert 10 * np.log10(found.found[band].sum() / every[band].sum()) == pytest.approx(0.0, abs=0.3)
     rulers = [name for name, *_ in found.rulers()]
-    assert rulers[0] == "leakage"
+    assert rulers[:2] == ["rounding of the converter", "leakage"]
     assert "phase noise of the leakage" in rulers
     assert budget.agrees

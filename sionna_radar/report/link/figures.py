@@ -22,10 +22,10 @@ DEPTH_DB = 25.0
 
 def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
     """Draw every figure into a directory as PNG, and return the files."""
-    return save_figures(budget, {"link": link, "floors": floors}, directory)
+    return save_figures(budget, {"link": draw_link, "floors": draw_floors}, directory)
 
 
-def link(budget: LinkBudget) -> Figure:
+def draw_link(budget: LinkBudget) -> Figure:
     """Draw signal to noise above, and probability of detection below, over range; a column for each material."""
     materials = list(dict.fromkeys(one.material for one in budget.links))
     width = max(7.5, 0.8 + 4.6 * len(materials))
@@ -57,7 +57,7 @@ def link(budget: LinkBudget) -> Figure:
     return figure
 
 
-def floors(budget: LinkBudget) -> Figure:
+def draw_floors(budget: LinkBudget) -> Figure:
     """Draw what every noise leaves in each range cell, under the echo that the survey has, beside simulated pulses."""
     found = budget.floors
     figure = ReportFigure(figsize=(8.5, 5.6), layout="constrained")

@@ -52,7 +52,7 @@ class PlacedCloud:
 
 
 @dataclass(frozen=True)
-class _Unstated:
+class Unstated:
     """What `height_system` asks of a raster, of a file that has no band."""
 
     units: tuple[str, ...] = NO_UNIT
@@ -73,7 +73,7 @@ def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
         return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
     crs = map_part(whole)
     frame = frame_about(crs, middle, terrain.centre_lonlat_deg, "cloud's middle")
-    heights = height_system(_Unstated(), whole, terrain.vertical_crs, terrain.height_unit)
+    heights = height_system(Unstated(), whole, terrain.vertical_crs, terrain.height_unit)
     return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
 
 

@@ -13,8 +13,9 @@ cloud"),
 
     sigma0 = eta cos(t) / (2 k) (1 - exp(-2 k h / cos t)) + sigma0_ground exp(-2 k h / cos t).
 
-All of a ray's plants are one path, at a place drawn with their echo as weight. Leaves move by more than a wavelength
-from chirp to chirp, so place and phase are new in each; the echo keeps the co-polar polarization.
+All of a ray's plants are one path, at a place drawn with their echo as weight, and with a phase that the wind turns;
+both belong to the scatterer on the ground that the ray ends at, so that they stay where that one stays. The echo keeps
+the co-polar polarization.
 """
 
 from dataclasses import replace
@@ -23,9 +24,12 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.randomness import Stream, pulse_generators
+from sionna_radar.foundation.mixing import place_uniforms
+from sionna_radar.foundation.randomness import Stream
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.vegetation import Vegetation
+from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.paths import VEGETATION, Paths
 
@@ -38,8 +42,9 @@ SHALLOWEST = 0.04
 class Canopy:
     """The vegetation of a scene, as it changes the paths to the ground."""
 
-    def __init__(self, vegetation: Vegetation, scene: Scene, seed: int) -> None:
-        self._vegetation, self._seed = vegetation, seed
+    def __init__(self, vegetation: Vegetation, scene: Scene, chirp: Chirp, seed: int, wind: Windblown) -> None:
+        self._vegetation, self._seed, self._wind = vegetation, seed, wind
+        self._wavelength_m = chirp.wavelength_m
         self._sigma0 = [as_radar_material(scene.materials[surface.material]).co_polar for surface in scene.surfaces]
         self._highest_m = vegetation.highest_m
 
@@ -55,7 +60,8 @@ class Canopy:
         back = toward / range_m[:, None]
         cosine = np.cos(paths.incidence_rad[own])
         shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), SHALLOWEST)
-        plants, drawn = self._vegetation, self._drawn(paths.pulse[own], pulses)
+        plants = self._vegetation
+        drawn = place_uniforms(self._seed, Stream.VEGETATION, paths.hit_m[own], 5)
         passed, returned, away_m = np.empty((3, len(own)))
         follow(
             np.ascontiguousarray(paths.hit_m[own], dtype=np.float64),
@@ -81,21 +87,18 @@ class Canopy:
         some, away = own[seen], range_m[seen] - away_m[seen]
         beam = np.abs(paths.gain[some]) ** 2 * range_m[seen] ** 2 * cosine[seen] / sigma0[seen]
         power = beam * returned[seen] / away**2
+        shift_hz = self._wind.shift_hz(drawn[seen, 3:])
+        turns = drawn[seen, 2] + np.mod(shift_hz * pulses.time_s[row[seen]], 1.0)
         echo = Paths.to_points(
             pulses,
             row[seen],
             pulses.true.position_m[row[seen]] - back[seen] * away[:, None],
-            gain=np.sqrt(power) * np.exp(2j * np.pi * drawn[seen, 2]),
+            gain=np.sqrt(power) * np.exp(2j * np.pi * turns),
             incidence_rad=np.full(len(some), np.nan),
             surface=np.full(len(some), VEGETATION),
         )
+        echo = replace(echo, range_rate_mps=echo.range_rate_mps - shift_hz * self._wavelength_m / 2)
         return Paths.concatenate([dimmed, echo])
-
-    def _drawn(self, pulse: np.ndarray, pulses: Pulses) -> Float[np.ndarray, "path 3"]:
-        """Return three numbers in [0, 1) for each path, from its pulse and its place among the pulse's own."""
-        count = np.bincount(pulses.row_of(pulse), minlength=len(pulses))
-        generators = pulse_generators(self._seed, Stream.VEGETATION, pulses.index)
-        return np.concatenate([one.random((many, 3)) for one, many in zip(generators, count, strict=True)])
 
     def _ground(self, surface: np.ndarray, incidence_rad: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return sigma0 of the surface that each path meets."""

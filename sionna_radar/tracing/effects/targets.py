@@ -16,8 +16,11 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.body import Body
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.effects.bodies import trace_body
+from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.paths import TARGET, Paths
 
 # A target on the ground touches the mesh; rays that end this far short of it still see it.
@@ -35,16 +38,26 @@ def trace_targets(
 
     seed: of the fluctuations.
     """
+    places = [_shown(target, number, pulses, seed) for number, target in enumerate(targets)]
+    parts = [
+        _of_body(target.body, shown, pulses, antenna, chirp, caster)
+        if target.body is not None
+        else _of_points(shown, pulses, antenna, chirp, caster)
+        for target, shown in zip(targets, places, strict=True)
+    ]
+    paths = Paths.concatenate(parts)
+    return paths.rows(np.argsort(paths.pulse, kind="stable"))
+
+
+def _of_points(shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> Paths:
     pose = pulses.true
-    bodies = [_body(target, number, pulses, seed) for number, target in enumerate(targets)]
-    place = np.concatenate([body.position_m for body in bodies], axis=1)
-    rcs_m2 = np.concatenate([body.rcs_m2 for body in bodies], axis=1).ravel()
-    away = (place - pose.position_m[:, None]).reshape(-1, 3)
-    row = np.repeat(np.arange(len(pulses)), place.shape[1])
+    away = (shown.position_m - pose.position_m[:, None]).reshape(-1, 3)
+    row = np.repeat(np.arange(len(pulses)), shown.position_m.shape[1])
     range_m = np.linalg.norm(away, axis=1)
     direction = away / range_m[:, None]
     gain = antenna.gain(np.einsum("nij,ni->nj", pose.R_world_antenna[row], direction))
-    power = gain**2 * chirp.wavelength_m**2 * rcs_m2 / ((4 * np.pi) ** 3 * range_m**4) * abs(antenna.mirrored) ** 2
+    spread = (4 * np.pi) ** 3 * range_m**4
+    power = gain**2 * chirp.wavelength_m**2 * shown.rcs_m2.ravel() / spread * abs(antenna.mirrored) ** 2
     seen = power > 0
     hit = pose.position_m[row] + away
     seen[seen] = caster.visible(pose.position_m[row][seen], hit[seen], TOUCHING_M)
@@ -56,23 +69,49 @@ def trace_targets(
         incidence_rad=np.full(int(seen.sum()), np.nan),
         surface=np.full(int(seen.sum()), TARGET),
     )
-    if all(target.way is None and not target.rotors for target in targets):
+    if shown.still:
         return paths
-    velocity = np.concatenate([body.velocity_mps for body in bodies], axis=1).reshape(-1, 3)
-    receding = np.einsum("ni,ni->n", velocity[seen], direction[seen])
+    receding = np.einsum("ni,ni->n", shown.velocity_mps.reshape(-1, 3)[seen], direction[seen])
     return replace(paths, range_rate_mps=paths.range_rate_mps + receding)
 
 
-@dataclass(frozen=True)
-class _Body:
-    """A target's own point and those of its rotors, at each pulse."""
+def _of_body(body: Body, shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> Paths:
+    """Return the paths to a body, and to the rotors on it."""
+    place, velocity = shown.position_m[:, 0], shown.velocity_mps[:, 0]
+    paths = trace_body(Scatterer(body, chirp.wavelength_m), pulses, place, shown.heading_rad, antenna, chirp)
+    row = pulses.row_of(paths.pulse)
+    origin = pulses.true.position_m[row]
+    seen = caster.visible(origin, paths.hit_m, TOUCHING_M) if len(row) else np.zeros(0, dtype=bool)
+    away = paths.hit_m - origin
+    receding = np.einsum("ni,ni->n", velocity[row], away) / np.linalg.norm(away, axis=1)
+    moving = replace(paths, range_rate_mps=paths.range_rate_mps + receding).rows(seen)
+    if shown.position_m.shape[1] == 1:
+        return moving
+    rotors = _of_points(shown.rotors, pulses, antenna, chirp, caster)
+    return Paths.concatenate([moving, rotors])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shown:
+    """A target's own point and those of its rotors, at each pulse.
+
+    still: whether none of them moves.
+    """
 
     position_m: Float[np.ndarray, "pulse point 3"]
     velocity_mps: Float[np.ndarray, "pulse point 3"]
     rcs_m2: Float[np.ndarray, "pulse point"]
+    heading_rad: Float[np.ndarray, " pulse"]
+    still: bool
+
+    @property
+    def rotors(self) -> "_Shown":
+        """The rotors alone."""
+        position, velocity, rcs_m2 = self.position_m[:, 1:], self.velocity_mps[:, 1:], self.rcs_m2[:, 1:]
+        return replace(self, position_m=position, velocity_mps=velocity, rcs_m2=rcs_m2)
 
 
-def _body(target: Target, number: int, pulses: Pulses, seed: int) -> _Body:
+def _shown(target: Target, number: int, pulses: Pulses, seed: int) -> _Shown:
     """Return where a target is, how it moves, and what it returns."""
     time_s, count = pulses.time_s, len(pulses)
     place, velocity = np.tile(np.array(target.position_m), (count, 1)), np.zeros((count, 3))
@@ -91,7 +130,13 @@ def _body(target: Target, number: int, pulses: Pulses, seed: int) -> _Body:
         places.append(place[:, None] + offset)
         velocities.append(velocity[:, None] + turning)
         levels.append(np.full(offset.shape[:2], rotor.rcs_m2 / rotor.points))
-    return _Body(*(np.concatenate(parts, axis=1) for parts in (places, velocities, levels)))
+    return _Shown(
+        position_m=np.concatenate(places, axis=1),
+        velocity_mps=np.concatenate(velocities, axis=1),
+        rcs_m2=np.concatenate(levels, axis=1),
+        heading_rad=heading,
+        still=target.way is None and not target.rotors,
+    )
 
 
 def cross_section(target: Target, number: int, pulses: Pulses, seed: int) -> Float[np.ndarray, " pulse"]:

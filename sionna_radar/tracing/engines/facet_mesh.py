@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt64
 
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.mixing import split_mix
 from sionna_radar.scene.model import Surface
-
-FIRST_STEP = np.ones(1, dtype=np.uint64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,20 +80,3 @@ def facets_of(surfaces: Sequence[Surface]) -> Facets:
         identity=np.arange(count, dtype=np.uint64),
         surface=np.repeat(np.arange(len(surfaces)), [len(s.faces) for s in surfaces]),
     )
-
-
-def split_mix(state: UInt64[np.ndarray, "..."], step: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
-    """Return the outputs of SplitMix64 at given steps from given states.
-
-    Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators"; the constants are
-    those of Vigna's public-domain splitmix64.c.
-    """
-    z = state + step * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
-def unit_of(identity: UInt64[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return a number in [0, 1) for each identity."""
-    return (split_mix(identity, FIRST_STEP) >> np.uint64(11)).astype(np.float64) * 2.0**-53

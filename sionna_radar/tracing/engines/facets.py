@@ -31,12 +31,13 @@ from jaxtyping import Complex, Float, Int, UInt64
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.mixing import FIRST_STEP, split_mix, unit_of
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.facet_index import FOOTPRINT_DB, FacetIndex, Footprint
-from sionna_radar.tracing.engines.facet_mesh import FIRST_STEP, Facets, facets_of, split_mix, unit_of
+from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.wander import wander_hz

@@ -139,7 +139,7 @@ MOVING = {"waypoints_m": [[5.0, 0.0]], "speed_mps": 3.0}
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"rcs_dbsm": None}, "either rcs_dbsm or rcs_table"),
+        ({"rcs_dbsm": None}, "one of rcs_dbsm, rcs_table and mesh"),
         ({"speed_mps": 3.0}, "a way needs both"),
         ({"closed": True}, "closed"),
         (MOVING | {"heading_deg": 3.0}, "along which the target looks"),

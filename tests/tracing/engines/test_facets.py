@@ -11,6 +11,7 @@ from scipy.stats import kstest
 
 from beams import make_chirp, plane_power
 from flights import make_pulses
+from sionna_radar.foundation.mixing import split_mix
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
@@ -18,7 +19,7 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, Lamberti
 from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines import facets
 from sionna_radar.tracing.engines.facet_index import Footprint
-from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of, split_mix
+from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.facets import GammaEngine
 from worlds import make_scene, make_surface
 

@@ -1,0 +1,110 @@
+"""Heights of plants over the ground from files: rasters of them, and point clouds with classes."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+from pyproj import CRS
+
+from sionna_radar.elevation.local_frame import map_part
+from sionna_radar.elevation.map_frame import frame_of
+from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
+from sionna_radar.elevation.vertical import height_system
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.georeference import Georeference
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.scenario.vegetation import VegetationTable
+from sionna_radar.scene.ground_cover import raster_at
+from sionna_radar.scene.terrains.points import Unstated
+
+Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+
+
+def plant_heights(
+    georeference: Georeference | None,
+    ground_m: Heights,
+    stand: VegetationTable,
+    key: str,
+    point_m: Float[np.ndarray, "n 2"],
+) -> Float[np.ndarray, " n"]:
+    """Return the heights of a stand's plants over the ground at horizontal positions; NaN where its file has none.
+
+    Parameters
+    ----------
+    georeference, ground_m:
+        Of the terrain; the ground's height is NaN beyond it.
+    stand, key:
+        The stand, with a file, and its dotted key.
+    point_m:
+        East and north, local.
+
+    Raises
+    ------
+    InputFileError
+        The file cannot be used.
+    ScenarioError
+        Only one of it and the terrain is on the map.
+
+    """
+    assert stand.path is not None
+    if stand.of_cloud:
+        return _of_cloud(georeference, ground_m, stand, key, point_m)
+    found = np.full(len(point_m), np.nan)
+    inside, cells = raster_at(stand.path, f"{key}.path", "heights of plants in metres", point_m, georeference)
+    found[inside] = np.ma.filled(cells.astype(np.float64), np.nan)
+    return found
+
+
+def _of_cloud(
+    georeference: Georeference | None,
+    ground_m: Heights,
+    stand: VegetationTable,
+    key: str,
+    point_m: Float[np.ndarray, "n 2"],
+) -> Float[np.ndarray, " n"]:
+    """Return the highest of the points of the stand's classes in each cell, over the ground there."""
+    assert stand.path is not None
+    frame = frame_of(georeference)
+    grid = _grid(point_m, stand.cloud_spacing_m)
+    with open_cloud(stand.path, f"{key}.path") as cloud:
+        crs = None if cloud.crs_wkt is None else CRS.from_wkt(cloud.crs_wkt)
+        if (crs is None) != (frame is None):
+            message = "either the cloud or the terrain has no CRS; give both, or none"
+            raise ScenarioError([Problem(f"{key}.path", message)])
+        unit_m, lowest_m = 1.0, 0.0
+        if crs is not None and georeference is not None:
+            unit_m, lowest_m = height_system(Unstated(), crs, None, None).unit_m, georeference.origin_m[2]
+
+        def local_of(
+            x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+        ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+            if crs is None or frame is None:
+                middle = _middle(cloud)
+                return x - middle[0], y - middle[1]
+            flat = map_part(crs)
+            if flat == frame.crs:
+                return x - frame.origin_m[0], y - frame.origin_m[1]
+            return frame.local_of(flat, x, y)
+
+        top = gridded(lambda: cloud.pieces(stand.classes, local_of, unit_m), grid, "max", 0.0)
+    if not top.filled.any():
+        message = (
+            f"{key}.path = {shown(stand.path)}: has no points of the classes "
+            f"{', '.join(map(str, stand.classes))} there; give those of its plants, or another file"
+        )
+        raise InputFileError(message)
+    row, column, inside = grid.cell_of(point_m)
+    # The ground where the points are, not at the edge of a cell.
+    base_m = ground_m(grid.centres_m).reshape(grid.shape)
+    height = top.height_m - lowest_m - base_m
+    return np.where(inside, height[row, column], np.nan)
+
+
+def _grid(point_m: Float[np.ndarray, "n 2"], spacing_m: float) -> Grid:
+    (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
+    return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
+
+
+def _middle(cloud: CloudFile) -> tuple[float, float]:
+    return float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2

@@ -1,0 +1,80 @@
+"""Targets with a shape: the paths to what the radar sees of a body, in small steps of range."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.constants import speed_of_light
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.tracing.effects.physical_optics import Scatterer
+from sionna_radar.tracing.paths import TARGET, Paths
+
+# Faces within such a share of a range cell are one path.
+STEP_CELLS = 1 / 8
+# Faces of all pulses that are handled at once.
+AT_ONCE = 2_000_000
+
+
+def trace_body(
+    scatterer: Scatterer,
+    pulses: Pulses,
+    place_m: Float[np.ndarray, "pulse 3"],
+    heading_rad: Float[np.ndarray, " pulse"],
+    antenna: Antenna,
+    chirp: Chirp,
+) -> Paths:
+    """Return the paths to a body that is at a place, turned to a heading (clockwise from north), at each pulse.
+
+    Nothing hides it but itself.
+    """
+    sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(pulses))
+    right, forward = np.stack([cosine, -sine, zero], axis=1), np.stack([sine, cosine, zero], axis=1)
+    R_world_body = np.stack([right, forward, np.tile([0.0, 0.0, 1.0], (len(pulses), 1))], axis=2)
+    few = max(1, AT_ONCE // len(scatterer.body.faces))
+    pieces = []
+    for low in range(0, len(pulses), few):
+        rows = slice(low, low + few)
+        pieces.append(_trace(scatterer, pulses.rows(rows), place_m[rows], R_world_body[rows], antenna, chirp))
+    return Paths.concatenate(pieces)
+
+
+def _trace(
+    scatterer: Scatterer,
+    pulses: Pulses,
+    place_m: Float[np.ndarray, "pulse 3"],
+    R_world_body: Float[np.ndarray, "pulse 3 3"],
+    antenna: Antenna,
+    chirp: Chirp,
+) -> Paths:
+    pose, wavelength_m = pulses.true, chirp.wavelength_m
+    radar_m = np.einsum("pji,pj->pi", R_world_body, pose.position_m - place_m)
+    amplitude = scatterer.amplitude(radar_m)
+    row, face = np.nonzero(amplitude)
+    middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], scatterer.middle_m[face])
+    away = middle - pose.position_m[row]
+    range_m = np.linalg.norm(away, axis=1)
+    direction = np.einsum("nij,ni->nj", pose.R_world_antenna[row], away / range_m[:, None])
+    # The square root of the radar equation (Rouveure et al. 2017, eq. 3).
+    field = antenna.gain(direction) * wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2) * amplitude[row, face]
+    step_m = STEP_CELLS * chirp.range_resolution_m
+    number = np.floor(range_m / step_m).astype(np.int64)
+    ahead_m = range_m - (number + 0.5) * step_m
+    field = field * abs(antenna.mirrored) * np.exp(-4j * np.pi / wavelength_m * ahead_m)
+    group, of = np.unique(np.stack([row, number], axis=1), axis=0, return_inverse=True)
+    of = of.ravel()
+    gain = np.bincount(of, field.real, len(group)) + 1j * np.bincount(of, field.imag, len(group))
+    faces = np.bincount(of, minlength=len(group))
+    hit_m = np.stack([np.bincount(of, column, len(group)) for column in middle.T], axis=1) / faces[:, None]
+    own = group[:, 0].astype(np.int64)
+    paths = Paths.to_points(
+        pulses,
+        own,
+        hit_m,
+        gain=gain,
+        incidence_rad=np.full(len(own), np.nan),
+        surface=np.full(len(own), TARGET),
+    )
+    return replace(paths, delay_s=2 / speed_of_light * (group[:, 1] + 0.5) * step_m)
