@@ -23,7 +23,7 @@ RADAR = {
     "radar.scan.incidence_deg": 75.0,
     "radar.scan.half_swath_deg": 20.0,
     "radar.receiver.high_pass_corner_hz": 200e3,
-    "radar.receiver.oscillator.phase_noise_preset": "ti_awr1243_76ghz",
+    "radar.receiver.oscillator.phase_noise_preset": "ti_awr1843aop_76ghz",
     "radar.receiver.leakage": [{"delay_ns": 0.51, "level_db": -35.0}, {"delay_ns": 1.23, "level_db": -45.0}],
     "radar.receiver.converter.bits": 12,
     "radar.receiver.converter.full_scale_dbm": -22.0,

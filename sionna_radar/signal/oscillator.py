@@ -2,7 +2,7 @@
 
 An echo of delay tau is mixed with the wave that is being sent, so that the phase error e(t) of the oscillator enters
 its beat as e(t) - e(t - tau). Of a random one with the spectrum S(f) that leaves 4 sin^2(pi f tau) S(f): near echoes
-are cleaner than far ones (Budge and Burt 1993, "Range correlation effects in radars", IEEE National Radar Conference).
+are cleaner than far ones (Budge and Burt 1993, "Range correlation effects on phase and amplitude noise", Southeastcon).
 """
 
 import csv

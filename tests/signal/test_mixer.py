@@ -227,8 +227,8 @@ def test_filters_leave_what_they_pass_and_take_what_they_do_not(sampling):
     ("keys", "message"),
     [
         ({"phase_noise_dbc_hz": [[1e4, -80.0], [1e3, -90.0]]}, "phase_noise_dbc_hz: its offsets must increase"),
-        ({"phase_noise_preset": "ti_awr1243_76ghz", "phase_noise_dbc_hz": [[1e4, -80.0]]}, "contradicts"),
-        ({"phase_noise_preset": "ti_awr1243"}, "Did you mean"),
+        ({"phase_noise_preset": "ti_awr1843aop_76ghz", "phase_noise_dbc_hz": [[1e4, -80.0]]}, "contradicts"),
+        ({"phase_noise_preset": "ti_awr1843aop"}, "Did you mean"),
         ({"settling_hz": 1.0}, "settling_time_s: goes with settling_hz"),
         ({"used_window": [0.5, 0.5]}, "used_window: 0.5 to 0.5 is less"),
     ],
