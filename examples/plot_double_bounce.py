@@ -66,7 +66,8 @@ for axes, (bounces, survey) in zip(maps, surveys.items(), strict=True):
     strip = (np.abs(y) < 24.0) & (x < FRONT_M) & (x > FRONT_M - 6.0) & np.isfinite(error)
     print(
         f"{bounces} bounce{'s' if bounces > 1 else ''}: {np.mean(place[before, 2] < -1.0):.1%} of {before.sum()} "
-        f"echoes in the 10 m before the wall are over 1 m below the ground, the deepest {-place[before, 2].min():.1f} m; "
+        "echoes in the 10 m before the wall lie over 1 m below the ground, "
+        f"the deepest {-place[before, 2].min():.1f} m; "
         f"inside the hall {np.sum(place[inside, 2] < TOP_M - 2)}; map in the 6 m before the wall: "
         f"mean {np.mean(error[strip]):+.2f} m, RMS {np.sqrt(np.mean(error[strip] ** 2)):.2f} m; "
         f"lit cells {survey.lit_error.rms_m:.2f} m RMS"
