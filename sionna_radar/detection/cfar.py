@@ -41,6 +41,7 @@ class Cfar:
     rank: which training cell OS takes, as a fraction of all in increasing order.
     stride: spectrum bins per range cell.
     correlation: of the noise against lag in range cells, from lag 0; just [1] for independent cells.
+    looks: powers that are averaged in each cell; of several, CA alone has a known false-alarm rate.
     """
 
     kind: Literal["CA", "GO", "SO", "OS"]
@@ -50,13 +51,19 @@ class Cfar:
     rank: float = 0.75
     stride: int = 1
     correlation: Float[np.ndarray, " lag"]
+    looks: int = 1
+
+    def __post_init__(self) -> None:
+        if self.looks > 1 and self.kind != "CA":
+            message = f"{self.kind!r} knows single looks alone"
+            raise ValueError(message)
 
     @cached_property
     def both_sides_factor(self) -> float:
         """Multiple of the noise level where both sides fit."""
         match self.kind:
             case "CA":
-                return factor_of_mean(self._weights, 2, self.false_alarm_probability)
+                return factor_of_mean(self._weights, 2, self.false_alarm_probability, self.looks)
             case "GO":
                 return factor_of_greater(self._weights, self.false_alarm_probability)
             case "SO":
@@ -69,7 +76,7 @@ class Cfar:
         """Multiple of the noise level where a single side fits."""
         if self.kind == "OS":
             return self._ordered_factor(sides=1)
-        return factor_of_mean(self._weights, 1, self.false_alarm_probability)
+        return factor_of_mean(self._weights, 1, self.false_alarm_probability, self.looks)
 
     @cached_property
     def both_sides_mean(self) -> float:
@@ -98,7 +105,8 @@ class Cfar:
 
         The power of a cell of speckle and noise is exponential, with 1 + snr times the mean of noise alone, so it
         passes a Z with the probability that noise passes a Z / (1 + snr) (Gandhi and Kassam 1988, "Analysis of CFAR
-        processors in nonhomogeneous background", section II: a Swerling 1 target).
+        processors in nonhomogeneous background", section II: a Swerling 1 target). Over several looks the speckle is
+        taken to change from look to look: a Swerling 2 target.
 
         snr: mean power of the speckle in each cell over that of the noise.
         """
@@ -108,7 +116,7 @@ class Cfar:
         """Return the probability that noise passes a multiple of its level on both sides."""
         match self.kind:
             case "CA":
-                return float(np.exp(log_probability_over_mean(self._weights, 2, factor)))
+                return float(np.exp(log_probability_over_mean(self._weights, 2, factor, self.looks)))
             case "GO":
                 return float(np.exp(log_probability_over_greater(self._weights, factor)))
             case "SO":

@@ -57,6 +57,7 @@ class Detector:
 
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
+    speckle_looks: of the powers averaged in a pulse, how many have speckle of their own.
     """
 
     analyser: SpectrumAnalyser
@@ -64,8 +65,9 @@ class Detector:
     processing: ProcessingTable
     estimator: RangeEstimator
     beam: BeamProfile | None = None
+    speckle_looks: int = 1
 
-    def spectra(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Spectra:
+    def spectra(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""
         power = self.analyser.power(beat)
         level, both = self.cfar.noise_level(power)
@@ -74,7 +76,7 @@ class Detector:
         return Spectra(power=power, noise=level / mean, threshold=level * factor)
 
     def detect(
-        self, beat: Inexact[np.ndarray, "pulse sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
+        self, beat: Inexact[np.ndarray, "chirp sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
     ) -> Echoes:
         """Return the echoes of a block.
 
@@ -92,7 +94,7 @@ class Detector:
 
     def find(
         self,
-        beat: Inexact[np.ndarray, "pulse sample"],
+        beat: Inexact[np.ndarray, "chirp sample"],
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Detections:
@@ -177,7 +179,7 @@ class Detector:
             stop=stop,
             peak=strongest_bins(spectra.power, row, start, stop),
             bin_m=self.analyser.bin_m,
-            looks_per_bin=self.analyser.looks_per_cell / self.analyser.zero_padding,
+            looks_per_bin=self.speckle_looks * self.analyser.looks_per_cell / self.analyser.zero_padding,
             beam=self.beam,
         )
 
@@ -224,6 +226,8 @@ def build_detector(
     antenna: Antenna | None = None,
     high_pass: HighPass | None = None,
     estimator: RangeEstimator | None = None,
+    *,
+    speckle_looks: int = 1,
 ) -> Detector:
     """Return the processing of a scenario.
 
@@ -237,6 +241,8 @@ def build_detector(
         High-pass of the receiver, which the calibration removes from the spectra.
     estimator:
         A range estimator in place of the one that `processing` names.
+    speckle_looks:
+        Of the powers averaged in a pulse, how many have speckle of their own.
 
     Raises
     ------
@@ -244,7 +250,7 @@ def build_detector(
         The window leaks the cell under test into the training cells.
 
     """
-    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass)
+    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
     table = processing.cfar
     correlation = analyser.noise_correlation(table.guard + table.training + 1)
     shared = np.flatnonzero(correlation**2 > SHARED_NOISE)
@@ -259,6 +265,7 @@ def build_detector(
         rank=table.rank,
         stride=processing.zero_padding,
         correlation=correlation,
+        looks=processing.average.powers,
     )
     response = analyser.response(RESPONSE_CELLS * processing.zero_padding, processing.zero_padding)
     beam = None if antenna is None else beam_profile(antenna, response)
@@ -268,6 +275,7 @@ def build_detector(
         processing=processing,
         estimator=estimator or build_range_estimator(processing),
         beam=beam,
+        speckle_looks=speckle_looks,
     )
 
 

@@ -5,6 +5,11 @@ probability E[exp(-a Z)], Z being measured in units of the noise power. A window
 
 - The mean of a side's correlated cells is a sum of independent exponentials, weighted by the eigenvalues e of the
   cells' covariance over their number: E[exp(-a Z)] = prod 1 / (1 + a e). It is exact.
+- Of cells with the mean of N powers each, the one under test has a gamma distribution, and passes with the probability
+  sum of (-a)^k / k! d^k/da^k E[exp(-a Z)], k < N, where E is the N-th power of the above: the power of Z is that of
+  N sets of exponentials. These are the coefficients c_k of E(a (1 - x)) in x, all positive, and with
+  q = a e / (1 + a e) the derivative of its logarithm gives k c_k = sum_j (N sum q^j) c_{k-j}. It is exact; independent
+  cells have the F distribution.
 - With M and M' the means of two independent sides, E[exp(-a min)] = 2 E[exp(-a M); M < M']. Weighting by exp(-a M)
   turns M into another sum of exponentials T, with e / (1 + a e) for e, so this is 2 E[exp(-a M)] P(T < M'), and the
   greater of both has 2 E[exp(-a M)] P(T > M'). That last probability is the inversion of the Laplace transform of
@@ -52,9 +57,9 @@ def mean_weights(correlation: Float[np.ndarray, " lag"], cells: int) -> Float[np
     return np.maximum(np.linalg.eigvalsh(cell_covariance(correlation, cells)), 0.0) / cells
 
 
-def factor_of_mean(weight: Float[np.ndarray, " n"], sides: int, probability: float) -> float:
+def factor_of_mean(weight: Float[np.ndarray, " n"], sides: int, probability: float, looks: int = 1) -> float:
     """Return the factor for the mean over one or two independent sides, each of such a mean."""
-    return _solve(lambda factor: log_probability_over_mean(weight, sides, factor), probability)
+    return _solve(lambda factor: log_probability_over_mean(weight, sides, factor, looks), probability)
 
 
 def factor_of_smaller(weight: Float[np.ndarray, " n"], probability: float) -> float:
@@ -73,9 +78,21 @@ def factor_of_greater(weight: Float[np.ndarray, " n"], probability: float) -> fl
     return _solve(lambda factor: log_probability_over_greater(weight, factor), probability)
 
 
-def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, factor: float) -> float:
-    """Return the logarithm of the probability that noise passes a multiple of the mean over one or two sides."""
-    return sides * _log_transform(weight / sides, factor)
+def log_probability_over_mean(weight: Float[np.ndarray, " n"], sides: int, factor: float, looks: int = 1) -> float:
+    """Return the logarithm of the probability that noise passes a multiple of the mean over one or two sides.
+
+    looks: powers averaged in each cell.
+    """
+    single = sides * _log_transform(weight / sides, factor)
+    if looks == 1:
+        return single
+    raised = factor * weight / sides
+    share = raised / (1 + raised)
+    powers = np.array([looks * sides * np.sum(share**k) for k in range(1, looks)])
+    term = np.ones(looks)
+    for k in range(1, looks):
+        term[k] = powers[:k] @ term[k - 1 :: -1] / k
+    return float(looks * single + np.log(term.sum()))
 
 
 def log_probability_over_smaller(weight: Float[np.ndarray, " n"], factor: float) -> float:

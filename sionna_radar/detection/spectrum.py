@@ -22,12 +22,14 @@ class SpectrumAnalyser:
 
     zero_padding: spectrum bins per range cell (c / 2B).
     high_pass: of the receiver; the calibration divides by its response in each bin.
+    averaged: chirps in a row whose powers are averaged to those of a pulse.
     """
 
     chirp: Chirp
     window_name: str
     zero_padding: int
     high_pass: HighPass | None = None
+    averaged: int = 1
 
     @cached_property
     def window(self) -> Float[np.ndarray, " sample"]:
@@ -46,8 +48,8 @@ class SpectrumAnalyser:
         """Distance between bins."""
         return self.chirp.range_resolution_m / self.zero_padding
 
-    def power(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Float[np.ndarray, "pulse bin"]:
-        """Return the power spectra of beat signals, on all cores."""
+    def power(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Float[np.ndarray, "pulse bin"]:
+        """Return the power spectra of beat signals, on all cores; of pulses of several chirps their mean."""
         power = np.empty((len(beat), len(self.range_m)))
         if self.high_pass is not None:
             _ = self._passed  # before several threads ask for it
@@ -60,7 +62,7 @@ class SpectrumAnalyser:
                 power[low:high] = spectrum.real**2 + spectrum.imag**2
 
         over_rows(transform, len(beat))
-        return power
+        return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
     def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""

@@ -260,7 +260,10 @@ class PulseSchedule(PulseSequence):
 
     def pulses(self, index: Int[np.ndarray, " pulse"]) -> Pulses:
         """Return some of the pulses."""
-        time_s = self.time_s[index]
+        return self.at(index, self.time_s[index])
+
+    def at(self, index: Int[np.ndarray, " pulse"], time_s: Float[np.ndarray, " pulse"]) -> Pulses:
+        """Return pulses at any times; `index` is the key of their random numbers."""
         pointing = self.scan.point(time_s)
         euler = self.trajectory.euler(time_s)
         R_world_body = world_from_body(euler)

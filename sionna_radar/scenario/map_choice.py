@@ -43,6 +43,9 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
         return False
     if _value(tables, "processing", "angle") not in (None, "off"):
         return False
+    average = {"average": _value(tables, "processing", "average")}
+    if _value(average, "average", "mode") == "incoherent" and _value(average, "average", "chirps") not in (None, 1):
+        return False
     return _value(tables, "radar", "sweep") != "triangular" and not any(_value(tables, "weather", k) for k in FALLING)
 
 

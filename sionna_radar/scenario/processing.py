@@ -38,6 +38,25 @@ class CfarTable(Table):
         return self
 
 
+class AverageTable(Table):
+    """Several chirps in a row that make one pulse, measured in their middle.
+
+    chirps: of a pulse. The pulse rate is radar.chirp_rate_hz over it.
+    mode: "coherent" takes the mean of the beat signals, each turned by what the measured velocity changes the range of
+        still ground on the beam's axis: noise falls by the number of chirps, and so does ground whose Doppler shifts
+        differ by more than one over the burst's duration. "incoherent" takes the mean of the power spectra, which
+        steadies noise, and speckle as far as it changes from chirp to chirp.
+    """
+
+    chirps: Annotated[int, Field(strict=True, ge=1, le=32)] = 1
+    mode: Literal["coherent", "incoherent"] = "coherent"
+
+    @property
+    def powers(self) -> int:
+        """Chirps whose power spectra are averaged; one where beat signals are."""
+        return self.chirps if self.mode == "incoherent" else 1
+
+
 class ExpectedGroundTable(Table):
     """Where the ground is expected, so that echoes from elsewhere are none: rain, birds, the far side of a valley.
 
@@ -76,6 +95,7 @@ class ProcessingTable(Table):
     leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
     transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
     interference: "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars.
+    average: chirps that are averaged to one pulse.
     doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
     """
 
@@ -94,6 +114,7 @@ class ProcessingTable(Table):
     angle_length_m: Positive | None = None
     leakage: Literal["keep", "subtract"] = "keep"
     interference: Literal["keep", "zeroing"] = "keep"
+    average: AverageTable = AverageTable()
     doppler_correction: bool = Field(default=True, strict=True)
 
     @model_validator(mode="after")

@@ -264,6 +264,12 @@ class RadarTable(Table):
                 "receiver.anti_alias_corner_hz",
                 f"{receiver.anti_alias_corner_hz:g} lies far beyond the highest beat, {highest_hz:g}; lower it",
             )
+        rising = receiver.range_gain
+        if rising is not None and rising.from_hz >= highest_hz:
+            raise refuse(
+                "receiver.range_gain.from_hz",
+                f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it",
+            )
         if receiver.converter.imbalanced and self.sampling == "real":
             raise refuse("receiver.converter.iq_gain_db", "there is no quadrature part; set radar.sampling = 'iq'")
         if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:

@@ -169,11 +169,34 @@ class ConverterTable(Table):
         return self.iq_gain_db != 0 or self.iq_phase_deg != 0
 
 
+class RangeGainTable(Table):
+    """A gain that rises with the beat frequency, and so with range: the sensitivity time control of an FMCW radar.
+
+    Behind the mixer and before the converter. Echoes beyond to_hz keep the receiver's gain, nearer ones lose some: from
+    from_hz to to_hz it rises by 6 dB an octave for each order, below it is even. Spectra are calibrated for it.
+
+    from_hz: beat frequency at which the gain begins to rise.
+    to_hz: at which it ends.
+    order: 1 against the spreading of a volume that fills the beam, 2 against that of points.
+    """
+
+    from_hz: Positive
+    to_hz: Positive
+    order: Order = 2
+
+    @model_validator(mode="after")
+    def _rising(self) -> RangeGainTable:
+        if self.to_hz <= self.from_hz:
+            raise refuse("to_hz", f"{self.to_hz:g} is not beyond from_hz = {self.from_hz:g}; raise it")
+        return self
+
+
 class ReceiverTable(Table):
     """The receiver between antenna and samples; what is not given is ideal.
 
     high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
     high_pass_order: of that filter.
+    range_gain: over beat frequency, beside the high-pass; without it even.
     anti_alias_corner_hz: of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the
         sampled band. With I/Q samples it counts from the middle of their band.
     anti_alias_order: of that filter.
@@ -187,6 +210,7 @@ class ReceiverTable(Table):
 
     high_pass_corner_hz: NonNegative = 0.0
     high_pass_order: Order = 2
+    range_gain: RangeGainTable | None = None
     anti_alias_corner_hz: NonNegative = 0.0
     anti_alias_order: Annotated[int, Field(strict=True, ge=1, le=8)] = 4
     oscillator: OscillatorTable = OscillatorTable()

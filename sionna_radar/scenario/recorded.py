@@ -59,7 +59,8 @@ class RecordedReception(Table):
     """What the processing of a real recording must be told of its radar.
 
     antenna: its beam.
-    receiver: its high-pass, which calibrated spectra divide out; all else has happened to the samples.
+    receiver: its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
+        samples.
     """
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
@@ -69,10 +70,11 @@ class RecordedReception(Table):
 
     @model_validator(mode="after")
     def _only_the_high_pass(self) -> RecordedReception:
-        given = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order"})
+        given = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
         if given:
             raise refuse(
-                f"receiver.{given[0]}", "has no effect on samples that are recorded already; only the high-pass has"
+                f"receiver.{given[0]}",
+                "has no effect on samples that are recorded already; only high-pass and range gain have",
             )
         return self
 

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
+from sionna_radar.scenario.averaging import check_average
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.dem import DemTable
@@ -227,6 +228,14 @@ class Scenario(Table):
         method = self.dem.method
         whole = getattr(DEM_METHODS.entry(method).build, "profiles", None) == "required"
         check_angle(self.processing, self.radar, self.weather, self.sensor, method if whole else None)
+        return self
+
+    @model_validator(mode="after")
+    def _average_is_measured(self) -> Scenario:
+        method = self.dem.method
+        whole = getattr(DEM_METHODS.entry(method).build, "profiles", "unused") != "unused"
+        chosen = method if whole else None
+        check_average(self.processing, self.radar, self.weather, self.tracing, self.sensor, chosen)
         return self
 
     @model_validator(mode="after")

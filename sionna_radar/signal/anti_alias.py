@@ -31,6 +31,12 @@ class AntiAlias:
         _, response = scipy.signal.freqs_zpk(*poles, 2 * np.pi * (beat_hz - middle_hz))
         return response
 
+    @property
+    def slowest_rad_s(self) -> float:
+        """Rate at which the slowest part of what it has heard dies away."""
+        # The slowest pole of a Butterworth filter lies at sin(pi / 2 order) of its corner from the axis.
+        return float(2 * np.pi * self.corner_hz * np.sin(np.pi / (2 * self.order)))
+
     def left(self, oversampling: int) -> float:
         """Return the power that passes at the end of a band so many times as wide as that of the samples."""
         edge_hz = oversampling * self.chirp.sampling_rate_hz / 2

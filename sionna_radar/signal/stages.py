@@ -246,10 +246,8 @@ def _oversampling(given: StageInputs) -> int:
 
 def _guard(high_pass: HighPass | None, anti_alias: AntiAlias | None, chirp: Chirp, oversampling: int) -> int:
     """Return the samples before the first one: half of them to fade in, half for filters to settle."""
-    filters = [(f.corner_hz, f.order) for f in (high_pass, anti_alias) if f is not None]
-    if not filters:
+    rates = [each.slowest_rad_s for each in (high_pass, anti_alias) if each is not None]
+    if not rates:
         return 0 if oversampling == 1 else 2 * FADE_SAMPLES
-    # The slowest pole of a Butterworth filter lies at sin(pi / 2 order) of its corner from the axis.
-    rate = min(2 * np.pi * corner_hz * np.sin(np.pi / (2 * order)) for corner_hz, order in filters)
-    settling = int(np.ceil(-np.log(SETTLED) / rate * chirp.sampling_rate_hz))
+    settling = int(np.ceil(-np.log(SETTLED) / min(rates) * chirp.sampling_rate_hz))
     return min(2 * max(FADE_SAMPLES, settling), LONGEST_GUARD * chirp.samples)

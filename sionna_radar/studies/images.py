@@ -37,6 +37,7 @@ from sionna_radar.imaging.sar import BackProjection, SarImage
 from sionna_radar.imaging.slar import SideLooking, SlantImage
 from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE
@@ -140,6 +141,7 @@ def fly_images(
 
 
 def _check(scenario: Scenario) -> None:
+    refuse_average(scenario.processing, "an image")
     radar, platform = scenario.radar, scenario.platform
     problems = []
     if radar.scan.mode != "side_looking":

@@ -16,6 +16,7 @@ from sionna_radar.detection.cfar import Cfar
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.foundation.progress import Progress, Steps, silent
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.studies.link_case import STEPS_PER_BIN, Expected, GroundCase
 from sionna_radar.studies.link_floors import phase_noise
 from sionna_radar.studies.link_result import ECHO_NOISE, Floors, Link, LinkBudget, Simulated
@@ -104,6 +105,7 @@ def link_budget(
 
 
 def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: Sequence[float]) -> None:
+    refuse_average(scenario.processing, "a link budget")
     problems = []
     if scenario.sensor != "radar":
         problems.append(Problem("sensor", f"{scenario.sensor!r} has no link budget; set sensor = 'radar'"))

@@ -14,6 +14,7 @@ from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.survey.preparation import Prepared, prepare
 
 # Cells beside the one under test, and beyond them, of the ring around it, in range rate and in range alike.
@@ -136,6 +137,7 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
 
 
 def _check(scenario: Scenario) -> None:
+    refuse_average(scenario.processing, "a frame")
     problems = []
     if scenario.sensor != "radar":
         problems.append(Problem("sensor", f"{scenario.sensor!r} has no chirps; set sensor = 'radar'"))

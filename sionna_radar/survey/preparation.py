@@ -12,6 +12,7 @@ from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.flight.bursts import Bursts, in_bursts
 from sionna_radar.flight.flight import Flight
 from sionna_radar.flight.pulses import Navigation, Pose, Pulses, PulseSchedule, build_navigation, schedule_pulses
 from sionna_radar.flight.route import plan_route
@@ -30,6 +31,7 @@ from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.averaging import speckle_looks
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
@@ -130,6 +132,7 @@ class Prepared(Brief):
     flown: the trajectory with its nominal height and speed, and what a log gave for it.
     detector, expected_ground: from beat signals to echoes, and what is known of the ground beforehand, if anything.
     angle: finds directions inside the beam; None for echoes on the beam's axis.
+    bursts: the chirps that are averaged to each pulse of the flight; None for one.
     mapper: from points to a DEM.
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
@@ -157,6 +160,7 @@ class Prepared(Brief):
     custom: CustomParts = CustomParts()
     beams: tuple[Antenna, ...] = ()
     angle: AngleEstimator | None = None
+    bursts: Bursts | None = None
 
     def __len__(self) -> int:
         return len(self.flight)
@@ -198,6 +202,7 @@ class Prepared(Brief):
             weather=self.local.weather,
             lidar=self.local.lidar,
             angle=self.angle,
+            bursts=self.bursts,
             custom_engine=self.custom.engine,
             watch=watch or Stopwatch(),
         )
@@ -267,7 +272,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     check_rotors(local, chirp)
     check_limits(local, chirp, route, antenna.beamwidths_rad, scan.incidence_rad)
     high_pass = build_high_pass(local.radar.receiver)
-    detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator)
+    looks = speckle_looks(local.processing, local.tracing)
+    detector = build_detector(local.processing, chirp, antenna, high_pass, custom.range_estimator, speckle_looks=looks)
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
     angle = build_angle_estimator(local.radar, detector, antenna)
@@ -279,6 +285,8 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     if route.altitude_m is None:
         check_paths(local, chirp, flown.altitude_m, antenna.beamwidths_rad, scan.incidence_rad)
     flight = _schedule(local, flown.trajectory, scan, custom.navigation)
+    bursts = in_bursts(flight, local.processing.average.chirps, local.radar.chirp_rate_hz)
+    flight = flight if bursts is None else bursts.schedule
     check_pulses(flight, local)
     step()
     hits = boresight_hits(flight, scene)
@@ -321,6 +329,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
         mapper=mapper,
         custom=custom,
         angle=angle,
+        bursts=bursts,
         ground_extent_m=hits.extent_m,
     )
 
@@ -341,7 +350,8 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
 
 def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, scenario.radar.chirp_rate_hz)
+    rate_hz = scenario.radar.chirp_rate_hz / scenario.processing.average.chirps
+    spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
         raise PluginError(message)

@@ -188,7 +188,8 @@ def joined(found: Sequence[Stretch], tally: Tally) -> Recording:
 
 def stretches_of(prepared: Prepared, block_size: int) -> list[list[tuple[int, int]]]:
     """Return the blocks of each stretch of a survey, by their first pulses and their ends."""
-    bounds = list(prepared.flight.line_bounds(block_size))
+    chirps = 1 if prepared.bursts is None else prepared.bursts.chirps
+    bounds = list(prepared.flight.line_bounds(max(1, block_size // chirps)))
     count = min(STRETCH_BLOCKS, -(-len(bounds) // FEWEST_STRETCHES))
     return [bounds[first : first + count] for first in range(0, len(bounds), count)]
 

@@ -31,6 +31,7 @@ from sionna_radar.mapping.speckle import speckle_memory
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.survey.limits import MOST_SPECTRUM
@@ -158,6 +159,7 @@ def _task(
         _check_same_radar(sweeps, file.sweeps, source)
     _check_cells(settings, sweeps[0], source)
     processing = settings.processing
+    refuse_average(processing, "a recording")
     if processing.angle != "off":
         message = f"{processing.angle!r} needs all receivers, and a recording has the first one's signals; set 'off'"
         raise ScenarioError([Problem("processing.angle", message)], source)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 from sionna_radar.foundation.staging import abandoned, staged
+from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recording import Recorder, SampleType
 from sionna_radar.survey.recordings.profiles import ProfileRecorder
@@ -44,6 +45,7 @@ def recorders(
 
     """
     files = checked_files(wanted)
+    refuse_average(prepared.scenario.processing, "a recording")
     if "signals" in files and prepared.angle is not None:
         message = (
             f"{prepared.scenario.processing.angle!r} needs all receivers, and only the first one's signals are kept; "

@@ -2,6 +2,7 @@
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Int
@@ -25,11 +26,12 @@ class Radar:
 
     Of a single sweep a pulse the measured velocity takes the Doppler shift out; the two sweeps of a triangle do so
     themselves. The beam stands still during a pair, as it does during a single sweep. With receivers beside the first,
-    an echo becomes points in the directions that these tell.
+    an echo becomes points in the directions that these tell. A pulse may be several chirps, which are averaged.
     """
 
     def __init__(self, given: SensorInputs) -> None:
         self._receiver, self._watch, self._angle = given.receiver, given.watch, given.angle
+        self._bursts = given.bursts
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
         self._receiving = ThreadPoolExecutor(1, thread_name_prefix="receive")
@@ -39,13 +41,15 @@ class Radar:
             sweeps=given.receiver.sweeps,
             schedule=given.schedule,
             expected_ground=given.expected_ground,
-            beats=lambda pulses: self._receiver.beats(self._trace(pulses), pulses),
+            beats=lambda pulses: self._receiver.beats(self._trace(pulses), self._sent(pulses)),
+            bursts=given.bursts,
         )
 
     def expect(self, pulses: Pulses) -> None:
         """Begin to trace a block of pulses before it is to be observed."""
-        paths = self._thread.submit(self.tracer.trace, pulses)
-        received: Future[Reception] = self._receiving.submit(lambda: self._receiver.reception(paths.result(), pulses))
+        sent = self._sent(pulses)
+        paths = self._thread.submit(self.tracer.trace, sent)
+        received: Future[Reception] = self._receiving.submit(lambda: self._receiver.reception(paths.result(), sent))
         self._expected.append((pulses, paths, received))
 
     def observe(self, pulses: Pulses) -> Observation:
@@ -60,33 +64,39 @@ class Radar:
             with self._watch("trace"):
                 paths = self._trace(pulses)
             with self._watch("synthesise"):
-                reception = self._receiver.reception(paths, pulses)
+                reception = self._receiver.reception(paths, self._sent(pulses))
         if self._angle is not None:
             return self._in_directions(self._angle, paths, reception, pulses)
         with self._watch("detect"):
             found = self.sweeps.detect(reception.beats, pulses)
         return Observation(
-            paths=paths,
+            paths=self._of_pulses(paths),
             echoes=found.echoes,
             profiles=found.profiles,
             through_volume=found.through_volume,
             beats=tuple(reception.beats),
-            saturated=reception.saturated,
+            saturated=self._counted(reception),
         )
 
     def _in_directions(self, angle: AngleEstimator, paths: Paths, reception: Reception, pulses: Pulses) -> Observation:
         """Return points along the echoes of a block, from the signals of all receivers."""
         with self._watch("synthesise"):
+            sent = self._sent(pulses)
             sides = [
-                self._receiver.beat(side_paths(paths, pulses, side), pulses, channel)
+                self._receiver.beat(side_paths(paths, sent, side), sent, channel)
                 for channel, side in enumerate(angle.receivers, start=1)
             ]
         with self._watch("detect"):
             window_m = self.sweeps.window_m(pulses)
             # What leaks is the same in all receivers.
-            beats = [self.sweeps.cleaned([beat])[0] for beat in (reception.beats[0], *sides)]
+            beats = [self.sweeps.cleaned([beat], pulses)[0] for beat in (reception.beats[0], *sides)]
             echoes = angle.find(beats, pulses.index, pulses.measured, window_m)
-        return Observation(paths=paths, echoes=echoes, beats=tuple(reception.beats), saturated=reception.saturated)
+        return Observation(
+            paths=self._of_pulses(paths),
+            echoes=echoes,
+            beats=tuple(reception.beats),
+            saturated=self._counted(reception),
+        )
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""
@@ -106,8 +116,24 @@ class Radar:
 
     def _trace(self, pulses: Pulses) -> Paths:
         """Trace pulses in the one thread that does so."""
-        return self._thread.submit(self.tracer.trace, pulses).result()
+        return self._thread.submit(self.tracer.trace, self._sent(pulses)).result()
+
+    def _sent(self, pulses: Pulses) -> Pulses:
+        """Return the chirps of pulses."""
+        return pulses if self._bursts is None else self._bursts.chirps_of(pulses)
+
+    def _of_pulses(self, paths: Paths) -> Paths:
+        """Return the paths of chirps as those of their pulses."""
+        return paths if self._bursts is None else replace(paths, pulse=paths.pulse // self._bursts.chirps)
+
+    def _counted(self, reception: Reception) -> Int[np.ndarray, " pulse"] | None:
+        """Return the samples of each pulse that the converter clipped."""
+        saturated = reception.saturated
+        if saturated is None or self._bursts is None:
+            return saturated
+        counted: Int[np.ndarray, " pulse"] = saturated.reshape(-1, self._bursts.chirps).sum(axis=1)
+        return counted
 
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
         with self._watch("synthesise"):
-            return self._receiver.beats(paths, pulses)
+            return self._receiver.beats(paths, self._sent(pulses))

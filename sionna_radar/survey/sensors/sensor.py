@@ -12,6 +12,7 @@ from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.profiles import Profiles
+from sionna_radar.flight.bursts import Bursts
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSchedule
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.scenario import Scenario
@@ -77,6 +78,7 @@ class SensorInputs:
     expected_ground: what is known of the ground beforehand; None for nothing.
     weather, lidar: tables of the scenario.
     angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
+    bursts: the chirps of each pulse; None for one.
     custom_engine: builds an engine in place of the one that the scenario names.
     watch: counts the time spent in each stage.
     """
@@ -89,6 +91,7 @@ class SensorInputs:
     weather: WeatherTable
     lidar: LidarTable
     angle: AngleEstimator | None = None
+    bursts: Bursts | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None
     watch: Stopwatch = field(default_factory=Stopwatch)
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Inexact, Int
 
+from sionna_radar.detection.burst_mean import burst_mean
 from sionna_radar.detection.bursts import zeroed
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
@@ -14,11 +15,13 @@ from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
 from sionna_radar.detection.volume.detector import ThroughVolume, shows_volume, volume_in_front
+from sionna_radar.flight.bursts import Bursts
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
 from sionna_radar.radar.chirp import Chirp
 
-# The beat signals of each sweep of a pulse.
+# The beat signals of each sweep of a pulse, and of all its chirps.
 Beats = Sequence[Inexact[np.ndarray, "pulse sample"]]
+ChirpBeats = Sequence[Inexact[np.ndarray, "chirp sample"]]
 
 # A glance at so many pulses shows whether rain fills the beam; if it does, so many show its mean echo.
 GLANCE_PULSES, VOLUME_PULSES = 48, 256
@@ -67,7 +70,8 @@ class SweepDetector:
     sweeps: of one pulse.
     schedule: all pulses of the survey, of which some are looked at for rain before it starts.
     expected_ground: what is known of the ground beforehand; None for nothing.
-    beats: returns the beat signals of pulses, as they are sampled.
+    beats: returns the beat signals of pulses, or of all their chirps, as they are sampled.
+    bursts: the chirps of each pulse; None for one.
     """
 
     detector: Detector
@@ -75,6 +79,7 @@ class SweepDetector:
     schedule: PulseSequence
     expected_ground: ExpectedGround | None
     beats: Callable[[Pulses], Beats]
+    bursts: Bursts | None = None
 
     @property
     def paired(self) -> bool:
@@ -90,7 +95,7 @@ class SweepDetector:
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses = self.schedule.sample(count)
             found = []
-            for beat, sweep in zip(self.cleaned(self.beats(pulses)), self.sweeps, strict=True):
+            for beat, sweep in zip(self.cleaned(self.beats(pulses), pulses), self.sweeps, strict=True):
                 power = detector.analyser.power(beat)
                 if not shows_volume(detector, power):
                     return [None] * len(self.sweeps)
@@ -103,16 +108,23 @@ class SweepDetector:
         """What is the same in all chirps of each sweep: the mean over pulses spread over the survey."""
         return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
 
-    def cleaned(self, beats: Beats) -> Beats:
-        """Return beat signals without what the processing is to take out of them: leakage, bursts of other radars."""
+    def cleaned(self, beats: ChirpBeats, pulses: Pulses) -> Beats:
+        """Return beat signals without what the processing is to take out of them: leakage, bursts of other radars.
+
+        Those of a burst's chirps are averaged, unless their powers are to be.
+        """
         processing = self.detector.processing
         if processing.leakage == "subtract":
             beats = [beat - still for beat, still in zip(beats, self.still, strict=True)]
-        return [zeroed(beat) for beat in beats] if processing.interference == "zeroing" else beats
+        beats = [zeroed(beat) for beat in beats] if processing.interference == "zeroing" else beats
+        if self.bursts is None or processing.average.mode == "incoherent":
+            return beats
+        rate_mps, offset_s = pulses.measured.boresight_range_rate_mps, self.bursts.offset_s
+        return [burst_mean(beat, sweep, offset_s, rate_mps) for beat, sweep in zip(beats, self.sweeps, strict=True)]
 
     def detect(self, beats: Beats, pulses: Pulses) -> Found:
         """Return the echoes in the beat signals of a block of pulses."""
-        beats = self.cleaned(beats)
+        beats = self.cleaned(beats, pulses)
         through = self.through[0]
         if self.paired:
             return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
@@ -126,7 +138,7 @@ class SweepDetector:
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of pairs of sweeps with their range rates."""
-        return self._pairs(self.cleaned(beats), pulses)
+        return self._pairs(self.cleaned(beats, pulses), pulses)
 
     def _pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:
         detector = self.detector
@@ -145,10 +157,11 @@ class SweepDetector:
     def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
         """Return the first sweep of each of some pulses, with what is found in it.
 
+        Where powers are averaged, the samples are those of the first chirp.
         Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
         """
         detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
-        beat = self.cleaned(self.beats(pulses))[0]
+        beat = self.cleaned(self.beats(pulses), pulses)[0]
         spectra = detector.spectra(beat)
         if through is None:
             echoes = detector.uncorrected(spectra, pulses.index, self._window_m(pulses, chirp))
@@ -161,7 +174,7 @@ class SweepDetector:
             ChirpRecord(
                 pulse=int(pulses.index[row]),
                 sample_time_s=chirp.sample_time_s,
-                beat=beat[row],
+                beat=beat[row * detector.analyser.averaged],
                 range_m=detector.analyser.range_m,
                 power=spectra.power[row],
                 threshold=threshold[row],
