@@ -136,7 +136,7 @@ class Tally:
         silent = ~np.isin(pulses.index, echoes.pulse)
         if silent.any():
             own = paths.rows(np.flatnonzero(silent[pulses.row_of(paths.pulse)]))
-            light(own, pulses.rows(silent), self._truth.antenna, self._truth.beams, self._silence)
+            light(own, pulses.rows(np.flatnonzero(silent)), self._truth.antenna, self._truth.beams, self._silence)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
         """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
