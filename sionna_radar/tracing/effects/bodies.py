@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
@@ -53,6 +53,8 @@ def _trace(
     radar_m = np.einsum("pji,pj->pi", R_world_body, pose.position_m - place_m)
     amplitude = scatterer.amplitude(radar_m)
     row, face = np.nonzero(amplitude)
+    if len(row) == 0:
+        return _to(pulses, row, np.zeros((0, 3)), np.zeros(0, dtype=np.complex128))
     middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], scatterer.middle_m[face])
     away = middle - pose.position_m[row]
     range_m = np.linalg.norm(away, axis=1)
@@ -63,18 +65,25 @@ def _trace(
     number = np.floor(range_m / step_m).astype(np.int64)
     ahead_m = range_m - (number + 0.5) * step_m
     field = field * abs(antenna.mirrored) * np.exp(-4j * np.pi / wavelength_m * ahead_m)
-    group, of = np.unique(np.stack([row, number], axis=1), axis=0, return_inverse=True)
-    of = of.ravel()
-    gain = np.bincount(of, field.real, len(group)) + 1j * np.bincount(of, field.imag, len(group))
-    faces = np.bincount(of, minlength=len(group))
-    hit_m = np.stack([np.bincount(of, column, len(group)) for column in middle.T], axis=1) / faces[:, None]
-    own = group[:, 0].astype(np.int64)
-    paths = Paths.to_points(
-        pulses,
-        own,
-        hit_m,
-        gain=gain,
-        incidence_rad=np.full(len(own), np.nan),
-        surface=np.full(len(own), TARGET),
-    )
-    return replace(paths, delay_s=2 / speed_of_light * (group[:, 1] + 0.5) * step_m)
+    # A table of pulses and steps of range: sorting the faces would take longer than all else.
+    nearest = int(number.min())
+    steps = int(number.max()) - nearest + 1
+    of = row * steps + number - nearest
+    faces = np.bincount(of, minlength=len(pulses) * steps)
+    group = np.flatnonzero(faces)
+    gain = np.bincount(of, field.real, len(faces))[group] + 1j * np.bincount(of, field.imag, len(faces))[group]
+    hit_m = np.stack([np.bincount(of, column, len(faces))[group] for column in middle.T], axis=1)
+    hit_m = hit_m / faces[group, None]
+    own, step = np.divmod(group, steps)
+    paths = _to(pulses, own, hit_m, gain)
+    return replace(paths, delay_s=2 / speed_of_light * (step + nearest + 0.5) * step_m)
+
+
+def _to(
+    pulses: Pulses,
+    row: Int[np.ndarray, " path"],
+    hit_m: Float[np.ndarray, "path 3"],
+    gain: Complex[np.ndarray, " path"],
+) -> Paths:
+    nowhere = np.full(len(row), np.nan)
+    return Paths.to_points(pulses, row, hit_m, gain=gain, incidence_rad=nowhere, surface=np.full(len(row), TARGET))
