@@ -72,8 +72,7 @@ def _trace(
     faces = np.bincount(of, minlength=len(pulses) * steps)
     group = np.flatnonzero(faces)
     gain = np.bincount(of, field.real, len(faces))[group] + 1j * np.bincount(of, field.imag, len(faces))[group]
-    hit_m = np.stack([np.bincount(of, column, len(faces))[group] for column in middle.T], axis=1)
-    hit_m = hit_m / faces[group, None]
+    hit_m = np.stack([np.bincount(of, column, len(faces))[group] / faces[group] for column in middle.T], axis=1)
     own, step = np.divmod(group, steps)
     paths = _to(pulses, own, hit_m, gain)
     return replace(paths, delay_s=2 / speed_of_light * (step + nearest + 0.5) * step_m)
