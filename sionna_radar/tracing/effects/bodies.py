@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.tracing.effects.physical_optics import Scatterer
-from sionna_radar.tracing.paths import TARGET, Paths
+from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 
 # Faces within such a share of a range cell are one path.
 STEP_CELLS = 1 / 8
@@ -30,9 +30,7 @@ def trace_body(
 
     Nothing hides it but itself.
     """
-    sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(pulses))
-    right, forward = np.stack([cosine, -sine, zero], axis=1), np.stack([sine, cosine, zero], axis=1)
-    R_world_body = np.stack([right, forward, np.tile([0.0, 0.0, 1.0], (len(pulses), 1))], axis=2)
+    R_world_body = world_from_body(heading_rad)
     few = max(1, AT_ONCE // len(scatterer.body.faces))
     pieces = []
     for low in range(0, len(pulses), few):
@@ -86,3 +84,37 @@ def _to(
 ) -> Paths:
     nowhere = np.full(len(row), np.nan)
     return Paths.to_points(pulses, row, hit_m, gain=gain, incidence_rad=nowhere, surface=np.full(len(row), TARGET))
+
+
+def beyond_body(
+    scatterer: Scatterer,
+    paths: Paths,
+    pulses: Pulses,
+    place_m: Float[np.ndarray, "pulse 3"],
+    heading_rad: Float[np.ndarray, " pulse"],
+) -> Bool[np.ndarray, " path"]:
+    """Return which paths of a block a body hides: it stands between the radar and the place that they come from."""
+    row = pulses.row_of(paths.pulse)
+    radar, hit = pulses.true.position_m[row], paths.hit_m
+    away = hit - radar
+    length_m = np.linalg.norm(away, axis=1)
+    middle_m, radius_m = scatterer.sphere
+    R_world_body = world_from_body(heading_rad)
+    centre = (place_m + R_world_body @ middle_m)[row] - radar
+    along_m = np.einsum("ni,ni->n", centre, away) / np.maximum(length_m, 1e-9)
+    aside_m = np.sqrt(np.maximum(np.einsum("ni,ni->n", centre, centre) - along_m**2, 0.0))
+    near = (aside_m < radius_m) & (along_m > -radius_m) & (along_m < length_m + radius_m) & (length_m > 0)
+    hidden = np.zeros(len(paths), dtype=bool)
+    own = np.flatnonzero(near & (paths.surface != VOLUME))
+    if len(own):
+        turn, origin = R_world_body[row[own]], place_m[row[own]]
+        ends = [np.einsum("nji,nj->ni", turn, place - origin) for place in (radar[own], hit[own].astype(np.float64))]
+        hidden[own] = scatterer.hides(*ends)
+    return hidden
+
+
+def world_from_body(heading_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+    """Return the axes right, forward and up of upright bodies, as columns, for headings clockwise from north."""
+    sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(heading_rad))
+    right, forward = np.stack([cosine, -sine, zero], axis=1), np.stack([sine, cosine, zero], axis=1)
+    return np.stack([right, forward, np.tile([0.0, 0.0, 1.0], (len(heading_rad), 1))], axis=2)
