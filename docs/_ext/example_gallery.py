@@ -16,7 +16,7 @@ SECTIONS = {
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
     "radar": (
         "What the radar and its maps do",
-        "floors maps uncertainty navigation triangular second_receiver range_doppler sar",
+        "floors maps uncertainty navigation triangular second_receiver range_doppler targets sar",
     ),
     "weather": ("Weather", "rain weather vegetation radar_and_lidar circular"),
     "paper": (

@@ -26,6 +26,7 @@ from .objects import Building as Building
 from .objects import Footprints as Footprints
 from .objects import MeshObject as MeshObject
 from .objects import PointTarget as PointTarget
+from .objects import TargetMesh as TargetMesh
 from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable
 from .processing import ProcessingTable as ProcessingTable
@@ -99,6 +100,7 @@ __all__ = [
     "SionnaItu",
     "SmallPerturbation",
     "StageParameters",
+    "TargetMesh",
     "TerrainParameters",
     "TracingTable",
     "UlabyDobson",

@@ -28,6 +28,8 @@ class TracingTable(Table):
     decorrelation_time_s: after which a surface that moves, like grass in the wind, has lost so much of its phase that
         the correlation of its echo's field with itself has fallen to 1/e; without it the surface stands still. It
         needs persistent speckle.
+    bounces: 2 lets the wave meet a second surface on its way, with one of both, or both, a plane that reflects as a
+        mirror (`materials.NAME.specular`): the ground before a wall, a corner. Engine sionna.
     paths_per_pulse: rays inside the beam of a pulse, or scatterers.
     side_lobe_share: share of them that look for side lobes.
     """
@@ -37,6 +39,7 @@ class TracingTable(Table):
     speckle: Literal["per_pulse", "persistent"] = "persistent"
     scatterers_per_m2: Annotated[Real | None, Field(gt=0, le=10_000)] = None
     decorrelation_time_s: Annotated[Real | None, Field(gt=0, le=1e9)] = None
+    bounces: Literal[1, 2] = 1
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
 
@@ -53,6 +56,8 @@ class TracingTable(Table):
             raise refuse("decorrelation_time_s", "speckle = 'per_pulse' keeps nothing from pulse to pulse; remove one")
         if self.engine == "path_solver" and self.speckle == "persistent":
             raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
+        if self.bounces == 2 and self.engine != "sionna":
+            raise refuse("bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'")
         if self.engine == "sionna" and self.paths_per_pulse > MOST_PATHS_PER_PULSE:
             raise refuse(
                 "paths_per_pulse",

@@ -13,6 +13,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.build import BuiltScene
+from sionna_radar.surfaces.radar_material import as_radar_material
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
@@ -103,6 +104,23 @@ def check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
     if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
         message = "the echo of [[vegetation]] is known for linear co-polar antennas alone; set 'V' or 'H', and 'co'"
         raise ScenarioError([Problem("radar.antenna.polarization", message)])
+
+
+def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
+    """Refuse second bounces in a scene without mirrors, and before plants, through which they are not followed."""
+    if scenario.tracing.bounces == 1 or scenario.sensor == "lidar":
+        return
+    scene = built.scene
+    if scene.vegetation is not None:
+        message = "2 is not traced through [[vegetation]]; set 1, or remove the plants"
+        raise ScenarioError([Problem("tracing.bounces", message)])
+    used = {surface.material for surface in scene.surfaces}
+    if all(as_radar_material(scene.materials[name]).mirror is None for name in used):
+        message = (
+            "2 needs a surface that reflects as a mirror, and there is none; set 1, or give one of "
+            f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
+        )
+        raise ScenarioError([Problem("tracing.bounces", message)])
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:

@@ -47,6 +47,7 @@ from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.checks import (
     SAMPLED_PULSES,
     boresight_hits,
+    check_bounces,
     check_geometry,
     check_nominal_range,
     check_pulses,
@@ -278,6 +279,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     angle = build_angle_estimator(local.radar, detector, antenna)
     step()
     scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
+    check_bounces(local, scene)
     place = scene.scene.georeference
     flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
     if route.altitude_m is None:

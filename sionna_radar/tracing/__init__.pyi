@@ -1,5 +1,6 @@
 from .effects.atmosphere import build_weather as build_weather
 from .effects.atmosphere import rain_map_of as rain_map_of
+from .effects.physical_optics import rcs_of_mesh as rcs_of_mesh
 from .engine import Engine as Engine
 from .engine import EngineInputs as EngineInputs
 from .engine import build_engine as build_engine
@@ -21,5 +22,6 @@ __all__ = [
     "build_tracer",
     "build_weather",
     "rain_map_of",
+    "rcs_of_mesh",
     "register_engine",
 ]

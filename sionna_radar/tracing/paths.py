@@ -14,20 +14,24 @@ from sionna_radar.foundation.columns import Columns
 TARGET = -1
 VOLUME = -2
 VEGETATION = -3
+BOUNCED = -4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Paths(Columns):
-    """Monostatic single-bounce paths, one row each, sorted by pulse.
+    """Paths from a radar back to itself, one row each, sorted by pulse; of one bounce but for those marked.
 
     pulse: index of the pulse in the survey.
     delay_s: two-way delay at the middle of the chirp.
     gain: received over transmitted wave; |gain|^2 is a power ratio, the phase excludes the delay.
     range_rate_mps: positive when receding.
-    incidence_rad: angle between the ray and the surface normal; NaN for point targets, volume cells and plants.
-    hit_m: where the surface is hit, world frame; for a volume cell, its position on the boresight.
+    incidence_rad: angle between the ray and the surface normal; NaN for point targets, volume cells, plants
+        and two bounces.
+    hit_m: where the surface is hit, world frame; for a volume cell, its position on the boresight. Of two bounces it is
+        the last, from where the wave arrives.
     surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a volume
-        cell: rain, snow, fog, dust; VEGETATION (-3) for plants.
+        cell: rain, snow, fog, dust; VEGETATION (-3) for plants; BOUNCED (-4) for
+        two surfaces in a row.
     """
 
     pulse: Int[np.ndarray, " path"]

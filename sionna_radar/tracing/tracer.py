@@ -13,8 +13,10 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
+from sionna_radar.tracing.effects.dihedrals import DihedralTracer
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
 from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
+from sionna_radar.tracing.effects.reflection import plane_mirrors
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.paths import Paths
@@ -29,6 +31,7 @@ class Tracer:
     atmosphere: None for clear air.
     moving: None where all surfaces stand still. canopy: None where nothing grows.
     seed: of the targets' fluctuations.
+    bounces: 2 for the echoes of dihedrals, too; the engine adds those of a mirror and a diffuse surface.
     """
 
     def __init__(
@@ -43,11 +46,13 @@ class Tracer:
         moving: MovingGround | None = None,
         canopy: Canopy | None = None,
         seed: int = 0,
+        bounces: int = 1,
     ) -> None:
         self._engine, self._scene, self._antenna = engine, scene, antenna
         self._chirp, self._caster = chirp, caster
         self._atmosphere, self._moving, self._seed = atmosphere, moving, seed
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
+        self._dihedrals = DihedralTracer(plane_mirrors(scene, chirp) if bounces > 1 else [], antenna, chirp, caster)
         self._canopy = canopy
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -61,6 +66,8 @@ class Tracer:
             paths = self._canopy.over(paths, pulses)
         if len(self._mirrors):
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+        if len(self._dihedrals):
+            paths = Paths.concatenate([paths, self._dihedrals.trace(pulses)])
         if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, targets])
@@ -81,4 +88,5 @@ def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> 
         canopy=None if plants is None else Canopy(plants, given.scene, given.chirp, given.seed, wind),
         atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
         seed=given.seed,
+        bounces=given.tracing.bounces,
     )

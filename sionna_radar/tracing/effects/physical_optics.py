@@ -16,8 +16,11 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
+from scipy.constants import speed_of_light
 
+from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scene.body import Body
+from sionna_radar.scene.body_file import body_of
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 
@@ -86,3 +89,48 @@ class Scatterer:
             # The radar equation with the range of each face.
             found[number] = np.abs(np.sum(self.amplitude(place)[0] * phase * (range_m / away_m) ** 2)) ** 2
         return found
+
+
+def rcs_of_mesh(
+    mesh: TargetMesh,
+    carrier_hz: float,
+    azimuth_rad: Float[np.ndarray, " azimuth"],
+    elevation_rad: Float[np.ndarray, " elevation"],
+    range_m: float = 1000.0,
+) -> Float[np.ndarray, "elevation azimuth"]:
+    """Return the cross-section of a shape from all sides, in square metres, by physical optics.
+
+    Parameters
+    ----------
+    mesh:
+        Its file, as in `[[targets]]`.
+    carrier_hz:
+        Of the radar.
+    azimuth_rad, elevation_rad:
+        Direction from which it is seen: clockwise from its front, and above its horizon.
+    range_m:
+        From which it is seen.
+
+    Raises
+    ------
+    InputFileError, ScenarioError
+        The file cannot be used, or is too large for the wavelength.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import trimesh
+    >>> from sionna_radar.scenario import TargetMesh
+    >>> _ = trimesh.creation.icosphere(subdivisions=6, radius=0.05).export("ball.ply")
+    >>> rcs_m2 = rcs_of_mesh(TargetMesh(path="ball.ply"), 77e9, np.zeros(1), np.zeros(1))
+    >>> bool(abs(10 * np.log10(rcs_m2[0, 0] / (np.pi * 0.05**2))) < 1)
+    True
+
+    """
+    wavelength_m = speed_of_light / carrier_hz
+    seen = Scatterer(body_of(mesh, "mesh", wavelength_m), wavelength_m)
+    elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
+    level = np.cos(elevation)
+    toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
+    found: Float[np.ndarray, "elevation azimuth"] = seen.rcs_m2(toward.reshape(-1, 3), range_m).reshape(azimuth.shape)
+    return found

@@ -19,6 +19,8 @@ from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.beam_rays import beam_rays
 from sionna_radar.tracing.engines.beam_sampling import beam_sampler
+from sionna_radar.tracing.engines.mirrored_places import MirroredPlaces
+from sionna_radar.tracing.engines.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.contract import check_sionna
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer
@@ -37,6 +39,7 @@ class BeamEngine:
     """Traces blocks of pulses; see the module docstring.
 
     caster: rays against the scene's surfaces; without it one is built.
+    bounces: 2 to trace what places return by way of mirrors, too.
     """
 
     def __init__(
@@ -48,12 +51,14 @@ class BeamEngine:
         paths_per_pulse: int,
         side_lobe_share: float,
         caster: RayCaster | None = None,
+        bounces: int = 1,
     ) -> None:
         check_sionna()
         self._sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
         self._sampler = beam_sampler(paths_per_pulse, side_lobe_share)
         self._rays = beam_rays(antenna)
         self._seed = seed
+        self._mirrored = MirroredPlaces(scene, antenna, chirp, self._sionna.caster) if bounces > 1 else None
         self._unit = [mi.Float(column.astype(np.float32)) for column in self._sampler.unit.T]
 
     def with_antenna(self, antenna: Antenna) -> "BeamEngine":
@@ -61,6 +66,7 @@ class BeamEngine:
         other = copy(self)
         other._sionna = self._sionna.with_antenna(antenna)
         other._rays = beam_rays(antenna)
+        other._mirrored = None if self._mirrored is None else self._mirrored.with_antenna(antenna)
         return other
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -85,7 +91,34 @@ class BeamEngine:
         buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
         dr.schedule(incidence, rate)
         buffer = calculate_fields(self._sionna, buffer, origin, angles)
-        return self._table(pulses, buffer, incidence, rate)
+        paths = self._table(pulses, buffer, incidence, rate)
+        if self._mirrored is None:
+            return paths
+        places = self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
+        return Paths.concatenate([paths, self._mirrored.over(pulses, places)])
+
+    def _places(self, pulses: Pulses, row, hit, shape, probability, rate) -> SeenPlaces:  # type: ignore[no-untyped-def]
+        """Return where rays end, for what mirrors make of it; undefined for rays that meet nothing."""
+        phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays).ravel()
+        dr.eval(row, hit.t, hit.n, hit.p, hit.prim_index, shape, probability, rate)
+        normal = hit.n.numpy()
+        place = hit.p.numpy()
+        away = place - pulses.true.position_m.T[:, row.numpy()]
+        range_m = np.linalg.norm(away, axis=0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            solid_angle = 4 * np.pi / probability.numpy()
+            cosine = np.abs(np.einsum("in,in->n", away, normal)) / range_m
+        return SeenPlaces(
+            row=row.numpy(),
+            hit_m=place,
+            range_m=range_m,
+            range_rate_mps=rate.numpy(),
+            cosine=cosine,
+            solid_angle_sr=solid_angle,
+            surface=self._sionna.surface_of_shape[shape.numpy()],
+            face=hit.prim_index.numpy().astype(np.int64),
+            factor=np.exp(2j * np.pi * phase).astype(np.complex64),
+        )
 
     def _shoot(self, pulses: Pulses):  # type: ignore[no-untyped-def]
         """Return each ray's row in the block, its direction, and 4 pi K p."""

@@ -27,6 +27,7 @@ def sionna_engine(given: EngineInputs) -> Engine:
             outer_rays=rays,
             decorrelation_time_s=table.decorrelation_time_s,
             caster=given.caster,
+            bounces=table.bounces,
         )
     from sionna_radar.tracing.engines.beam import BeamEngine
 
@@ -38,6 +39,7 @@ def sionna_engine(given: EngineInputs) -> Engine:
         table.paths_per_pulse,
         table.side_lobe_share,
         given.caster,
+        table.bounces,
     )
 
 

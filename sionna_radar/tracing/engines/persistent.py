@@ -24,6 +24,7 @@ from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import filled_beam
+from sionna_radar.tracing.engines.mirrored_places import MirroredPlaces
 from sionna_radar.tracing.engines.outer_rays import OuterRays
 from sionna_radar.tracing.engines.scatterers import Scatterers
 from sionna_radar.tracing.engines.seen_places import SeenPlaces
@@ -52,6 +53,7 @@ class PersistentEngine:
     outer_rays: rays a pulse beside the scatterers.
     decorrelation_time_s: after which the field's correlation has fallen to 1 / e; None for a surface that stands still.
     caster: rays against the scene's surfaces; without it one is built.
+    bounces: 2 to trace what places return by way of mirrors, too.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class PersistentEngine:
         outer_rays: int = OUTER_RAYS,
         decorrelation_time_s: float | None = None,
         caster: RayCaster | None = None,
+        bounces: int = 1,
     ) -> None:
         check_sionna()
         self._sionna = sionna_scene(scene, antenna, chirp.carrier_hz, caster)
@@ -73,6 +76,7 @@ class PersistentEngine:
         self._scatterers = Scatterers(scene, self._density, seed, region_m, caster)
         self._region_m, self._seed, self._outer_rays = region_m, seed, outer_rays
         self._wander_hz = 0.0 if decorrelation_time_s is None else wander_hz(decorrelation_time_s)
+        self._mirrored = MirroredPlaces(scene, antenna, chirp, self._sionna.caster) if bounces > 1 else None
         self._look_through(antenna)
 
     def with_antenna(self, antenna: Antenna) -> "PersistentEngine":
@@ -80,6 +84,7 @@ class PersistentEngine:
         other = copy(self)
         other._sionna = self._sionna.with_antenna(antenna)
         other._look_through(antenna)
+        other._mirrored = None if self._mirrored is None else self._mirrored.with_antenna(antenna)
         return other
 
     def _look_through(self, antenna: Antenna) -> None:
@@ -98,7 +103,10 @@ class PersistentEngine:
             pulses.true.position_m[row], seen.hit_m[:, fixed].T, SHORT_OF_SURFACE
         )
         rows = np.searchsorted(outside.row, np.arange(len(pulses) + 1))
-        return seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
+        paths = seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
+        if self._mirrored is None:
+            return paths
+        return Paths.concatenate([paths, self._mirrored.over(pulses, seen.only(visible))])
 
     def _outside(self, pulses: Pulses) -> SeenPlaces:
         """Return where the rays beside the scatterers meet a surface."""

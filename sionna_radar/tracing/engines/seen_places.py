@@ -62,6 +62,10 @@ class SeenPlaces:
         """Return the first entries."""
         return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
 
+    def only(self, kept: Bool[np.ndarray, " place"]) -> "SeenPlaces":
+        """Return some of the entries."""
+        return SeenPlaces(**{f.name: getattr(self, f.name)[..., kept] for f in fields(self)})
+
     @property
     def columns(self) -> tuple[np.ndarray, ...]:
         """All columns, for compiled code."""

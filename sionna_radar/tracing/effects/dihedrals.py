@@ -1,0 +1,223 @@
+"""Two mirrors that meet at a right angle: a dihedral, which returns what comes from the plane across its edge.
+
+                  B |                 The wave meets A and then B, or B and then A: both orders together send a strip
+                    |   to the radar  of it back, which reaches w = min(a sin p, b cos p) to either side of the edge,
+        radar <- - -|. . . . u        for faces as deep as a and b, p the angle between A and the way u to the radar.
+                  b |  /              The strip returns to the radar whatever p is: it is a plate that faces the radar,
+                    | / p             with the reflection of A times that of B. So the echo is that of the radar's
+                    +--------- A      image at the edge, twice its distance h away, times Fresnel integrals of the
+                        a             strip and of the edge's length,
+
+    gain = G R_A R_B lambda / (4 pi 2 h) * F(strip) F(length),    F = sqrt(2 j / (lambda h)) int exp(-j k x^2 / h) dx.
+
+A long deep dihedral has F = 1: the mirror at its edge. A small one becomes a plate of area 2 w L, at p = 45 deg with
+a = b of cross-section 8 pi a^2 L^2 / lambda^2 (Knott, Shaeffer and Tuley, "Radar Cross Section"). Faces that meet at
+90 deg - e send the two halves of the strip aside, as plates turned by e: their foot lies h tan(e) from the edge.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.special import fresnel
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.effects.reflection import PlaneMirror
+from sionna_radar.tracing.paths import BOUNCED, Paths
+
+# Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.
+MOST_TURN_RAD = float(np.deg2rad(3.0))
+# Faces that do not touch within this are no corner; it is the precision of the ray caster.
+TOUCHING_M = 0.02
+# Echoes weaker than this share of an endless dihedral's field are left out.
+LEAST_FIELD = 1e-3
+# Rays look at the faces this far from the edge, where the other face does not hide them.
+BESIDE_EDGE_M = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dihedral:
+    """Two plane mirrors that meet.
+
+    edge_m, along: a point of their edge, and its direction.
+    faces: unit vectors from the edge into either face, across the edge.
+    near_m, far_m: from where to where each face reaches from the edge.
+    low_m, high_m: of both, along the edge.
+    """
+
+    mirrors: tuple[PlaneMirror, PlaneMirror]
+    edge_m: Float[np.ndarray, " 3"]
+    along: Float[np.ndarray, " 3"]
+    faces: Float[np.ndarray, "2 3"]
+    near_m: tuple[float, float]
+    far_m: tuple[float, float]
+    low_m: float
+    high_m: float
+
+    @property
+    def turn_rad(self) -> float:
+        """By how much the angle between the faces is less than a right one."""
+        return float(np.arcsin(np.clip(self.faces[0] @ self.faces[1], -1.0, 1.0)))
+
+
+def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
+    """Return all pairs of mirrors that meet at nearly a right angle with their fronts toward each other."""
+    normal = np.array([m.patch.normal for m in mirrors]).reshape(-1, 3)
+    centre = np.array([m.patch.centre_m for m in mirrors]).reshape(-1, 3)
+    radius = np.array([m.patch.radius_m for m in mirrors])
+    found = []
+    for one in range(len(mirrors)):
+        square = np.abs(normal @ normal[one]) < np.sin(MOST_TURN_RAD)
+        near = np.linalg.norm(centre - centre[one], axis=1) < radius + radius[one] + TOUCHING_M
+        for other in np.flatnonzero(square & near):
+            if other > one:
+                corner = _dihedral(mirrors[one], mirrors[other])
+                found += [] if corner is None else [corner]
+    return found
+
+
+def _dihedral(one: PlaneMirror, other: PlaneMirror) -> Dihedral | None:
+    first, second = one.patch.normal, other.patch.normal
+    along = np.cross(first, second)
+    along /= np.linalg.norm(along)
+    offsets = [m.patch.centre_m @ m.patch.normal for m in (one, other)]
+    middle = (one.patch.centre_m + other.patch.centre_m) / 2
+    edge = np.linalg.solve(np.array([first, second, along]), np.array([*offsets, middle @ along]))
+    faces, near, far, low, high = [], [], [], [], []
+    for mirror, facing in ((one, second), (other, first)):
+        into = np.cross(along, mirror.patch.normal)
+        into *= np.sign(into @ facing)
+        corner = mirror.patch.centre_m + mirror.patch.border_m.reshape(-1, 2) @ mirror.patch.axes - edge
+        faces.append(into)
+        near.append(max(float((corner @ into).min()), 0.0))
+        far.append(float((corner @ into).max()))
+        low.append(float((corner @ along).min()))
+        high.append(float((corner @ along).max()))
+    if max(low) >= min(high) or max(near) > TOUCHING_M or min(far) <= TOUCHING_M:
+        return None
+    return Dihedral(
+        mirrors=(one, other),
+        edge_m=edge,
+        along=along,
+        faces=np.array(faces),
+        near_m=(near[0], near[1]),
+        far_m=(far[0], far[1]),
+        low_m=max(low),
+        high_m=min(high),
+    )
+
+
+class DihedralTracer:
+    """Traces the echoes of dihedrals."""
+
+    def __init__(self, mirrors: list[PlaneMirror], antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
+        self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
+        self._dihedrals = dihedrals_of(mirrors)
+
+    def __len__(self) -> int:
+        return len(self._dihedrals)
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the echoes of a block of pulses, sorted by pulse."""
+        return Paths.concatenate([self._echoes(d, pulses) for d in self._dihedrals])
+
+    def _echoes(self, corner: Dihedral, pulses: Pulses) -> Paths:
+        position, wavelength = pulses.true.position_m, self._wavelength_m
+        away = position - corner.edge_m
+        place = away @ corner.along
+        into = np.stack([away @ face for face in corner.faces])
+        before = np.stack([m.height_m(position) for m in corner.mirrors])
+        height = np.linalg.norm(away - place[:, None] * corner.along, axis=1)
+        near, far = self._strip(corner, into, height)
+        row = np.flatnonzero((before.min(axis=0) > 0) & (into.min(axis=0) > 0) & (far > near))
+        place, height, near, far = place[row], height[row], near[row], far[row]
+        foot = height * np.tan(corner.turn_rad)
+        straight = height * np.cos(corner.turn_rad)
+        # Both halves of the strip, each beside a foot of its own.
+        share = 2 * _fresnel_share(near - foot, far - foot, straight, wavelength)
+        share *= _fresnel_share(corner.low_m - place, corner.high_m - place, straight, wavelength)
+        strong = np.abs(share) > LEAST_FIELD
+        row, place, straight, share = row[strong], place[strong], straight[strong], share[strong]
+        foot = np.clip(foot, near, far)[strong]
+        edge = corner.edge_m + np.clip(place, corner.low_m, corner.high_m)[:, None] * corner.along
+        range_m = np.hypot(straight, np.linalg.norm(edge - corner.edge_m - place[:, None] * corner.along, axis=1))
+        amplitude = self._amplitude(corner, pulses, row, edge, foot)
+        # The phase of the share is relative to the foot, the delay of the path to the nearest point of the edge.
+        turn = np.exp(4j * np.pi / wavelength * (range_m - straight))
+        gain = amplitude * wavelength / (8 * np.pi * straight) * share * turn
+        seen = gain != 0
+        seen[seen] = self._visible(corner, position[row[seen]], edge[seen])
+        return Paths.to_points(
+            pulses,
+            row[seen],
+            edge[seen],
+            gain=gain[seen],
+            incidence_rad=np.full(int(seen.sum()), np.nan),
+            surface=np.full(int(seen.sum()), BOUNCED),
+        )
+
+    @staticmethod
+    def _strip(
+        corner: Dihedral, into: Float[np.ndarray, "2 n"], height_m: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return from where to where either half of the strip reaches from the edge: rays that meet both faces."""
+        # The sine of the angle between the way to the radar and one face is its cosine to the other.
+        sines = into[::-1] / height_m
+        near = np.maximum(*(s * n for s, n in zip(sines, corner.near_m, strict=True)))
+        far = np.minimum(*(s * f for s, f in zip(sines, corner.far_m, strict=True)))
+        return near, far
+
+    def _amplitude(
+        self,
+        corner: Dihedral,
+        pulses: Pulses,
+        row: np.ndarray,
+        edge_m: Float[np.ndarray, "n 3"],
+        foot_m: Float[np.ndarray, " n"],
+    ) -> Complex[np.ndarray, " n"]:
+        """Return antenna gain times both reflections, the mean of the two orders."""
+        position, turn = pulses.true.position_m[row], pulses.true.R_world_antenna[row]
+        back = position - edge_m
+        across = np.cross(corner.along, back)
+        across *= (np.sign(across @ corner.faces[0]) / np.linalg.norm(across, axis=1))[:, None]
+        total = np.zeros(len(row), dtype=np.complex128)
+        for mirrors, side in ((corner.mirrors, 1.0), (corner.mirrors[::-1], -1.0)):
+            ways = []
+            for way in (side, -side):  # out to one half of the strip, back from the other
+                toward = edge_m + way * foot_m[:, None] * across - position
+                ways.append(toward / np.linalg.norm(toward, axis=1)[:, None])
+            inside = [np.einsum("nij,ni->nj", turn, way) for way in ways]
+            sent = np.einsum("nij,nj->ni", turn, self._antenna.fields(inside[0])[0])
+            received = np.einsum("nij,nj->ni", turn, self._antenna.fields(inside[1])[1])
+            direction = ways[0]
+            for mirror in mirrors:
+                direction, sent = mirror.reflected(direction, sent)
+            gain = np.sqrt(self._antenna.transmit_gain(inside[0]) * self._antenna.receive_gain(inside[1]))
+            total += gain * np.einsum("ni,ni->n", received, sent) / 2
+        return total
+
+    def _visible(
+        self, corner: Dihedral, position_m: Float[np.ndarray, "n 3"], edge_m: Float[np.ndarray, "n 3"]
+    ) -> np.ndarray:
+        """Return which radars see both faces beside the edge."""
+        seen = np.ones(len(edge_m), dtype=bool)
+        for face, far in zip(corner.faces, corner.far_m, strict=True):
+            beside = edge_m + min(BESIDE_EDGE_M, far / 2) * face
+            seen &= self._caster.visible(position_m, beside, TOUCHING_M)
+        return seen
+
+
+def _fresnel_share(
+    low_m: Float[np.ndarray, " n"],
+    high_m: Float[np.ndarray, " n"],
+    height_m: Float[np.ndarray, " n"],
+    wavelength_m: float,
+) -> Complex[np.ndarray, " n"]:
+    """Return sqrt(2 j / (lambda h)) times the integral of exp(-j k x^2 / h) between two places beside the foot."""
+    per_metre = 2 / np.sqrt(wavelength_m * height_m)
+    (s_low, c_low), (s_high, c_high) = (fresnel(x * per_metre) for x in (low_m, high_m))
+    share: Complex[np.ndarray, " n"] = ((c_high - c_low) - 1j * (s_high - s_low)) / (1 - 1j)
+    return share
