@@ -7,6 +7,7 @@ from .range_doppler.frames import RangeDopplerMap as RangeDopplerMap
 from .range_doppler.movers import Movers as Movers
 from .range_doppler.movers import find_movers as find_movers
 from .range_doppler.ring_cfar import RingCfar as RingCfar
+from .range_doppler.staggered import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .ranging.estimator import EchoSpans as EchoSpans
 from .ranging.estimator import RangeEstimator as RangeEstimator
 from .ranging.estimator import Ranges as Ranges
@@ -26,6 +27,7 @@ __all__ = [
     "Ranges",
     "RingCfar",
     "SpectrumAnalyser",
+    "StaggeredRangeDoppler",
     "find_movers",
     "register_range_estimator",
 ]

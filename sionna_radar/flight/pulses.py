@@ -309,14 +309,20 @@ def schedule_pulses(
     *,
     lever_arm_m: Vector3 = (0.0, 0.0, 0.0),
     navigation: Navigation | None = None,
+    stagger: float = 0.0,
 ) -> PulseSchedule:
     """Return the pulses of the cruise at the chirp rate, without those outside the scan sector.
 
-    A trajectory may say that the radar transmits in parts of the cruise only.
+    A trajectory may say that the radar transmits in parts of the cruise only. `stagger` is how much longer than a chirp
+    the radar waits after every second one, over its duration.
     """
     start, end = trajectory.cruise_s()
     count = int(np.floor((end - start) * chirp_rate_hz + 1e-9))
     time_s = start + (np.arange(count) + 0.5) / chirp_rate_hz
+    if stagger > 0:
+        time_s = time_s + np.arange(count) // 2 * (stagger / chirp_rate_hz)
+        time_s = time_s[time_s <= end - 0.5 / chirp_rate_hz]
+        count = len(time_s)
     # Block by block: the pointing of all chirps together would take far more memory than their times.
     active = [scan.point(time_s[i : i + CHIRPS_AT_ONCE]).active for i in range(0, count, CHIRPS_AT_ONCE)]
     if trajectory.transmits_s is not None and active:

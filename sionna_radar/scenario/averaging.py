@@ -34,6 +34,8 @@ def check_average(
         problem = f"{average.chirps} needs sensor = 'radar', not {sensor!r}; set 1"
     elif radar.sweep == "triangular":
         problem = f"{average.chirps} is not for pairs of sweeps; set 1, or radar.sweep = 'up'"
+    elif radar.stagger > 0:
+        problem = f"{average.chirps} needs even intervals; set 1, or radar.stagger = 0"
     elif isinstance(radar.scan, ElectronicScanTable):
         problem = f"{average.chirps} is not for a beam that is steered anew for each chirp; set 1"
     elif weather.falling or weather.dust_visibility_m is not None:

@@ -182,6 +182,8 @@ class RadarTable(Table):
     carrier_hz: frequency in the middle of the sweep.
     bandwidth_hz: of the sweep: the range cell is c over twice it.
     chirp_rate_hz: chirps a second, each as long as its period; of a triangle, pairs of sweeps a second.
+    stagger: how much longer than a chirp the radar waits before every second one, over its duration: range-Doppler
+        maps then tell range rates apart that even intervals leave ambiguous. 0.5 tells twice as many, 0.25 four times.
     samples_per_chirp: of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as
         many.
     sweep: rising, falling, or one after the other.
@@ -200,6 +202,7 @@ class RadarTable(Table):
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
     bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
+    stagger: Annotated[Real, Field(ge=0, le=1)] = 0.0
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**18)] = 1024
     sweep: Literal["up", "down", "triangular"] = "up"
     sampling: Literal["real", "iq"] = "real"

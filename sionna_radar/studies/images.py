@@ -149,6 +149,8 @@ def _check(scenario: Scenario) -> None:
         problems.append(Problem("radar.scan.mode", message))
     if scenario.sensor != "radar":
         problems.append(Problem("sensor", f"{scenario.sensor!r} makes no radar image; set sensor = 'radar'"))
+    if radar.stagger > 0:
+        problems.append(Problem("radar.stagger", f"{radar.stagger:g}: an image takes even intervals; set 0"))
     if radar.sweep == "triangular":
         problems.append(Problem("radar.sweep", "'triangular' is not imaged; set radar.sweep = 'up' or 'down'"))
     curved = [key for key in ("log", "lines", "wind") if getattr(platform, key) is not None]

@@ -9,6 +9,7 @@ from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
 from sionna_radar.detection.range_doppler.movers import Movers, find_movers
 from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
+from sionna_radar.detection.range_doppler.staggered import StaggeredRangeDoppler
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -45,7 +46,7 @@ class SeenTarget:
 class Frames(Brief):
     """Range-Doppler maps of frames that follow each other, and detection in the last of them.
 
-    analyser: windows and cells; frames: how many.
+    analyser: windows and cells; frames: how many. With `radar.stagger` the maps are folded, and the movers are not.
     last: map of the last frame, and mean: of all of them.
     detected: cells of the last one over the ring around them; changed: over what they held in earlier frames.
     movers: peaks among the detected cells.
@@ -55,7 +56,7 @@ class Frames(Brief):
     """
 
     scenario: Scenario
-    analyser: RangeDoppler
+    analyser: RangeDoppler | StaggeredRangeDoppler
     frames: int
     last: RangeDopplerMap
     mean: Float[np.ndarray, "rate bin"]
@@ -102,25 +103,23 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
     """
     _check(scenario)
     prepared = prepare(scenario, progress=progress)
-    analyser = RangeDoppler(
-        chirp=prepared.receiver.chirp,
-        chirps=chirps,
-        range_window=scenario.processing.window,
-        rate_window=scenario.processing.window,
-        zero_padding=scenario.processing.zero_padding,
-    )
+    analyser = _analyser(prepared, chirps)
+    folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     first = _first(prepared, chirps, frames)
-    cfar, clutter = _ring(scenario, analyser), _clutter(scenario)
+    cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
     tracer = prepared.sensor_inputs().tracer()
-    total = np.zeros((len(analyser.range_rate_mps), len(analyser.range_m)))
+    total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     for number in range(frames):
         pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
-        last = analyser.map(prepared.receiver.beat(tracer.trace(pulses), pulses))
+        beat = prepared.receiver.beat(tracer.trace(pulses), pulses)
+        last = analyser.map(beat)
         changed = clutter.detected(last.power)
         total += last.power
         progress("frames", number + 1, frames)
     detected = cfar.detected(last.power)
     movers = find_movers(last, detected)
+    if isinstance(analyser, StaggeredRangeDoppler):
+        movers = analyser.unfolded(beat, movers)
     middle = pulses.rows(slice(chirps // 2, chirps // 2 + 1))
     return Frames(
         scenario=scenario,
@@ -131,9 +130,26 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
         detected=detected,
         changed=changed,
         movers=movers,
-        targets=_targets(prepared, middle, movers, analyser),
-        smear_cells=_smear_cells(prepared, middle.true, analyser),
+        targets=_targets(prepared, middle, movers, analyser.highest_rate_mps, folded),
+        smear_cells=_smear_cells(prepared, middle.true, folded),
     )
+
+
+def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeDoppler:
+    """Return the windows and transforms of frames; of those of two intervals every second chirp makes a map."""
+    radar, processing = prepared.local.radar, prepared.local.processing
+    staggered = radar.stagger > 0
+    if staggered and chirps % 2:
+        raise ScenarioError([Problem("chirps", f"{chirps} are not pairs of two intervals; give an even number")])
+    frames = RangeDoppler(
+        chirp=prepared.receiver.chirp,
+        chirps=chirps // 2 if staggered else chirps,
+        range_window=processing.window,
+        rate_window=processing.window,
+        zero_padding=processing.zero_padding,
+        interval_s=(2 + radar.stagger) / radar.chirp_rate_hz if staggered else None,
+    )
+    return StaggeredRangeDoppler(half=frames, first_s=1 / radar.chirp_rate_hz) if staggered else frames
 
 
 def _check(scenario: Scenario) -> None:
@@ -157,6 +173,14 @@ def _first(prepared: Prepared, chirps: int, frames: int) -> int:
         message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
         raise ScenarioError([Problem("frames", message)])
     first = (len(prepared) - chirps * frames) // 2
+    radar = prepared.local.radar
+    if radar.stagger > 0:
+        first -= first % 2
+        index = first + np.arange(chirps * frames)
+        waits = np.diff(prepared.flight.time_s[index]) * radar.chirp_rate_hz
+        if not np.allclose(waits, np.where(index[:-1] % 2, 1 + radar.stagger, 1.0), atol=1e-6):
+            message = f"{radar.stagger:g}: the scan pauses within the frames; set radar.scan.mode = 'fixed'"
+            raise ScenarioError([Problem("radar.stagger", message)])
     ends = prepared.flight.pulses(first + np.array([0, chirps - 1])).true.boresight
     turned = float(np.arccos(np.clip(ends[0] @ ends[1], -1.0, 1.0)))
     if turned > MOST_TURN * min(prepared.antenna.beamwidths_rad):
@@ -172,11 +196,10 @@ def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> fl
     """Return the change of range rate in a frame, in cells: the square of the speed across the ray over the range."""
     range_m = float(prepared.scene.caster.cast(middle.position_m, middle.boresight).distance_m[0])
     across = np.linalg.norm(np.cross(middle.velocity_mps[0], middle.boresight[0]))
-    frame_s = analyser.chirps / analyser.chirp.rate_hz
-    return float(across**2 / range_m * frame_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
+    return float(across**2 / range_m * analyser.duration_s / analyser.rate_cell_mps) if np.isfinite(range_m) else 0.0
 
 
-def _ring(scenario: Scenario, analyser: RangeDoppler) -> RingCfar:
+def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
     table = scenario.processing.cfar
     return RingCfar(
         kind="OS" if table.kind == "OS" else "CA",
@@ -186,6 +209,7 @@ def _ring(scenario: Scenario, analyser: RangeDoppler) -> RingCfar:
         rank=table.rank,
         correlation=analyser.noise_correlation(GUARD + TRAINING + 1),
         stride=analyser.zero_padding,
+        looks=looks,
     )
 
 
@@ -193,7 +217,9 @@ def _clutter(scenario: Scenario) -> ClutterMap:
     return ClutterMap(weight=WEIGHT, false_alarm_probability=scenario.processing.cfar.false_alarm_probability)
 
 
-def _targets(prepared: Prepared, middle: Pulses, movers: Movers, analyser: RangeDoppler) -> tuple[SeenTarget, ...]:
+def _targets(
+    prepared: Prepared, middle: Pulses, movers: Movers, highest_mps: float, analyser: RangeDoppler
+) -> tuple[SeenTarget, ...]:
     """Return the scenario's targets, each with the nearest peak that is near enough."""
     seen = []
     for number, target in enumerate(prepared.scene.scene.targets):
@@ -204,7 +230,7 @@ def _targets(prepared: Prepared, middle: Pulses, movers: Movers, analyser: Range
         range_m = float(np.linalg.norm(away))
         rate_mps = float((velocity - middle.true.velocity_mps[0]) @ away) / range_m
         # Range rates wrap at the ends of the unambiguous ones.
-        span = 2 * analyser.highest_rate_mps
+        span = 2 * highest_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2
         apart = np.maximum(
             np.abs(movers.range_m - range_m) / analyser.chirp.range_resolution_m,

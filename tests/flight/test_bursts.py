@@ -35,5 +35,16 @@ def test_the_middle_chirp_is_where_the_pulse_is(schedule):
     np.testing.assert_array_equal(chirps.measured.position_m[::3], pulses.measured.position_m)
 
 
+def test_a_stagger_makes_every_second_interval_longer():
+    keys = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0, "radar.scan.half_swath_deg": 180.0}
+    keys |= {"radar.scan.mode": "conical", "radar.scan.incidence_deg": 20.0}
+    even = prepare(load_scenario("hills", keys)).flight.time_s
+    staggered = prepare(load_scenario("hills", keys | {"radar.stagger": 0.25})).flight.time_s
+    np.testing.assert_allclose(np.diff(staggered)[::2], 1 / 360.0, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(staggered)[1::2], 1.25 / 360.0, rtol=1e-9)
+    assert staggered[-1] <= even[-1] + 1e-9
+    assert len(staggered) == pytest.approx(len(even) / 1.125, abs=1)
+
+
 def test_a_single_chirp_is_no_burst(schedule):
     assert in_bursts(schedule, 1, 360.0) is None

@@ -76,3 +76,30 @@ def test_what_cannot_be_framed_is_refused(changes, asked, said):
 def test_a_beam_that_turns_is_refused():
     with pytest.raises(ScenarioError, match="chirps: 64 turn the beam by"):
         fly_frames(load_scenario("hills", {"platform.length_m": 20.0, "terrain.spacing_m": 4.0}), frames=1)
+
+
+def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():
+    """It comes nearer by 5.3 m/s; even intervals would show it beyond 3.9 m/s as one that recedes."""
+    fast = [TARGETS[0] | {"speed_mps": 9.0, "rcs_dbsm": 0.0}]
+    keys = SPARSE | {"targets": fast, "radar.chirp_rate_hz": 4000.0}
+    even = fly_frames(load_scenario("slar", keys), chirps=128, frames=1)
+    seen = fly_frames(load_scenario("slar", keys | {"radar.stagger": 0.5}), chirps=128, frames=1)
+    (target,) = seen.targets
+    assert -5.4 < target.range_rate_mps < -5.2
+    assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * seen.analyser.rate_cell_mps)
+    assert target.found_range_m == pytest.approx(target.range_m, abs=0.1 * seen.last.chirp.range_resolution_m)
+    assert even.targets[0].range_rate_mps > 0
+    assert seen.analyser.highest_rate_mps == pytest.approx(2 * even.analyser.highest_rate_mps)
+
+
+@pytest.mark.parametrize(
+    ("keys", "chirps", "message"),
+    [
+        ({"radar.stagger": 0.5}, 63, "chirps: 63 are not pairs"),
+        ({"radar.stagger": 0.5, "processing.cfar.kind": "OS"}, 64, "'OS' has no false-alarm rate"),
+        ({"processing.average.chirps": 2}, 64, "processing.average.chirps: 2: a frame counts single chirps"),
+    ],
+)
+def test_frames_that_cannot_be_are_refused(keys, chirps, message):
+    with pytest.raises(ScenarioError, match=message):
+        fly_frames(load_scenario("slar", SPARSE | keys), chirps=chirps, frames=1)

@@ -47,7 +47,8 @@ class RangeDopplerMap:
 class RangeDoppler:
     """Windows and transforms of frames of chirps.
 
-    chirps: of a frame, at the chirp's own rate.
+    chirps: of a frame.
+    interval_s: from one to the next; without it they follow at the chirp's own rate.
     range_window, rate_window: of `scipy.signal.get_window`.
     zero_padding: bins of a range cell, and rows of a cell of range rate.
 
@@ -68,6 +69,7 @@ class RangeDoppler:
     range_window: str = "hann"
     rate_window: str = "hann"
     zero_padding: int = 1
+    interval_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.chirps < FEWEST_CHIRPS:
@@ -77,12 +79,22 @@ class RangeDoppler:
     @property
     def rate_cell_mps(self) -> float:
         """Range rate of one cell: half a wavelength over the frame's duration."""
-        return self.chirp.wavelength_m * self.chirp.rate_hz / (2 * self.chirps)
+        return self.chirp.wavelength_m * self._sent_hz / (2 * self.chirps)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of a frame."""
+        return self.chirps / self._sent_hz
+
+    @property
+    def _sent_hz(self) -> float:
+        """Chirps of the frame a second."""
+        return self.chirp.rate_hz if self.interval_s is None else 1 / self.interval_s
 
     @property
     def highest_rate_mps(self) -> float:
         """Greatest range rate, either way, that is unambiguous: a quarter of a wavelength from chirp to chirp."""
-        return self.chirp.wavelength_m * self.chirp.rate_hz / 4
+        return self.chirp.wavelength_m * self._sent_hz / 4
 
     @cached_property
     def range_weights(self) -> Float[np.ndarray, " sample"]:

@@ -36,6 +36,7 @@ class RingCfar:
     rank: of an ordered statistic, as a share of its cells.
     correlation: of the noise at lags of 0, 1, ... cells in range rate and in range; see `RangeDoppler`.
     stride: bins of a map in a cell.
+    looks: powers that are averaged in each; cell averaging alone knows several.
 
     Examples
     --------
@@ -54,8 +55,12 @@ class RingCfar:
     kind: Literal["CA", "OS"] = "CA"
     rank: float = 0.75
     stride: int = 1
+    looks: int = 1
 
     def __post_init__(self) -> None:
+        if self.looks > 1 and self.kind == "OS":
+            message = f"'OS' has no false-alarm rate in closed form over {self.looks} looks; set 'CA'"
+            raise ScenarioError([Problem("processing.cfar.kind", message)])
         for name, guard, correlation in zip(("rate", "range"), self.guard, self.correlation, strict=True):
             shared = np.flatnonzero(np.abs(correlation) > SHARED_NOISE)[-1]
             if guard < shared:
@@ -89,7 +94,7 @@ class RingCfar:
         lag = np.abs(self._offsets[:, None] - self._offsets[None])
         rate, range_ = (_at(c, lag[..., axis]) for axis, c in enumerate(self.correlation))
         weight = np.maximum(np.linalg.eigvalsh(rate * range_), 0.0) / self.cells
-        return factor_of_mean(weight, 1, self.false_alarm_probability)
+        return factor_of_mean(weight, 1, self.false_alarm_probability, self.looks)
 
     @property
     def _place(self) -> int:
