@@ -18,13 +18,15 @@ a = b of cross-section 8 pi a^2 L^2 / lambda^2 (Knott, Shaeffer and Tuley, "Rada
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
+from scipy.spatial import KDTree
 from scipy.special import fresnel
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.effects.mirrors import OUTSIDE_RADII, lobe_m, taper
 from sionna_radar.tracing.effects.reflection import PlaneMirror
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
@@ -65,17 +67,22 @@ class Dihedral:
 
 def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
     """Return all pairs of mirrors that meet at nearly a right angle with their fronts toward each other."""
-    normal = np.array([m.patch.normal for m in mirrors]).reshape(-1, 3)
-    centre = np.array([m.patch.centre_m for m in mirrors]).reshape(-1, 3)
+    if not mirrors:
+        return []
+    # From the largest on, so that whatever touches one and comes later is no farther than twice its radius.
+    mirrors = sorted(mirrors, key=lambda mirror: -mirror.patch.radius_m)
+    normal = np.array([m.patch.normal for m in mirrors])
+    centre = np.array([m.patch.centre_m for m in mirrors])
     radius = np.array([m.patch.radius_m for m in mirrors])
+    near = KDTree(centre).query_ball_point(centre, 2 * radius + TOUCHING_M)
     found = []
-    for one in range(len(mirrors)):
-        square = np.abs(normal @ normal[one]) < np.sin(MOST_TURN_RAD)
-        near = np.linalg.norm(centre - centre[one], axis=1) < radius + radius[one] + TOUCHING_M
-        for other in np.flatnonzero(square & near):
-            if other > one:
-                corner = _dihedral(mirrors[one], mirrors[other])
-                found += [] if corner is None else [corner]
+    for one, others in enumerate(near):
+        other = np.sort(np.array(others, dtype=np.int64))
+        other = other[other > one]
+        other = other[np.abs(normal[other] @ normal[one]) < np.sin(MOST_TURN_RAD)]
+        touch = np.linalg.norm(centre[other] - centre[one], axis=1) < radius[other] + radius[one] + TOUCHING_M
+        corners = [_dihedral(mirrors[one], mirrors[number]) for number in other[touch]]
+        found += [corner for corner in corners if corner is not None]
     return found
 
 
@@ -116,13 +123,31 @@ class DihedralTracer:
     def __init__(self, mirrors: list[PlaneMirror], antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
         self._dihedrals = dihedrals_of(mirrors)
+        self._edge_m = np.array([d.edge_m for d in self._dihedrals]).reshape(-1, 3)
+        self._along = np.array([d.along for d in self._dihedrals]).reshape(-1, 3)
+        self._low_m, self._high_m = np.array([(d.low_m, d.high_m) for d in self._dihedrals]).reshape(-1, 2).T
 
     def __len__(self) -> int:
         return len(self._dihedrals)
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the echoes of a block of pulses, sorted by pulse."""
-        return Paths.concatenate([self._echoes(d, pulses) for d in self._dihedrals])
+        none = np.zeros(0, dtype=np.int64)
+        empty = self._paths(pulses, none, np.zeros((0, 3)), np.zeros(0, dtype=np.complex128))
+        return Paths.concatenate([empty, *(self._echoes(d, pulses) for d in self._possible(pulses))])
+
+    def _possible(self, pulses: Pulses) -> list[Dihedral]:
+        """Return the dihedrals across whose edge any of the pulses may stand: a bound from the sphere around them."""
+        position = pulses.true.position_m
+        middle = (position.min(axis=0) + position.max(axis=0)) / 2
+        reach = np.linalg.norm(position - middle, axis=1).max()
+        away = middle - self._edge_m
+        place = np.einsum("ni,ni->n", away, self._along)
+        half = (self._high_m - self._low_m) / 2
+        farthest = np.sqrt(np.maximum((away**2).sum(axis=1) - place**2, 0.0)) + reach
+        outside = reach + OUTSIDE_RADII[1] * lobe_m(farthest, self._wavelength_m, half)
+        near = (place > self._low_m - outside) & (place < self._high_m + outside)
+        return [self._dihedrals[number] for number in np.flatnonzero(near)]
 
     def _echoes(self, corner: Dihedral, pulses: Pulses) -> Paths:
         position, wavelength = pulses.true.position_m, self._wavelength_m
@@ -139,6 +164,9 @@ class DihedralTracer:
         # Both halves of the strip, each beside a foot of its own.
         share = 2 * _fresnel_share(near - foot, far - foot, straight, wavelength)
         share *= _fresnel_share(corner.low_m - place, corner.high_m - place, straight, wavelength)
+        beside = np.maximum(np.maximum(corner.low_m - place, place - corner.high_m), 0.0)
+        lobe = OUTSIDE_RADII[1] * lobe_m(height, wavelength, (corner.high_m - corner.low_m) / 2)
+        share *= taper(beside / lobe)
         strong = np.abs(share) > LEAST_FIELD
         row, place, straight, share = row[strong], place[strong], straight[strong], share[strong]
         foot = np.clip(foot, near, far)[strong]
@@ -150,14 +178,14 @@ class DihedralTracer:
         gain = amplitude * wavelength / (8 * np.pi * straight) * share * turn
         seen = gain != 0
         seen[seen] = self._visible(corner, position[row[seen]], edge[seen])
-        return Paths.to_points(
-            pulses,
-            row[seen],
-            edge[seen],
-            gain=gain[seen],
-            incidence_rad=np.full(int(seen.sum()), np.nan),
-            surface=np.full(int(seen.sum()), BOUNCED),
-        )
+        return self._paths(pulses, row[seen], edge[seen], gain[seen])
+
+    @staticmethod
+    def _paths(
+        pulses: Pulses, row: Int[np.ndarray, " n"], edge_m: Float[np.ndarray, "n 3"], gain: Complex[np.ndarray, " n"]
+    ) -> Paths:
+        nowhere, surface = np.full(len(row), np.nan), np.full(len(row), BOUNCED)
+        return Paths.to_points(pulses, row, edge_m, gain=gain, incidence_rad=nowhere, surface=surface)
 
     @staticmethod
     def _strip(

@@ -111,7 +111,7 @@ class Patch:
         distance, first, last = self._seen_from(foot_m)
         factor = _turns(distance, first, last).astype(np.complex128)
         nearest = np.hypot(distance, np.maximum(np.maximum(first, -last), 0.0))
-        row, edge = np.nonzero(nearest < EDGE_RADII * _lobe_m(height_m, wavelength_m, self.radius_m)[:, None])
+        row, edge = np.nonzero(nearest < EDGE_RADII * lobe_m(height_m, wavelength_m, self.radius_m)[:, None])
         waves = _edge_wave(
             distance[row, edge], first[row, edge], last[row, edge], height_m[row], 2 * np.pi / wavelength_m
         )
@@ -128,7 +128,7 @@ def _turns(
     return turns
 
 
-def _lobe_m(
+def lobe_m(
     height_m: Float[np.ndarray, " n"], wavelength_m: float, radius_m: Float[np.ndarray, " n"] | float
 ) -> Float[np.ndarray, " n"]:
     """Return the Fresnel radius, from which a path to a plane and back is half a wavelength longer, for a patch.
@@ -305,13 +305,13 @@ class MirrorTracer:
             patch = self._patches[number]
             away = position_m - patch.centre_m
             height, foot = away @ patch.normal, away @ patch.axes.T
-            reach = OUTSIDE_RADII[1] * _lobe_m(np.maximum(height, 0.0), self._wavelength_m, patch.radius_m)
+            reach = OUTSIDE_RADII[1] * lobe_m(np.maximum(height, 0.0), self._wavelength_m, patch.radius_m)
             row = np.flatnonzero((height > 0) & (np.linalg.norm(foot, axis=1) < patch.radius_m + reach))
             inside = patch.holds(foot[row])
             place = np.where(inside[:, None], foot[row], patch.nearest_m(foot[row]))
             share = np.linalg.norm(place - foot[row], axis=1) / reach[row]
             row, place, share = row[share < 1], place[share < 1], share[share < 1]
-            factor = patch.factor(foot[row], height[row], self._wavelength_m) * _taper(share)
+            factor = patch.factor(foot[row], height[row], self._wavelength_m) * taper(share)
             world = patch.centre_m + place @ patch.axes
             found.append((row, world, height[row], factor, np.full(len(row), number)))
         if not found:
@@ -327,12 +327,12 @@ class MirrorTracer:
         away = middle - self._centre_m
         height = np.einsum("ni,ni->n", away, self._normal)
         plan = np.sqrt(np.maximum((away**2).sum(axis=1) - height**2, 0.0))
-        outside = OUTSIDE_RADII[1] * _lobe_m(np.maximum(height + reach, 0.0), self._wavelength_m, self._radius_m)
+        outside = OUTSIDE_RADII[1] * lobe_m(np.maximum(height + reach, 0.0), self._wavelength_m, self._radius_m)
         return (plan < self._radius_m + reach + outside) & (height > -reach)
 
 
-def _taper(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def taper(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return 1 up to the inner of `OUTSIDE_RADII`, falling smoothly to 0 at a share of 1 of the outer."""
     inner = OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
-    taper: Float[np.ndarray, " n"] = np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
-    return taper
+    faded: Float[np.ndarray, " n"] = np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
+    return faded
