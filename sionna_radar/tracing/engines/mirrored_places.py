@@ -18,6 +18,7 @@ their amplitudes, as in backscatter; cross-polar parts follow with the signs of 
 phases: the echoes by way of the mirror are those of one and the same surface.
 """
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,6 +45,8 @@ OFF_MIRROR_M = 0.002
 TABLE_SIZE = 2049
 # Points of a plane looked up in its outline at once.
 LOOKED_UP = 20_000
+# Pairs of mirrors and pulses that are bounded at once.
+BOUNDED = 400_000
 
 
 class MirroredPlaces:
@@ -68,22 +71,26 @@ class MirroredPlaces:
     def over(self, pulses: Pulses, places: SeenPlaces) -> Paths:
         """Return the paths by way of mirrors to places that a block's pulses see, sorted by pulse."""
         none = np.zeros(0, dtype=np.int64)
-        found = [self._by(self._mirrors[n], pulses, places, rows) for n, rows in self._candidates(pulses)]
-        return Paths.concatenate([self._paths(pulses, none, np.zeros((0, 3)), *np.zeros((3, 0))), *found])
+        order = np.argsort(places.row, kind="stable")
+        first = np.searchsorted(places.row[order], np.arange(len(pulses) + 1))
+        found = [self._paths(pulses, none, np.zeros((0, 3)), *np.zeros((3, 0)))]
+        for number, rows in self._candidates(pulses):
+            seen = np.concatenate([order[first[row] : first[row + 1]] for row in np.flatnonzero(rows)])
+            found.append(self._by(self._mirrors[number], pulses, places, seen))
+        return Paths.concatenate(found)
 
-    def _candidates(self, pulses: Pulses) -> list[tuple[int, Bool[np.ndarray, " pulse"]]]:
-        """Return the mirrors that beams may meet from the front, each with the rows of those pulses."""
+    def _candidates(self, pulses: Pulses) -> Iterator[tuple[int, Bool[np.ndarray, " pulse"]]]:
+        """Yield the mirrors that beams may meet from the front, each with the rows of those pulses."""
         position, boresight = pulses.true.position_m, pulses.true.boresight
-        found = []
-        for number in self._near(position):
-            away = self._centre_m[number] - position
-            distance = np.linalg.norm(away, axis=1)
-            off = np.arccos(np.clip(np.einsum("ni,ni->n", away, boresight) / distance, -1.0, 1.0))
-            size = np.arcsin(np.minimum(self._radius_m[number] / distance, 1.0))
-            rows = (away @ self._normal[number] < 0) & ((off - size < self._cone_rad) | (size >= np.pi / 2))
-            if rows.any():
-                found.append((int(number), rows))
-        return found
+        near, step = self._near(position), max(1, BOUNDED // len(pulses))
+        for some in (near[start : start + step] for start in range(0, len(near), step)):
+            away = self._centre_m[some, None] - position
+            distance = np.linalg.norm(away, axis=2)
+            off = np.arccos(np.clip(np.einsum("mni,ni->mn", away, boresight) / distance, -1.0, 1.0))
+            size = np.arcsin(np.minimum(self._radius_m[some, None] / distance, 1.0))
+            rows = np.einsum("mni,mi->mn", away, self._normal[some]) < 0
+            rows &= (off - size < self._cone_rad) | (size >= np.pi / 2)
+            yield from ((int(some[n]), rows[n]) for n in np.flatnonzero(rows.any(axis=1)))
 
     def _near(self, position_m: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " mirror"]:
         """Return the mirrors whose front any of the positions may see."""
@@ -91,9 +98,9 @@ class MirroredPlaces:
         reach = np.linalg.norm(position_m - middle, axis=1).max()
         return np.flatnonzero(np.einsum("ni,ni->n", middle - self._centre_m, self._normal) > -reach)
 
-    def _by(self, mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces, rows: Bool[np.ndarray, " pulse"]) -> Paths:
-        """Return the paths by way of one mirror."""
-        some = places.only(self._met(mirror, pulses, places, rows))
+    def _by(self, mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces, seen: Int[np.ndarray, " some"]) -> Paths:
+        """Return the paths by way of one mirror to some of the places."""
+        some = places.only(self._met(mirror, pulses, places, seen))
         ways = _Ways.of(mirror, pulses, some)
         normal = self._normals(some)
         # Both rays must be on the same side of the surface.
@@ -110,10 +117,9 @@ class MirroredPlaces:
         )
 
     def _met(
-        self, mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces, rows: Bool[np.ndarray, " pulse"]
-    ) -> Bool[np.ndarray, " place"]:
-        """Return which places have their image inside the mirror's outline."""
-        chosen = np.flatnonzero(rows[places.row])
+        self, mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces, chosen: Int[np.ndarray, " some"]
+    ) -> Int[np.ndarray, " met"]:
+        """Return which of some places have their image inside the mirror's outline."""
         hit = places.hit_m[:, chosen].T.astype(np.float64)
         before = mirror.height_m(hit) > TOUCHING_M
         chosen, hit = chosen[before], hit[before]
@@ -122,11 +128,8 @@ class MirroredPlaces:
         )
         near = np.linalg.norm(place, axis=1) <= mirror.patch.radius_m
         chosen, place = chosen[near], place[near]
-        met = np.zeros(len(places), dtype=bool)
-        for start in range(0, len(chosen), LOOKED_UP):
-            part = slice(start, start + LOOKED_UP)
-            met[chosen[part]] = mirror.patch.holds(place[part])
-        return met
+        parts = (place[start : start + LOOKED_UP] for start in range(0, len(chosen), LOOKED_UP))
+        return chosen[np.concatenate([np.zeros(0, dtype=bool), *map(mirror.patch.holds, parts)])]
 
     def _clear(
         self, mirror: PlaneMirror, pulses: Pulses, ways: "_Ways", places: SeenPlaces

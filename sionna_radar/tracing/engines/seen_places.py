@@ -62,7 +62,7 @@ class SeenPlaces:
         """Return the first entries."""
         return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
 
-    def only(self, kept: Bool[np.ndarray, " place"]) -> "SeenPlaces":
+    def only(self, kept: Bool[np.ndarray, " place"] | Int[np.ndarray, " some"]) -> "SeenPlaces":
         """Return some of the entries."""
         return SeenPlaces(**{f.name: getattr(self, f.name)[..., kept] for f in fields(self)})
 
