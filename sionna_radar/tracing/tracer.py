@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.kept_values import Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
@@ -13,7 +14,7 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
-from sionna_radar.tracing.effects.dihedrals import DihedralTracer
+from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
 from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
 from sionna_radar.tracing.effects.reflection import plane_mirrors
@@ -52,7 +53,11 @@ class Tracer:
         self._chirp, self._caster = chirp, caster
         self._atmosphere, self._moving, self._seed = atmosphere, moving, seed
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
-        self._dihedrals = DihedralTracer(plane_mirrors(scene, chirp) if bounces > 1 else [], antenna, chirp, caster)
+        corners = []
+        if bounces > 1:
+            key = (Same(scene), chirp.carrier_hz)
+            corners = caster.once("dihedrals", key, lambda: dihedrals_of(plane_mirrors(scene, chirp)))
+        self._dihedrals = DihedralTracer(corners, antenna, chirp, caster)
         self._canopy = canopy
         self._hiding = [target for target in scene.targets if target.body is not None]
 

@@ -120,11 +120,12 @@ def _dihedral(one: PlaneMirror, other: PlaneMirror) -> Dihedral | None:
 class DihedralTracer:
     """Traces the echoes of dihedrals."""
 
-    def __init__(self, mirrors: list[PlaneMirror], antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
+    def __init__(self, dihedrals: list[Dihedral], antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        self._dihedrals = dihedrals_of(mirrors)
+        self._dihedrals = dihedrals
         self._edge_m = np.array([d.edge_m for d in self._dihedrals]).reshape(-1, 3)
         self._along = np.array([d.along for d in self._dihedrals]).reshape(-1, 3)
+        self._normal = np.array([[m.patch.normal for m in d.mirrors] for d in self._dihedrals]).reshape(-1, 2, 3)
         self._low_m, self._high_m = np.array([(d.low_m, d.high_m) for d in self._dihedrals]).reshape(-1, 2).T
 
     def __len__(self) -> int:
@@ -147,6 +148,7 @@ class DihedralTracer:
         farthest = np.sqrt(np.maximum((away**2).sum(axis=1) - place**2, 0.0)) + reach
         outside = reach + OUTSIDE_RADII[1] * lobe_m(farthest, self._wavelength_m, half)
         near = (place > self._low_m - outside) & (place < self._high_m + outside)
+        near &= (np.einsum("ni,nki->nk", away, self._normal) > -reach).all(axis=1)
         return [self._dihedrals[number] for number in np.flatnonzero(near)]
 
     def _echoes(self, corner: Dihedral, pulses: Pulses) -> Paths:

@@ -8,7 +8,7 @@ from corners import METAL, WAVELENGTH_M, corner, mirror_of, plate, rough_ground,
 from flights import make_pulses
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
-from sionna_radar.tracing.effects.dihedrals import DihedralTracer
+from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.reflection import plane_mirrors
 from sionna_radar.tracing.paths import BOUNCED
 
@@ -20,7 +20,7 @@ LOSS = {p: abs(fresnel_reflection(METAL, np.array([np.sqrt(0.5)]), p)[0]) ** 4 f
 
 def look(scene, antenna, **pose):
     pulses = make_pulses(incidence_deg=45.0, **({"position_m": (0.0, -50.0, 50.0)} | pose))
-    tracer = DihedralTracer(plane_mirrors(scene, CHIRP), antenna, CHIRP, RayCaster(scene.surfaces))
+    tracer = DihedralTracer(dihedrals_of(plane_mirrors(scene, CHIRP)), antenna, CHIRP, RayCaster(scene.surfaces))
     return tracer.trace(pulses) if len(tracer) else None
 
 
