@@ -10,7 +10,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recordings.pulse_columns import new_recording, write_pulses
 from sionna_radar.survey.sensors.sensor import Observation
-from sionna_radar.tracing.paths import TARGET, VOLUME
+from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME
 
 
 class PathRecorder:
@@ -34,7 +34,7 @@ class PathRecorder:
         column("range_rate", np.float32, "range rate, positive when receding", "m s-1")
         column("incidence", np.float32, "angle between ray and surface normal; NaN for targets and volumes", "rad")
         column(
-            "surface", np.int32, f"surface that is hit; {TARGET} a point target, {VOLUME} a volume cell", "1",
+            "surface", np.int32, f"surface that is hit; {TARGET} a point target, {VOLUME} a volume cell, {BOUNCED} two", "1",
             comment="; ".join(names),
         )  # fmt: skip
         file.variable(

@@ -74,6 +74,7 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
     normal = np.array([m.patch.normal for m in mirrors])
     centre = np.array([m.patch.centre_m for m in mirrors])
     radius = np.array([m.patch.radius_m for m in mirrors])
+    outline = [m.patch.centre_m + m.patch.border_m.reshape(-1, 2) @ m.patch.axes for m in mirrors]
     near = KDTree(centre).query_ball_point(centre, 2 * radius + TOUCHING_M)
     found = []
     for one, others in enumerate(near):
@@ -81,8 +82,12 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
         other = other[other > one]
         other = other[np.abs(normal[other] @ normal[one]) < np.sin(MOST_TURN_RAD)]
         touch = np.linalg.norm(centre[other] - centre[one], axis=1) < radius[other] + radius[one] + TOUCHING_M
-        corners = [_dihedral(mirrors[one], mirrors[number]) for number in other[touch]]
-        found += [corner for corner in corners if corner is not None]
+        for number in other[touch]:
+            # Walls of one house mostly look away from each other.
+            ahead = ((outline[number] - centre[one]) @ normal[one]).max() > TOUCHING_M
+            if ahead and ((outline[one] - centre[number]) @ normal[number]).max() > TOUCHING_M:
+                corner = _dihedral(mirrors[one], mirrors[number])
+                found += [] if corner is None else [corner]
     return found
 
 
