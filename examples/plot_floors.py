@@ -35,9 +35,9 @@ if SMALL:
     RADAR |= {"tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0}
 budget = link_budget(
     load_scenario("rain", RADAR),
-    incidences_deg=[45.0, 60.0, 75.0],
-    rains_mm_per_h=[0.0, 4.0],
-    pulses=200 if SMALL else 3000,
+    incidences_deg=[75.0] if SMALL else [45.0, 60.0, 75.0],
+    rains_mm_per_h=[4.0] if SMALL else [0.0, 4.0],
+    pulses=100 if SMALL else 3000,
 )
 
 # %%

@@ -9,9 +9,12 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.motion import level_axes
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 
+# Axes of a body, among forward, right and up.
+RIGHT_FORWARD_UP = [1, 0, 2]
 # Faces within such a share of a range cell are one path.
 STEP_CELLS = 1 / 8
 # Faces of all pulses that are handled at once.
@@ -30,7 +33,7 @@ def trace_body(
 
     Nothing hides it but itself.
     """
-    R_world_body = world_from_body(heading_rad)
+    R_world_body = level_axes(heading_rad)[:, :, RIGHT_FORWARD_UP]
     few = max(1, AT_ONCE // len(scatterer.body.faces))
     pieces = []
     for low in range(0, len(pulses), few):
@@ -99,7 +102,7 @@ def beyond_body(
     away = hit - radar
     length_m = np.linalg.norm(away, axis=1)
     middle_m, radius_m = scatterer.sphere
-    R_world_body = world_from_body(heading_rad)
+    R_world_body = level_axes(heading_rad)[:, :, RIGHT_FORWARD_UP]
     centre = (place_m + R_world_body @ middle_m)[row] - radar
     along_m = np.einsum("ni,ni->n", centre, away) / np.maximum(length_m, 1e-9)
     aside_m = np.sqrt(np.maximum(np.einsum("ni,ni->n", centre, centre) - along_m**2, 0.0))
@@ -111,10 +114,3 @@ def beyond_body(
         ends = [np.einsum("nji,nj->ni", turn, place - origin) for place in (radar[own], hit[own].astype(np.float64))]
         hidden[own] = scatterer.hides(*ends)
     return hidden
-
-
-def world_from_body(heading_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the axes right, forward and up of upright bodies, as columns, for headings clockwise from north."""
-    sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(heading_rad))
-    right, forward = np.stack([cosine, -sine, zero], axis=1), np.stack([sine, cosine, zero], axis=1)
-    return np.stack([right, forward, np.tile([0.0, 0.0, 1.0], (len(heading_rad), 1))], axis=2)
