@@ -34,7 +34,7 @@ class PathRecorder:
         column("range_rate", np.float32, "range rate, positive when receding", "m s-1")
         column("incidence", np.float32, "angle between ray and surface normal; NaN for targets and volumes", "rad")
         column(
-            "surface", np.int32, f"surface hit; {TARGET} a point target, {VOLUME} a volume cell, {BOUNCED} two of them", "1",
+            "surface", np.int32, f"surface hit; {TARGET} point target, {VOLUME} volume cell, {BOUNCED} two", "1",
             comment="; ".join(names),
         )  # fmt: skip
         file.variable(
