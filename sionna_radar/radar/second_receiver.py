@@ -138,20 +138,22 @@ def build_side_receivers(
     found, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
     for axis in axes:
         given = table.baseline_wavelengths
-        baseline_m = baseline_of(spread[axis - 1], wavelength_m) if given is None else given * wavelength_m
         longest = 1 / (2 * reach[axis - 1])
+        chosen_m = longest * wavelength_m / 2 if table.kind == "row" else baseline_of(spread[axis - 1], wavelength_m)
+        baseline_m = chosen_m if given is None else given * wavelength_m
         if baseline_m > longest * wavelength_m:
             message = (
                 f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
                 f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {longest:.3g}"
             )
             raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
-        found.append(
+        found += [
             SideReceiver(
                 axis=axis,
-                baseline_m=baseline_m,
-                true_baseline_m=baseline_m + table.baseline_error_wavelengths * wavelength_m,
+                baseline_m=number * baseline_m,
+                true_baseline_m=number * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
                 phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
             )
-        )
+            for number in range(1, table.receivers or 2)
+        ]
     return tuple(found)
