@@ -101,11 +101,14 @@ class Counted:
     """True hits of a stretch of pulses.
 
     cell: numbers of the DEM's cells that the main beam reached, each once; origin_m: where each was last seen from.
+    silent_cell, silent_origin_m: the same of pulses without an echo alone.
     paths: how many were traced; rain_echoes: echoes dominated by rain.
     """
 
     cell: Int[np.ndarray, " lit"]
     origin_m: Float[np.ndarray, "lit 3"]
+    silent_cell: Int[np.ndarray, " silent"]
+    silent_origin_m: Float[np.ndarray, "silent 3"]
     paths: int
     rain_echoes: int
 
@@ -119,7 +122,7 @@ class Tally:
 
     def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
         self._truth, self._chirp = truth, chirp
-        self._illumination = Illumination(truth.grid)
+        self._illumination, self._silence = Illumination(truth.grid), Illumination(truth.grid)
         self.paths = self.rain_echoes = 0
         self._told = (0, 0)
 
@@ -127,6 +130,13 @@ class Tally:
         """Count the paths of a block of pulses."""
         light(paths, pulses, self._truth.antenna, self._truth.beams, self._illumination)
         self.paths += len(paths)
+
+    def add_silence(self, paths: Paths, pulses: Pulses, echoes: Echoes) -> None:
+        """Count the paths of those pulses of a block that have no echo."""
+        silent = ~np.isin(pulses.index, echoes.pulse)
+        if silent.any():
+            own = paths.rows(np.flatnonzero(silent[pulses.row_of(paths.pulse)]))
+            light(own, pulses.rows(np.flatnonzero(silent)), self._truth.antenna, self._truth.beams, self._silence)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
         """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
@@ -136,18 +146,34 @@ class Tally:
     def taken(self) -> Counted:
         """Return what was counted since the last call."""
         cell, origin_m = self._illumination.taken()
+        silent_cell, silent_origin_m = self._silence.taken()
         paths, rain_echoes = self.paths - self._told[0], self.rain_echoes - self._told[1]
         self._told = self.paths, self.rain_echoes
-        return Counted(cell=cell, origin_m=origin_m, paths=paths, rain_echoes=rain_echoes)
+        return Counted(
+            cell=cell,
+            origin_m=origin_m,
+            silent_cell=silent_cell,
+            silent_origin_m=silent_origin_m,
+            paths=paths,
+            rain_echoes=rain_echoes,
+        )
 
     def add_counted(self, counted: Counted) -> None:
         """Count what was counted of the pulses that follow."""
         self._illumination.add_cells(counted.cell, counted.origin_m)
+        self._silence.add_cells(counted.silent_cell, counted.silent_origin_m)
         self.paths += counted.paths
         self.rain_echoes += counted.rain_echoes
         self._told = self._told[0] + counted.paths, self._told[1] + counted.rain_echoes
 
     def lit(self) -> Bool[np.ndarray, "row column"]:
         """Return the cells that the main beam reached."""
+        return self._mask(self._illumination)
+
+    def silent(self) -> Bool[np.ndarray, "row column"]:
+        """Return the cells that the main beam of pulses without an echo reached."""
+        return self._mask(self._silence)
+
+    def _mask(self, cells: Illumination) -> Bool[np.ndarray, "row column"]:
         truth = self._truth
-        return self._illumination.mask(truth.max_gap_m, truth.surface, truth.built.caster.visible)
+        return cells.mask(truth.max_gap_m, truth.surface, truth.built.caster.visible)

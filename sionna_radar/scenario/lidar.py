@@ -21,6 +21,8 @@ class LidarTable(Table):
     aperture_mm: width of the beam at the lidar.
     near_range_m: nothing closer is detected; from there on the receiver sees the whole beam.
     ground_reflectivity: Lambertian, of the ground at the wavelength.
+    reflectivities: of surfaces that differ from it, by the names of their materials; that of calm water is 0, which
+        mirrors the light away.
     range_noise_m: standard deviation of a range.
     wavelength_nm: of the light.
     """
@@ -35,6 +37,7 @@ class LidarTable(Table):
     aperture_mm: Annotated[Real, Field(ge=1, le=1000)] = 20.0
     near_range_m: Annotated[Real, Field(ge=0.1, le=1000)] = 1.0
     ground_reflectivity: Annotated[Real, Field(gt=0, le=1)] = 0.3
+    reflectivities: dict[str, Annotated[Real, Field(ge=0, le=1)]] = {}
 
     @model_validator(mode="after")
     def _of_light(self) -> LidarTable:

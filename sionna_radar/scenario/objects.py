@@ -109,7 +109,7 @@ class RotorTable(Table):
 class TargetMesh(MeshShape):
     """The shape of a target, about its position: what returns an echo by physical optics, face by face.
 
-    Faces that the radar does not see, behind others, return nothing; edges, creeping waves and reflections between
+    It hides what lies behind it; faces behind others return nothing. Edges, creeping waves and reflections between
     faces are left out. Its own origin stands at the target's position.
 
     reflectivity_db: of its surface, power over that of a perfect conductor.
@@ -121,7 +121,7 @@ class TargetMesh(MeshShape):
 class PointTarget(Table):
     """A point of given mean radar cross-section, constant or by Swerling's cases, or a body, above the ground.
 
-    It stands, or moves along a way at one speed; it does not hide anything.
+    It stands, or moves along a way at one speed; a point does not hide anything.
 
     position_m: east and north; where its way begins.
     height_m: above the ground.

@@ -254,6 +254,7 @@ class Scenario(Table):
 
     def _used_materials(self) -> list[tuple[str, str]]:
         used = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
+        used += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]
         for number, thing in enumerate(self.objects):
             used.append((f"objects.{number}.material", thing.material))
             used += [(f"objects.{number}.materials.{key}", name) for key, name in thing.materials.items()]

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 
-@dataclass(frozen=True, kw_only=True)
+# Known by identity: arrays have no hash.
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
     """Triangles, each so small that a wave is plane over it.
 

@@ -81,14 +81,14 @@ class Rotor:
         place = np.array(self.offset_m) + radius_m[:, None] * out
         speed = radius_m[:, None] * turning
         count = len(time_s)
-        to_world = _world_from_body(heading_rad)
+        to_world = level_axes(heading_rad)
         return (
             np.einsum("nij,npj->npi", to_world, place.reshape(count, -1, 3)),
             np.einsum("nij,npj->npi", to_world, speed.reshape(count, -1, 3)),
         )
 
 
-def _world_from_body(heading_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+def level_axes(heading_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
     """Return the axes forward, right and up of level bodies, as columns, in the world frame."""
     sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(heading_rad))
     forward, right = np.stack([sine, cosine, zero], axis=1), np.stack([cosine, -sine, zero], axis=1)

@@ -18,6 +18,7 @@ out, as is the mean echo of the many small ones, which at 50 mm/h equals a targe
 scattering, which returns some of a fog's light to the field of view, speckle, and range errors by detector noise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,11 +43,15 @@ STEPS = 200
 
 @dataclass(frozen=True, kw_only=True)
 class LidarReceiver:
-    """A lidar receiver in a given atmosphere."""
+    """A lidar receiver in a given atmosphere.
+
+    reflectivity: of each surface of the scene; None where all are the ground's.
+    """
 
     table: LidarTable
     air: OpticalAir
     seed: int
+    reflectivity: Float[np.ndarray, " surface"] | None = None
 
     def received(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return the paths along the beam axes as measured by the lidar; a pulse without a return has none.
@@ -58,7 +63,10 @@ class LidarReceiver:
         row = pulses.row_of(paths.pulse)
         ground_m[row] = paths.delay_s * (speed_of_light / 2)
         cosine[row] = np.cos(paths.incidence_rad)
-        ground_seen = self.detects_ground(ground_m, cosine)
+        reflectivity = np.full(len(pulses), self.table.ground_reflectivity)
+        if self.reflectivity is not None:
+            reflectivity[row] = self.reflectivity[paths.surface]
+        ground_seen = self.detects_ground(ground_m, cosine, reflectivity)
         before_m = self.nearest_in_air_m(pulses)
         # Particles behind the ground are not seen.
         in_air = before_m < ground_m
@@ -87,10 +95,14 @@ class LidarReceiver:
         return np.exp(-2 * self.air.extinction_per_m * range_m)
 
     def detects_ground(
-        self, range_m: Float[np.ndarray, " n"], cosine: Float[np.ndarray, " n"]
+        self,
+        range_m: Float[np.ndarray, " n"],
+        cosine: Float[np.ndarray, " n"],
+        reflectivity: Float[np.ndarray, " n"] | float | None = None,
     ) -> Bool[np.ndarray, " n"]:
-        """Return at which ranges the ground is detected; never at infinity."""
-        echo = self.table.ground_reflectivity * cosine * self.left(range_m)
+        """Return at which ranges the ground is detected, by default that of `ground_reflectivity`; none at infinity."""
+        reflectivity = self.table.ground_reflectivity if reflectivity is None else reflectivity
+        echo = reflectivity * cosine * self.left(range_m)
         far_enough = np.isfinite(range_m) & (range_m >= self.table.near_range_m)
         return far_enough & (echo >= self.threshold(np.where(far_enough, range_m, 0.0)))
 
@@ -130,8 +142,13 @@ class LidarReceiver:
         return range_m, np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def lidar_receiver(table: LidarTable, weather: WeatherTable, seed: int) -> LidarReceiver | None:
-    """Return the receiver of a scenario; None for a lidar unaffected by the weather."""
+def lidar_receiver(
+    table: LidarTable, weather: WeatherTable, seed: int, materials: Sequence[str] = ()
+) -> LidarReceiver | None:
+    """Return the receiver of a scenario; None for a lidar unaffected by the weather.
+
+    materials: names of those of the scene's surfaces, in their order.
+    """
     if table.wavelength_nm is None:
         return None
     air = optical_air(
@@ -140,4 +157,7 @@ def lidar_receiver(table: LidarTable, weather: WeatherTable, seed: int) -> Lidar
         snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
         visibility_m=weather.visibility_m,
     )
-    return LidarReceiver(table=table, air=air, seed=seed)
+    reflectivity = None
+    if table.reflectivities:
+        reflectivity = np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
+    return LidarReceiver(table=table, air=air, seed=seed, reflectivity=reflectivity)

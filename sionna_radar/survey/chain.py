@@ -214,6 +214,7 @@ def _run(
         warnings=_warnings(prepared, recording),
         sensor=sensor,
         saturation=_saturation(prepared, recording),
+        no_echo=recording.silent & comparison.lit & ~estimate.dem.filled,
     )
 
 

@@ -77,7 +77,7 @@ class Recording:
 
     echoes: sorted by pulse, not corrected for Doppler.
     profiles: range profiles around them, where the scenario's map models whole echoes; else None.
-    lit: cells of the DEM that the beam reached.
+    lit: cells of the DEM that the beam reached; silent: those that it reached in pulses without an echo.
     paths: how many were traced.
     rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
     lost_to_rain: pulses without an echo because rain masks the ground.
@@ -87,6 +87,7 @@ class Recording:
     echoes: Echoes
     profiles: Profiles | None
     lit: Bool[np.ndarray, "row column"]
+    silent: Bool[np.ndarray, "row column"]
     paths: int
     rain_echoes: int
     lost_to_rain: int = 0
@@ -107,7 +108,7 @@ class Recording:
             saturated_pulses=self.saturated_pulses,
             saturated_samples=self.saturated_samples,
         )
-        return packed(seen=seen, lit=self.lit, paths=self.paths, rain_echoes=self.rain_echoes)
+        return packed(seen=seen, lit=self.lit, silent=self.silent, paths=self.paths, rain_echoes=self.rain_echoes)
 
     @staticmethod
     def unpacked(content: bytes) -> "Recording":
@@ -118,6 +119,7 @@ class Recording:
             echoes=seen.echoes,
             profiles=seen.profiles,
             lit=columns["lit"],
+            silent=columns["silent"],
             paths=int(columns["paths"]),
             rain_echoes=int(columns["rain_echoes"]),
             lost_to_rain=seen.lost,
@@ -178,6 +180,7 @@ def joined(found: Sequence[Stretch], tally: Tally) -> Recording:
         echoes=whole.echoes,
         profiles=whole.profiles,
         lit=tally.lit(),
+        silent=tally.silent(),
         paths=tally.paths,
         rain_echoes=tally.rain_echoes,
         lost_to_rain=whole.lost,
@@ -225,6 +228,7 @@ class _Flying:
         lost = 0
         with self.watch("map"):
             self.tally.add(seen.paths, pulses)
+            self.tally.add_silence(seen.paths, pulses, seen.echoes)
         if self.recorders:
             with self.watch("record"):
                 for recorder in self.recorders:

@@ -51,6 +51,7 @@ class Survey(Brief):
     warnings: what degrades the result.
     overhang: cells with more than one surface, of which the highest is the truth; None where nothing can overhang.
     sensor: the one that flew, for a second look at some pulses; None for a survey that was not flown here.
+    no_echo: lit cells that the DEM leaves empty and that pulses without any echo looked at, as over calm water.
     saturation: what the converter of the receiver clipped; None without a full scale.
 
     Examples
@@ -82,6 +83,7 @@ class Survey(Brief):
     warnings: tuple[str, ...] = ()
     overhang: Overhang | None = None
     sensor: Sensor | None = None
+    no_echo: Bool[np.ndarray, "row column"] | None = None
     saturation: Saturation | None = None
 
     @property

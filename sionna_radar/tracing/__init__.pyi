@@ -5,6 +5,7 @@ from .engine import Engine as Engine
 from .engine import EngineInputs as EngineInputs
 from .engine import build_engine as build_engine
 from .engine import register_engine as register_engine
+from .paths import BOUNCED as BOUNCED
 from .paths import TARGET as TARGET
 from .paths import VOLUME as VOLUME
 from .paths import Paths as Paths
@@ -12,6 +13,7 @@ from .tracer import Tracer as Tracer
 from .tracer import build_tracer as build_tracer
 
 __all__ = [
+    "BOUNCED",
     "TARGET",
     "VOLUME",
     "Engine",

@@ -17,7 +17,7 @@ from sionna_radar.tracing.effects.dihedrals import DihedralTracer
 from sionna_radar.tracing.effects.mirrors import MirrorTracer
 from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
 from sionna_radar.tracing.effects.reflection import plane_mirrors
-from sionna_radar.tracing.effects.targets import trace_targets
+from sionna_radar.tracing.effects.targets import seen_past, trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.paths import Paths
 
@@ -54,6 +54,7 @@ class Tracer:
         self._mirrors = MirrorTracer(scene, antenna, chirp, caster)
         self._dihedrals = DihedralTracer(plane_mirrors(scene, chirp) if bounces > 1 else [], antenna, chirp, caster)
         self._canopy = canopy
+        self._hiding = [target for target in scene.targets if target.body is not None]
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""
@@ -68,6 +69,8 @@ class Tracer:
             paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
         if len(self._dihedrals):
             paths = Paths.concatenate([paths, self._dihedrals.trace(pulses)])
+        if self._hiding:
+            paths = seen_past(self._hiding, paths, pulses, self._chirp)
         if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, targets])

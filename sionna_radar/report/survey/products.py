@@ -7,9 +7,12 @@ from enum import Enum
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.versions import versions
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
@@ -150,6 +153,9 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     if survey.dem_sigma_navigation is not None:
         shared = survey.dem_sigma_navigation
         rasters["dem_sigma_navigation"] = (shared, "standard deviation of the DEM height from navigation", 0.0)
+    if survey.no_echo is not None and survey.no_echo.any():
+        silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan))
+        rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back", 0.0)
     made_by = provenance(survey.scenario, survey.points)
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)

@@ -27,6 +27,8 @@ MEANING = {
     "without objects and without a mesh as terrain",
     "coverage": "share of the lit cells that the DEM fills",
     **ERROR_MEANING,
+    "no_echo": "lit cells that the DEM leaves empty and pulses without any echo looked at, as over calm water, and "
+    "their share of the lit cells",
     "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
@@ -63,11 +65,19 @@ def summary(survey: Survey) -> dict[str, Any]:
         "dem_uncertainty": asdict(survey.dem_uncertainty) if survey.dem_uncertainty else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
+        "no_echo": _no_echo(survey),
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
         "versions": versions(),
     }
     return without_nan(document)
+
+
+def _no_echo(survey: Survey) -> dict[str, Any] | None:
+    if survey.no_echo is None:
+        return None
+    cells = int(survey.no_echo.sum())
+    return {"cells": cells, "share": cells / max(int(survey.lit.sum()), 1)}
 
 
 def georeference(place: Georeference | None) -> dict[str, Any] | None:

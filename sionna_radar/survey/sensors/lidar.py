@@ -66,5 +66,6 @@ class Lidar:
 def lidar(given: SensorInputs) -> Lidar:
     """Return the lidar of a scenario."""
     seed = given.engine.seed
-    receiver = lidar_receiver(given.lidar, given.weather, seed)
+    materials = [surface.material for surface in given.engine.scene.surfaces]
+    receiver = lidar_receiver(given.lidar, given.weather, seed, materials)
     return Lidar(given.engine.caster, given.lidar.range_noise_m, seed, given.watch, receiver)

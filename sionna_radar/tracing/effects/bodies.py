@@ -3,15 +3,18 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.motion import level_axes
 from sionna_radar.tracing.effects.physical_optics import Scatterer
-from sionna_radar.tracing.paths import TARGET, Paths
+from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 
+# Axes of a body, among forward, right and up.
+RIGHT_FORWARD_UP = [1, 0, 2]
 # Faces within such a share of a range cell are one path.
 STEP_CELLS = 1 / 8
 # Faces of all pulses that are handled at once.
@@ -30,9 +33,7 @@ def trace_body(
 
     Nothing hides it but itself.
     """
-    sine, cosine, zero = np.sin(heading_rad), np.cos(heading_rad), np.zeros(len(pulses))
-    right, forward = np.stack([cosine, -sine, zero], axis=1), np.stack([sine, cosine, zero], axis=1)
-    R_world_body = np.stack([right, forward, np.tile([0.0, 0.0, 1.0], (len(pulses), 1))], axis=2)
+    R_world_body = level_axes(heading_rad)[:, :, RIGHT_FORWARD_UP]
     few = max(1, AT_ONCE // len(scatterer.body.faces))
     pieces = []
     for low in range(0, len(pulses), few):
@@ -53,6 +54,8 @@ def _trace(
     radar_m = np.einsum("pji,pj->pi", R_world_body, pose.position_m - place_m)
     amplitude = scatterer.amplitude(radar_m)
     row, face = np.nonzero(amplitude)
+    if len(row) == 0:
+        return _to(pulses, row, np.zeros((0, 3)), np.zeros(0, dtype=np.complex128))
     middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], scatterer.middle_m[face])
     away = middle - pose.position_m[row]
     range_m = np.linalg.norm(away, axis=1)
@@ -63,18 +66,51 @@ def _trace(
     number = np.floor(range_m / step_m).astype(np.int64)
     ahead_m = range_m - (number + 0.5) * step_m
     field = field * abs(antenna.mirrored) * np.exp(-4j * np.pi / wavelength_m * ahead_m)
-    group, of = np.unique(np.stack([row, number], axis=1), axis=0, return_inverse=True)
-    of = of.ravel()
-    gain = np.bincount(of, field.real, len(group)) + 1j * np.bincount(of, field.imag, len(group))
-    faces = np.bincount(of, minlength=len(group))
-    hit_m = np.stack([np.bincount(of, column, len(group)) for column in middle.T], axis=1) / faces[:, None]
-    own = group[:, 0].astype(np.int64)
-    paths = Paths.to_points(
-        pulses,
-        own,
-        hit_m,
-        gain=gain,
-        incidence_rad=np.full(len(own), np.nan),
-        surface=np.full(len(own), TARGET),
-    )
-    return replace(paths, delay_s=2 / speed_of_light * (group[:, 1] + 0.5) * step_m)
+    # A table of pulses and steps of range: sorting the faces would take longer than all else.
+    nearest = int(number.min())
+    steps = int(number.max()) - nearest + 1
+    of = row * steps + number - nearest
+    faces = np.bincount(of, minlength=len(pulses) * steps)
+    group = np.flatnonzero(faces)
+    gain = np.bincount(of, field.real, len(faces))[group] + 1j * np.bincount(of, field.imag, len(faces))[group]
+    hit_m = np.stack([np.bincount(of, column, len(faces))[group] / faces[group] for column in middle.T], axis=1)
+    own, step = np.divmod(group, steps)
+    paths = _to(pulses, own, hit_m, gain)
+    return replace(paths, delay_s=2 / speed_of_light * (step + nearest + 0.5) * step_m)
+
+
+def _to(
+    pulses: Pulses,
+    row: Int[np.ndarray, " path"],
+    hit_m: Float[np.ndarray, "path 3"],
+    gain: Complex[np.ndarray, " path"],
+) -> Paths:
+    nowhere = np.full(len(row), np.nan)
+    return Paths.to_points(pulses, row, hit_m, gain=gain, incidence_rad=nowhere, surface=np.full(len(row), TARGET))
+
+
+def beyond_body(
+    scatterer: Scatterer,
+    paths: Paths,
+    pulses: Pulses,
+    place_m: Float[np.ndarray, "pulse 3"],
+    heading_rad: Float[np.ndarray, " pulse"],
+) -> Bool[np.ndarray, " path"]:
+    """Return which paths of a block a body hides: it stands between the radar and the place that they come from."""
+    row = pulses.row_of(paths.pulse)
+    radar, hit = pulses.true.position_m[row], paths.hit_m
+    away = hit - radar
+    length_m = np.linalg.norm(away, axis=1)
+    middle_m, radius_m = scatterer.sphere
+    R_world_body = level_axes(heading_rad)[:, :, RIGHT_FORWARD_UP]
+    centre = (place_m + R_world_body @ middle_m)[row] - radar
+    along_m = np.einsum("ni,ni->n", centre, away) / np.maximum(length_m, 1e-9)
+    aside_m = np.sqrt(np.maximum(np.einsum("ni,ni->n", centre, centre) - along_m**2, 0.0))
+    near = (aside_m < radius_m) & (along_m > -radius_m) & (along_m < length_m + radius_m) & (length_m > 0)
+    hidden = np.zeros(len(paths), dtype=bool)
+    own = np.flatnonzero(near & (paths.surface != VOLUME))
+    if len(own):
+        turn, origin = R_world_body[row[own]], place_m[row[own]]
+        ends = [np.einsum("nji,nj->ni", turn, place - origin) for place in (radar[own], hit[own].astype(np.float64))]
+        hidden[own] = scatterer.hides(*ends)
+    return hidden

@@ -12,7 +12,7 @@ too. Faces in a small step of range are one path.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
@@ -64,6 +64,16 @@ class Scatterer:
         lit[place, face] = ~self._caster.hides(radar_m[place], self.middle_m[face], SHORT)
         return lit
 
+    @cached_property
+    def sphere(self) -> tuple[Float[np.ndarray, " 3"], float]:
+        """A sphere around the body, in its axes: middle and radius."""
+        low, high = self.body.vertices_m.min(axis=0), self.body.vertices_m.max(axis=0)
+        return (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+
+    def hides(self, start_m: Float[np.ndarray, "n 3"], end_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+        """Return whether the body is between places, in its axes."""
+        return self._caster.hides(start_m, end_m, 0.0)
+
     def amplitude(self, radar_m: Float[np.ndarray, "place 3"]) -> Complex[np.ndarray, "place face"]:
         """Return the square root of the cross-section of each face, complex relative to the phase of its middle.
 
@@ -89,6 +99,12 @@ class Scatterer:
             # The radar equation with the range of each face.
             found[number] = np.abs(np.sum(self.amplitude(place)[0] * phase * (range_m / away_m) ** 2)) ** 2
         return found
+
+
+@lru_cache(maxsize=16)
+def scatterer_of(body: Body, wavelength_m: float) -> Scatterer:
+    """Return a body as it scatters; the last ones are kept."""
+    return Scatterer(body, wavelength_m)
 
 
 def rcs_of_mesh(

@@ -19,8 +19,8 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.body import Body
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.effects.bodies import trace_body
-from sionna_radar.tracing.effects.physical_optics import Scatterer
+from sionna_radar.tracing.effects.bodies import beyond_body, trace_body
+from sionna_radar.tracing.effects.physical_optics import scatterer_of
 from sionna_radar.tracing.paths import TARGET, Paths
 
 # A target on the ground touches the mesh; rays that end this far short of it still see it.
@@ -47,6 +47,17 @@ def trace_targets(
     ]
     paths = Paths.concatenate(parts)
     return paths.rows(np.argsort(paths.pulse, kind="stable"))
+
+
+def seen_past(targets: Sequence[Target], paths: Paths, pulses: Pulses, chirp: Chirp) -> Paths:
+    """Return the paths of a block that no target with a shape hides."""
+    for number, target in enumerate(targets):
+        if target.body is None:
+            continue
+        shown = _shown(target, number, pulses, 0)
+        scatterer = scatterer_of(target.body, chirp.wavelength_m)
+        paths = paths.rows(~beyond_body(scatterer, paths, pulses, shown.position_m[:, 0], shown.heading_rad))
+    return paths
 
 
 def _of_points(shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> Paths:
@@ -78,7 +89,7 @@ def _of_points(shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, 
 def _of_body(body: Body, shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> Paths:
     """Return the paths to a body, and to the rotors on it."""
     place, velocity = shown.position_m[:, 0], shown.velocity_mps[:, 0]
-    paths = trace_body(Scatterer(body, chirp.wavelength_m), pulses, place, shown.heading_rad, antenna, chirp)
+    paths = trace_body(scatterer_of(body, chirp.wavelength_m), pulses, place, shown.heading_rad, antenna, chirp)
     row = pulses.row_of(paths.pulse)
     origin = pulses.true.position_m[row]
     seen = caster.visible(origin, paths.hit_m, TOUCHING_M) if len(row) else np.zeros(0, dtype=bool)

@@ -33,12 +33,11 @@ from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.radar_material import RadarMaterial, ScatteringParts, as_radar_material
 from sionna_radar.tracing.effects.reflection import PlaneMirror, across_incidence, plane_mirrors
-from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
-# Mirrors are looked for this many times as far from the axis as scatterers lie: side lobes there are 20 dB down.
-REACH = 3.0
+# Mirrors are looked for as far from the axis as either cut of the beam has this share of its peak.
+LEAST_POWER = 1e-3
 # The float32 precision of the ray caster, and how far a ray starts from the mirror.
 TOUCHING_M = 0.02
 OFF_MIRROR_M = 0.002
@@ -272,8 +271,8 @@ class _Ways:
 
 def _cone_rad(antenna: Antenna) -> float:
     """Return how far from the axis mirrors are looked for."""
-    beam = filled_beam(antenna)
-    return float(np.arcsin(min(REACH * max(beam.left, beam.up), 1.0)))
+    farthest = max(np.abs(cut.cosine[cut.power >= LEAST_POWER]).max() for cut in (antenna.azimuth, antenna.elevation))
+    return float(np.arcsin(farthest))
 
 
 def _mirror_point(

@@ -45,6 +45,7 @@ KEYS = [
     "dem_uncertainty",
     "overhang",
     "canopy",
+    "no_echo",
     "meaning",
     "points_sha256",
     "versions",

@@ -132,3 +132,24 @@ def test_a_mesh_neither_fluctuates_nor_has_a_cross_section(ball):
             survey({"position_m": [0.0, 0.0], "mesh": ball} | wrong)
     with pytest.raises(ScenarioError, match="faces"):
         prepare(survey({"position_m": [0.0, 0.0], "mesh": ball | {"units": "m", "scale": 0.5}}))
+
+
+def test_a_body_casts_a_shadow_that_goes_along_with_it(ball):
+    """Ground behind a ball is not seen, as far as the cone of its outline reaches; the rest is as without it."""
+    table = {"position_m": [0.0, 0.0], "height_m": 5.0, "mesh": ball | {"scale": 60.0}}
+    plain, shaded = (prepare(survey(t)) for t in ({"position_m": [0.0, 0.0], "rcs_dbsm": -90.0}, table))
+    paths = []
+    for prepared in (plain, shaded):
+        block = prepared.flight.pulses(np.array([100, 700]))
+        found = prepared.sensor_inputs().tracer().trace(block)
+        paths.append(found.rows(found.surface >= 0))
+    radar = block.true.position_m[block.row_of(paths[0].pulse)]
+    away = paths[0].hit_m - radar
+    toward = np.array([0.0, 0.0, 5.0]) - radar
+    cosine = np.sum(away * toward, axis=1) / np.linalg.norm(away, axis=1) / np.linalg.norm(toward, axis=1)
+    aside = np.arccos(cosine) / np.arcsin(3.0 / np.linalg.norm(toward, axis=1))
+    known = set(map(tuple, np.column_stack([paths[1].pulse, paths[1].hit_m]).tolist()))
+    kept = np.array([tuple(row) in known for row in np.column_stack([paths[0].pulse, paths[0].hit_m]).tolist()])
+    assert not kept[aside < 0.99].any()
+    assert kept[aside > 1.01].all()
+    assert np.count_nonzero(aside < 0.99) > 5
