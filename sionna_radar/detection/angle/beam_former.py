@@ -3,9 +3,9 @@
 The row's signals in a range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u
 the direction cosine along the row, and R = E[x x^H]. Bartlett's spectrum a^H R a is as sharp as the row is long;
 Capon's 1 / a^H R^-1 a and MUSIC's 1 / |E^H a|^2, E the eigenvectors of R without those of the strongest
-sources (Schmidt 1986, "Multiple emitter location and signal parameter estimation"), tell nearer sources apart as their
-powers exceed the noise. Sources that are mirrored by the same path are coherent; taking R with the row turned around
-(R + J R* J) / 2 parts two of them.
+sources (Stoica and Nehorai 1989, "MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans. ASSP 37), tell nearer
+sources apart as their powers exceed the noise. Two ways of one wave are coherent, and R has one source alone; its mean
+with that of the row turned around, (R + J R* J) / 2, parts them.
 
 MUSIC stands here in a few lines of NumPy: the libraries at hand are written for studies of other signals, hold single
 covariances, and one of them says that it is not designed for real-world applications (doatools).
@@ -108,7 +108,7 @@ def cosine_variance(
     """Return the variances of direction cosines of uncorrelated sources: the Cramer-Rao bound of strong ones.
 
     1 / (2 L R h), R the power over the noise and h the squared length of a's derivative outside the space of all
-    sources (Stoica and Nehorai 1989, "MUSIC, maximum likelihood, and Cramer-Rao bound").
+    sources (Stoica and Nehorai 1989; see above).
     """
     derivative = 2j * np.pi * place_wavelengths * vectors
     # The projection onto the sources' space.
