@@ -17,7 +17,8 @@ class SecondReceiverTable(Table):
         evenly spaced with the first: receivers, or virtual ones of a MIMO radar that tells its transmitters apart.
     receivers: of a row, with the first.
     axis: along which its phase centre lies, or the halves do: the antenna's elevation (up) or azimuth (left); "both"
-        adds a third receiver, so that each axis has its own. A row lies along one axis.
+        adds a third receiver, so that each axis has its own; a row then lies along the elevation, with one receiver
+        beside it.
     baseline_wavelengths: between the phase centres of an interferometer; without it such that the phase scatters by a
         quarter of a radian over the two-way beam. Between neighbours in a row; without it half of the longest that is
         unambiguous.
@@ -34,8 +35,6 @@ class SecondReceiverTable(Table):
 
     @model_validator(mode="after")
     def _halves_have_no_baseline(self) -> SecondReceiverTable:
-        if self.kind == "row" and self.axis == "both":
-            raise refuse("axis", "'both' is no row; set 'elevation' or 'azimuth'")
         if self.kind == "row" and self.receivers is None:
             raise refuse("receivers", "missing; give how many a row has, for example 8")
         if self.kind != "row" and self.receivers is not None:

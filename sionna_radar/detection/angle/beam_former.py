@@ -85,15 +85,21 @@ def lowest(
     return np.where(found, cosine[ranked + 1] + np.clip(shift, -0.5, 0.5) * place, np.nan)
 
 
+def separators(vectors: Complex[np.ndarray, "point source e"]) -> Complex[np.ndarray, "point source e"]:
+    """Return the weights that pass each of some sources as it is, and none of the others: rows of a pseudo-inverse."""
+    # Of vectors as rows: A = vectors^T, and A^+ = (A^H A)^-1 A^H.
+    conjugate = vectors.conj()
+    weights: Complex[np.ndarray, "point source e"] = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2)) @ conjugate
+    return weights
+
+
 def source_powers(
     covariance: Complex[np.ndarray, "point e e"],
     vectors: Complex[np.ndarray, "point source e"],
     noise: Float[np.ndarray, " point"],
 ) -> Float[np.ndarray, "point source"]:
     """Return the powers of sources in known directions, by least squares, not below the noise in one receiver."""
-    # Of vectors as rows: A = vectors^T, and A^+ = (A^H A)^-1 A^H.
-    conjugate = vectors.conj()
-    inverse = np.linalg.inv(conjugate @ np.swapaxes(vectors, 1, 2)) @ conjugate
+    inverse = separators(vectors)
     clean = covariance - noise[:, None, None] * np.eye(covariance.shape[-1])
     power = np.einsum("pse,pef,psf->ps", inverse, clean, inverse.conj()).real
     return np.maximum(power, noise[:, None])

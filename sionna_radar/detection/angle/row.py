@@ -21,6 +21,7 @@ from sionna_radar.detection.angle.beam_former import (
     lowest,
     noise_share,
     scanned,
+    separators,
     source_powers,
     steering,
 )
@@ -36,54 +37,71 @@ EXCEEDED_SIGMAS = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class RowEstimator(AngleEstimator):
-    """Finds up to two directions in each stretch, by receivers evenly spaced along one axis."""
+    """Finds up to two directions in each stretch, by receivers evenly spaced along the axis of the last one.
+
+    One on the other axis, if there is one, tells each direction's cosine there.
+    """
 
     def _directions(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> tuple[Stretches, Directions]:
-        places = self._places
-        covariance = forward_backward(self._covariance(stretches, signals))
+        sampled = self._products(stretches, signals)
+        count = len(self._places)
+        covariance = forward_backward(sampled[:, :count, :count])
         two = self._two_surfaces(stretches, covariance)
         # Beyond the beam as well: what comes from there is no point, and has no minimum of its own inside.
-        cosine = scanned(places, min(SCANNED * self.half_power[self._axis - 1], 0.5 / abs(places[1])))
-        vectors = steering(places, cosine)
-        one = lowest(noise_share(covariance[~two], vectors, 1), cosine, 1)
-        pair = lowest(noise_share(covariance[two], vectors, 2), cosine, 2)
-        found = [
-            self._described(stretches, covariance, np.flatnonzero(chosen), cosines)
-            for chosen, cosines in ((~two, one), (two, pair))
-        ]
-        index, cosines, share, variance = (np.concatenate(column) for column in zip(*found, strict=True))
-        order = np.argsort(index, kind="stable")
-        points = stretches.rows(index[order], share[order])
-        everywhere = np.ones(len(order), dtype=bool)
-        return points, self._placed(points, cosines[None, order], variance[order, None, None], everywhere)
+        cosine = scanned(self._places, min(SCANNED * self.half_power[self._axis - 1], 0.5 / abs(self._places[1])))
+        vectors = steering(self._places, cosine)
+        found = []
+        for sources, own in ((1, np.flatnonzero(~two)), (2, np.flatnonzero(two))):
+            toward = lowest(noise_share(covariance[own], vectors, sources), cosine, sources)
+            found.append(self._sources(stretches, sampled, covariance, own, toward))
+        stretch, share, cosines, variance = (np.concatenate(column) for column in zip(*found, strict=True))
+        order = np.argsort(stretch, kind="stable")
+        points = stretches.rows(stretch[order], share[order])
+        diagonal = variance[order][:, :, None] * np.eye(variance.shape[1])
+        return points, self._placed(points, cosines[order].T, diagonal, np.ones(len(order), dtype=bool))
 
     @property
     def _axis(self) -> int:
-        return self.receivers[0].axis
+        return self.receivers[-1].axis
+
+    @property
+    def _phases(self) -> Float[np.ndarray, "receiver 2"]:
+        """Phases of the row's receivers, and of one beside it, by direction cosines left and up.
+
+        On a down-sweep a beat's phase is the negative of that of the way there and back.
+        """
+        chirp = self.detector.analyser.chirp
+        row = [each for each in self.receivers if each.axis == self._axis]
+        beside = [each for each in self.receivers if each.axis != self._axis]
+        phases = np.zeros((1 + len(self.receivers), 2))
+        for number, receiver in enumerate(row + beside, start=1):
+            assert receiver.baseline_m is not None
+            per_cosine = 2 * np.pi * receiver.baseline_m / chirp.wavelength_m
+            phases[number, receiver.axis - 1] = -chirp.direction * per_cosine
+        return phases
 
     @property
     def _places(self) -> Float[np.ndarray, " element"]:
-        """Places of all receivers along the row in wavelengths, as phases grow: negative on a down-sweep's beats."""
-        chirp = self.detector.analyser.chirp
-        given = [receiver.baseline_m for receiver in self.receivers]
-        assert all(baseline is not None for baseline in given)
-        return -chirp.direction * np.array([0.0, *(b for b in given if b is not None)]) / chirp.wavelength_m
+        """Places of the row's receivers in wavelengths, by the signs of their phases."""
+        row = 1 + sum(receiver.axis == self._axis for receiver in self.receivers)
+        places: Float[np.ndarray, " element"] = self._phases[:row, self._axis - 1] / (2 * np.pi)
+        return places
 
-    def _covariance(
+    def _products(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
-    ) -> Complex[np.ndarray, "point element element"]:
-        """Return the covariance of each stretch, a sum over its cells."""
-        per_cosine = 2 * np.pi * self._places
-        climb = stretches.strips.climb[:, self._axis - 1] * stretches.climb_per_m
-        count = len(signals)
-        covariance = np.empty((len(stretches.row), count, count), dtype=np.complex128)
-        for m, signal in enumerate(signals):
-            for n, other in enumerate(signals[: m + 1]):
-                covariance[:, m, n], _ = stretches.cross(signal, other, (per_cosine[m] - per_cosine[n]) * climb)
-                covariance[:, n, m] = covariance[:, m, n].conj()
-        return covariance
+    ) -> Complex[np.ndarray, "point receiver receiver"]:
+        """Return the products of the receivers' signals, those of the row first, summed over each stretch's cells."""
+        phases, order = self._phases, [receiver.axis != self._axis for receiver in self.receivers]
+        ordered = [signals[0], *(signals[1:][number] for number in np.argsort(order, kind="stable"))]
+        products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
+        climb = stretches.strips.climb * stretches.climb_per_m[:, None]
+        for m, signal in enumerate(ordered):
+            for n, other in enumerate(ordered[: m + 1]):
+                products[:, m, n], _ = stretches.cross(signal, other, climb @ (phases[m] - phases[n]))
+                products[:, n, m] = products[:, m, n].conj()
+        return products
 
     def _two_surfaces(
         self, stretches: Stretches, covariance: Complex[np.ndarray, "point e e"]
@@ -101,26 +119,31 @@ class RowEstimator(AngleEstimator):
         one = left * value[:, -1] * (1 + EXCEEDED_SIGMAS / np.sqrt(looks))
         return value[:, -2] > one + noise
 
-    def _described(
+    def _sources(
         self,
         stretches: Stretches,
+        sampled: Complex[np.ndarray, "point receiver receiver"],
         covariance: Complex[np.ndarray, "point e e"],
         own: Int[np.ndarray, " own"],
-        cosines: Float[np.ndarray, "own source"],
+        cosine: Float[np.ndarray, "own source"],
     ) -> tuple[
         Int[np.ndarray, " found"],
         Float[np.ndarray, " found"],
-        Float[np.ndarray, " found"],
-        Float[np.ndarray, " found"],
+        Float[np.ndarray, "found axis"],
+        Float[np.ndarray, "found axis"],
     ]:
-        """Return stretch, direction cosine, share of the power and variance of each source, where all were found."""
-        whole = np.isfinite(cosines).all(axis=1)
-        own, cosines = own[whole], cosines[whole]
-        places, sources = self._places, cosines.shape[1]
-        vectors = steering(places, cosines.ravel()).reshape(len(own), sources, len(places))
+        """Return stretch, share of the power, direction cosines and their variances of all sources of some stretches.
+
+        One row for each source of a stretch in which all were found; the axes are in the order of the receivers.
+        """
+        whole = np.isfinite(cosine).all(axis=1)
+        own, cosine = own[whole], cosine[whole]
+        count, sources = len(self._places), cosine.shape[1]
+        vectors = steering(self._places, cosine.ravel()).reshape(len(own), sources, count)
         noise = stretches.noise_power[own]
         power = source_powers(covariance[own], vectors, noise)
-        variance = cosine_variance(places, vectors, power / noise[:, None], stretches.looks[own])
+        ratio, looks = power / noise[:, None], stretches.looks[own]
+        variance = cosine_variance(self._places, vectors, ratio, looks)
         share = power / power.sum(axis=1, keepdims=True)
         if sources > 1:
             # Each surface has a mean range by its own speckle; the point has the mean of both by their powers, which
@@ -128,7 +151,16 @@ class RowEstimator(AngleEstimator):
             apart = 2 * (1 - share) ** 2 * (stretches.range_variance_m2 / stretches.looks)[own, None]
             climb = stretches.strips.climb[own, self._axis - 1] * stretches.climb_per_m[own]
             variance = variance + apart * climb[:, None] ** 2
-        return np.repeat(own, sources), cosines.ravel(), share.ravel(), variance.ravel()
+        cosines, variances = [cosine.ravel()], [variance.ravel()]
+        if sampled.shape[1] > count:
+            # What the receiver beside the row hears of each source, by least squares over the stretch's cells.
+            weight = separators(vectors)
+            heard = weight @ sampled[own, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
+            beside = np.linalg.solve(heard, weight @ sampled[own, :count, count:])[:, :, 0]
+            per_cosine = self._phases[-1, 2 - self._axis]
+            cosines.insert(0, (-np.angle(beside) / per_cosine).ravel())
+            variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
+        return np.repeat(own, sources), share.ravel(), np.stack(cosines, axis=1), np.stack(variances, axis=1)
 
 
 def _second_eigenvalue(count: int, scatter_rad: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:

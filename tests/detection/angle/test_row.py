@@ -16,6 +16,7 @@ from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import record
+from sionna_radar.survey.warnings import direction_warnings
 from sionna_radar.tracing.paths import Paths
 
 ANTENNA, HEIGHT_M, MIDDLE_M = make_antenna(8.0, 8.0), 50.0, 71.0
@@ -33,10 +34,10 @@ def row_of(receivers, spacing, **chirp):
     return estimator("row", make_chirp(**chirp), **keys)
 
 
-def echo_of(range_m, cosine_up, gain):
+def echo_of(range_m, cosine_up, gain, left=(-0.05, 0.05)):
     """Scatterers in each pulse at ranges and directions, spread across the beam as well."""
     rng, shape = np.random.default_rng(7), (len(PULSES), len(range_m))
-    left = rng.uniform(-0.05, 0.05, shape)
+    left = rng.uniform(*left, shape)
     direction = np.stack(np.broadcast_arrays(np.sqrt(1 - left**2 - cosine_up**2), left, cosine_up), axis=2)
     away = np.einsum("pij,pkj->pki", PULSES.true.R_world_antenna, direction)
     place = PULSES.true.position_m[:, None] + np.broadcast_to(range_m, shape)[..., None] * away
@@ -103,6 +104,23 @@ def test_two_surfaces_in_the_same_cells_are_told_apart(receivers, spacing):
     assert len(found_by(estimator("interferometric", make_chirp()), surfaces(UPPER, LOWER))) < 0.1 * len(PULSES)
 
 
+def test_a_receiver_beside_the_row_tells_where_across_each_surface_is():
+    """One 2.3 deg to the left, one to the right, in the same range cells, by the phase of each."""
+    range_m = np.random.default_rng(3).uniform(MIDDLE_M - 1.5, MIDDLE_M + 1.5, (2, 400))
+    up = np.array([[UPPER], [LOWER]]) + (range_m - MIDDLE_M) / MIDDLE_M
+    narrow = [(0.04, 0.041), (-0.041, -0.04)]
+    paths = Paths.concatenate([echo_of(range_m[k], up[k], 1e-6, narrow[k]) for k in range(2)])
+    radar = RadarTable(snr_db=30.0, second_receiver={"kind": "row", "receivers": 8, "baseline_wavelengths": 1.0})
+    found = build_angle_estimator(radar, build_detector(ProcessingTable(angle="row"), make_chirp(), ANTENNA), ANTENNA)
+    assert [receiver.axis for receiver in found.receivers] == [1] + 7 * [2]
+    echoes = found_by(found, paths)
+    own = np.abs(echoes.range_m - MIDDLE_M) < 1.0
+    left, up = echoes.direction[own, 1:].T
+    assert min(np.sum(up > 0), np.sum(up < 0)) > 0.8 * len(PULSES)
+    error = left - np.where(up > 0, 0.0405, -0.0405)
+    assert np.sqrt(np.mean(error**2)) < 0.003
+
+
 def test_a_single_surface_there_gives_single_points():
     up, _ = near(found_by(row_of(8, 1.0), surfaces(UPPER)))
     np.testing.assert_allclose(up, UPPER, atol=0.004)
@@ -120,12 +138,15 @@ def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
     np.testing.assert_array_equal(first.direction, second.direction)
     np.testing.assert_array_equal(first.across_sigma_rad, second.across_sigma_rad)
     assert len(first) > 2 * len(prepared)
+    assert direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1) == ()
+    turned = prepare(load_scenario("hills", keys | {"radar.scan.mode": "whisk_broom"}))
+    (warning,) = direction_warnings(turned.angle, turned.flight.sample(50).measured, 1)
+    assert warning.endswith("it takes their spread for a second surface; set radar.scan.mode = 'conical'")
 
 
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"kind": "row", "receivers": 8}, "axis: 'both' is no row"),
         ({"kind": "row", "axis": "elevation"}, "receivers: missing"),
         ({"receivers": 8}, "receivers: 8 has no effect on kind = 'interferometer'"),
     ],
