@@ -137,21 +137,25 @@ def build_side_receivers(
         return tuple(SideReceiver(axis=axis, difference=difference_pattern(cuts[axis])) for axis in axes)
     found, reach = [], reach_of_power(antenna, UNAMBIGUOUS)
     for axis in axes:
-        given = table.baseline_wavelengths
-        baseline_m = baseline_of(spread[axis - 1], wavelength_m) if given is None else given * wavelength_m
+        # Of both axes the row is along the last one, the elevation, with one receiver beside it.
+        in_row = table.receivers is not None and axis == axes[-1]
+        given = None if table.receivers is not None and not in_row else table.baseline_wavelengths
         longest = 1 / (2 * reach[axis - 1])
+        chosen_m = longest * wavelength_m / 2 if in_row else baseline_of(spread[axis - 1], wavelength_m)
+        baseline_m = chosen_m if given is None else given * wavelength_m
         if baseline_m > longest * wavelength_m:
             message = (
                 f"{baseline_m / wavelength_m:g} wraps the phase inside the main lobe, which reaches "
                 f"{np.rad2deg(reach[axis - 1]):.2g} deg to either side; lower it to {longest:.3g}"
             )
             raise ScenarioError([Problem("radar.second_receiver.baseline_wavelengths", message)])
-        found.append(
+        found += [
             SideReceiver(
                 axis=axis,
-                baseline_m=baseline_m,
-                true_baseline_m=baseline_m + table.baseline_error_wavelengths * wavelength_m,
+                baseline_m=number * baseline_m,
+                true_baseline_m=number * (baseline_m + table.baseline_error_wavelengths * wavelength_m),
                 phase_error_rad=float(np.deg2rad(table.phase_error_deg)),
             )
-        )
+            for number in range(1, (table.receivers or 2) if in_row else 2)
+        ]
     return tuple(found)

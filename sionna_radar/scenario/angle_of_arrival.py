@@ -5,7 +5,7 @@ from sionna_radar.scenario.radar import ElectronicScanTable, RadarTable
 from sionna_radar.scenario.table import refuse
 from sionna_radar.scenario.weather import WeatherTable
 
-NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse"}
+NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": "row"}
 
 
 def check_angle(

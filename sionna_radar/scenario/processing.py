@@ -88,8 +88,9 @@ class ProcessingTable(Table):
     dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
     min_range_m: nothing nearer is detected.
     angle: angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
-        receivers, "monopulse" from the ratio of difference and sum; each echo becomes a row of points, one for each
-        stretch of its ranges. "off" places an echo on the beam's axis.
+        receivers, "monopulse" from the ratio of difference and sum, "row" by MUSIC from a row of receivers, which tells
+        two surfaces in one range cell apart; each echo becomes a series of points, one for each stretch of its ranges.
+        "off" places an echo on the beam's axis.
     angle_length_m: slant range that is averaged into one point; without it as much as leaves the resolution on the
         ground to the beam's width across.
     leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
@@ -110,7 +111,7 @@ class ProcessingTable(Table):
     min_range_m: NonNegative = 3.0
     volume_clutter: Literal["auto", "off"] = "auto"
     expected_ground: ExpectedGroundTable | None = None
-    angle: Literal["off", "interferometric", "monopulse"] = "off"
+    angle: Literal["off", "interferometric", "monopulse", "row"] = "off"
     angle_length_m: Positive | None = None
     leakage: Literal["keep", "subtract"] = "keep"
     interference: Literal["keep", "zeroing"] = "keep"

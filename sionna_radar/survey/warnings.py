@@ -6,6 +6,7 @@ import numpy as np
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.range_strips import range_strips
+from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.antenna import Antenna
 
@@ -96,15 +97,21 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     if angle is None:
         return ()
     warnings: tuple[str, ...] = ()
-    if len(angle.receivers) == 1:
-        own = angle.receivers[0].axis - 1
+    row = isinstance(angle, RowEstimator)
+    if row or len({receiver.axis for receiver in angle.receivers}) == 1:
+        own = angle.receivers[-1].axis - 1
         off = np.arccos(np.clip(np.abs(range_strips(sampled, angle.spread).climb[:, own]), 0.0, 1.0))
         share = float(np.mean(off > STRIP_OFF_RAD))
         if share > STRIP_SHARE_WARNED:
+            harm = (
+                "the row's axis, and it takes their spread for a second surface; set radar.scan.mode = 'conical'"
+                if row
+                else "the second receiver's axis, and it takes their speckle for height; set "
+                "radar.second_receiver.axis = 'both'"
+            )
             warnings = (
                 f"in {share:.0%} of the pulses range cells lie across the beam by more than "
-                f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off the second receiver's axis, and it takes their speckle for "
-                "height; set radar.second_receiver.axis = 'both'",
+                f"{np.rad2deg(STRIP_OFF_RAD):.0f} deg off {harm}",
             )
     if points == 0:
         warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)

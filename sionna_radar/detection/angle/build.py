@@ -3,6 +3,7 @@
 import numpy as np
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.detector import Detector
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.main_lobe import FOLLOWED, lobe_samples
@@ -19,7 +20,8 @@ def build_angle_estimator(radar: RadarTable, detector: Detector, antenna: Antenn
         return None
     spread = two_way_spread(antenna)
     width_az, width_el = antenna.beamwidths_rad
-    return AngleEstimator(
+    estimator = RowEstimator if detector.processing.angle == "row" else AngleEstimator
+    return estimator(
         detector=detector,
         receivers=build_side_receivers(radar, antenna, spread, detector.analyser.chirp.wavelength_m),
         spread=spread,

@@ -1,0 +1,161 @@
+"""A row of receivers: the plane as a pair sees it, and two surfaces in one range cell, which a pair does not."""
+
+import numpy as np
+import pytest
+
+from beams import make_antenna, make_chirp
+from flights import make_pulses
+from sionna_radar import load_scenario
+from sionna_radar.detection.angle.build import build_angle_estimator
+from sionna_radar.detection.detector import build_detector
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.mapping.points import locate
+from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.signal.receiver import Receiver
+from sionna_radar.signal.side_paths import side_paths
+from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.recording import record
+from sionna_radar.survey.warnings import direction_warnings
+from sionna_radar.tracing.paths import Paths
+
+ANTENNA, HEIGHT_M, MIDDLE_M = make_antenna(8.0, 8.0), 50.0, 71.0
+PULSES = make_pulses(24, incidence_deg=45.0, position_m=(0.0, 0.0, HEIGHT_M))
+UPPER, LOWER = 0.05, -0.045
+
+
+def estimator(angle, chirp, **receiver):
+    radar = RadarTable(snr_db=30.0, second_receiver={"axis": "elevation", **receiver})
+    return build_angle_estimator(radar, build_detector(ProcessingTable(angle=angle), chirp, ANTENNA), ANTENNA)
+
+
+def row_of(receivers, spacing, **chirp):
+    keys = {"kind": "row", "receivers": receivers, "baseline_wavelengths": spacing}
+    return estimator("row", make_chirp(**chirp), **keys)
+
+
+def echo_of(range_m, cosine_up, gain, left=(-0.05, 0.05)):
+    """Scatterers in each pulse at ranges and directions, spread across the beam as well."""
+    rng, shape = np.random.default_rng(7), (len(PULSES), len(range_m))
+    left = rng.uniform(*left, shape)
+    direction = np.stack(np.broadcast_arrays(np.sqrt(1 - left**2 - cosine_up**2), left, cosine_up), axis=2)
+    away = np.einsum("pij,pkj->pki", PULSES.true.R_world_antenna, direction)
+    place = PULSES.true.position_m[:, None] + np.broadcast_to(range_m, shape)[..., None] * away
+    phase = np.exp(2j * np.pi * rng.random(shape))
+    return Paths.to_points(
+        PULSES,
+        np.repeat(np.arange(len(PULSES)), len(range_m)),
+        place.reshape(-1, 3),
+        gain=(gain * phase).ravel(),
+        incidence_rad=np.full(phase.size, 0.5),
+        surface=np.zeros(phase.size, dtype=int),
+    )
+
+
+def surfaces(*cosines, count=400):
+    """Level surfaces that cross the same ranges in some directions: over each the range grows with the direction."""
+    range_m = np.random.default_rng(3).uniform(MIDDLE_M - 1.5, MIDDLE_M + 1.5, (len(cosines), count))
+    up = np.array(cosines)[:, None] + (range_m - MIDDLE_M) / MIDDLE_M
+    return echo_of(range_m.ravel(), up.ravel(), 1e-6)
+
+
+def found_by(found, paths, noise_w=1e-13):
+    chirp = found.detector.analyser.chirp
+    receiver = Receiver(sweeps=(chirp,), transmit_power_w=1.0, noise_power_w=noise_w, seed=4)
+    sides = [
+        receiver.beat(side_paths(paths, PULSES, side), PULSES, channel)
+        for channel, side in enumerate(found.receivers, start=1)
+    ]
+    echoes = found.find([receiver.beat(paths, PULSES), *sides], PULSES.index, PULSES.measured)
+    return found.detector.correct(echoes, PULSES.index, PULSES.measured)
+
+
+def near(echoes):
+    """Direction cosines of the points where both surfaces are."""
+    own = np.abs(echoes.range_m - MIDDLE_M) < 1.0
+    # What the range adds to the direction of a level surface.
+    return echoes.direction[own, 2] - (echoes.range_m[own] - MIDDLE_M) / MIDDLE_M, echoes.across_sigma_rad[own]
+
+
+@pytest.mark.parametrize(("receivers", "spacing", "sweep"), [(4, 2.5, "up"), (8, 1.0, "down"), (16, 1.0, "up")])
+def test_points_of_a_plane_lie_on_it(receivers, spacing, sweep):
+    """One surface is taken for one, and its points scatter as they state."""
+    across = np.linspace(-0.12, 0.12, 900)
+    height = 0.5**0.5 * (np.sqrt(1 - across**2) - across)
+    gain = 1e-8 * ANTENNA.gain(np.column_stack([np.sqrt(1 - across**2), 0 * across, across]))
+    found = row_of(receivers, spacing, sweep=sweep)
+    echoes = found_by(found, echo_of(HEIGHT_M / height, across, gain))
+    points = locate(echoes, PULSES.index, PULSES.measured)
+    assert 2.5 * len(PULSES) < len(points) < 4 * len(PULSES)
+    assert np.abs(np.mean(points.position_m[:, 2])) < 0.1
+    assert np.std(points.position_m[:, 2]) < 0.15
+
+
+@pytest.mark.parametrize(("receivers", "spacing"), [(8, 1.0), (4, 2.5)])
+def test_two_surfaces_in_the_same_cells_are_told_apart(receivers, spacing):
+    """5.4 deg from each other, to 0.1 m at 71 m and as they state; a pair's coherence is too low for any point."""
+    up, sigma = near(found_by(row_of(receivers, spacing), surfaces(UPPER, LOWER)))
+    high = up > 0
+    assert min(high.sum(), (~high).sum()) > 0.8 * len(PULSES)
+    for own, expected in ((high, UPPER), (~high, LOWER)):
+        error = up[own] - expected
+        assert np.sqrt(np.mean(error**2)) < 0.1 / MIDDLE_M
+        assert 0.5 < np.sqrt(np.mean((error / sigma[own]) ** 2)) < 1.5
+    assert len(found_by(estimator("interferometric", make_chirp()), surfaces(UPPER, LOWER))) < 0.1 * len(PULSES)
+
+
+def test_a_receiver_beside_the_row_tells_where_across_each_surface_is():
+    """One 2.3 deg to the left, one to the right, in the same range cells, by the phase of each."""
+    range_m = np.random.default_rng(3).uniform(MIDDLE_M - 1.5, MIDDLE_M + 1.5, (2, 400))
+    up = np.array([[UPPER], [LOWER]]) + (range_m - MIDDLE_M) / MIDDLE_M
+    narrow = [(0.04, 0.041), (-0.041, -0.04)]
+    paths = Paths.concatenate([echo_of(range_m[k], up[k], 1e-6, narrow[k]) for k in range(2)])
+    radar = RadarTable(snr_db=30.0, second_receiver={"kind": "row", "receivers": 8, "baseline_wavelengths": 1.0})
+    found = build_angle_estimator(radar, build_detector(ProcessingTable(angle="row"), make_chirp(), ANTENNA), ANTENNA)
+    assert [receiver.axis for receiver in found.receivers] == [1] + 7 * [2]
+    echoes = found_by(found, paths)
+    own = np.abs(echoes.range_m - MIDDLE_M) < 1.0
+    left, up = echoes.direction[own, 1:].T
+    assert min(np.sum(up > 0), np.sum(up < 0)) > 0.8 * len(PULSES)
+    error = left - np.where(up > 0, 0.0405, -0.0405)
+    assert np.sqrt(np.mean(error**2)) < 0.003
+
+
+def test_a_single_surface_there_gives_single_points():
+    up, _ = near(found_by(row_of(8, 1.0), surfaces(UPPER)))
+    np.testing.assert_allclose(up, UPPER, atol=0.004)
+    assert 0.8 * len(PULSES) < len(up) < 1.5 * len(PULSES)
+
+
+def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
+    keys = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 128}
+    keys |= {"radar.scan.mode": "conical", "radar.antenna.beamwidth_deg": 8.0, "processing.angle": "row"}
+    keys |= {
+        f"radar.second_receiver.{key}": v for key, v in {"kind": "row", "axis": "elevation", "receivers": 5}.items()
+    }
+    prepared = prepare(load_scenario("hills", keys))
+    first, second = (record(prepared, prepared.build_sensor(), block_size=size).echoes for size in (256, 7))
+    np.testing.assert_array_equal(first.direction, second.direction)
+    np.testing.assert_array_equal(first.across_sigma_rad, second.across_sigma_rad)
+    assert len(first) > 2 * len(prepared)
+    assert direction_warnings(prepared.angle, prepared.flight.sample(50).measured, 1) == ()
+    turned = prepare(load_scenario("hills", keys | {"radar.scan.mode": "whisk_broom"}))
+    (warning,) = direction_warnings(turned.angle, turned.flight.sample(50).measured, 1)
+    assert warning.endswith("it takes their spread for a second surface; set radar.scan.mode = 'conical'")
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"kind": "row", "axis": "elevation"}, "receivers: missing"),
+        ({"receivers": 8}, "receivers: 8 has no effect on kind = 'interferometer'"),
+    ],
+)
+def test_what_is_no_row_is_refused(keys, message):
+    with pytest.raises(ValueError, match=message):
+        RadarTable(snr_db=30.0, second_receiver=keys)
+
+
+def test_neighbours_so_far_apart_that_the_phase_wraps_are_refused():
+    with pytest.raises(ScenarioError, match="wraps the phase inside the main lobe"):
+        row_of(4, 8.0)
