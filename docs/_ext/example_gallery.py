@@ -16,8 +16,8 @@ SECTIONS = {
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
     "radar": (
         "What the radar and its maps do",
-        "floors maps uncertainty navigation triangular second_receiver range_doppler targets double_bounce calm_water "
-        "sar",
+        "floors averaging maps uncertainty navigation triangular second_receiver range_doppler targets double_bounce "
+        "calm_water sar",
     ),
     "weather": ("Weather", "rain weather vegetation radar_and_lidar circular"),
     "paper": (
