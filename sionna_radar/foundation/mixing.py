@@ -29,7 +29,7 @@ def place_uniforms(
     seed: int, stream: int, place_m: Float[np.ndarray, "place 3"], count: int
 ) -> Float[np.ndarray, "place count"]:
     """Return numbers in [0, 1) that belong to places, and to a use of randomness: the same whenever one is met."""
-    state = np.full(len(place_m), (seed << 8) ^ stream, dtype=np.uint64)
+    state = split_mix(np.full(len(place_m), seed, dtype=np.uint64), np.array([stream], dtype=np.uint64))
     for column in np.round(place_m * PER_METRE).astype(np.int64).T:
         state = split_mix(state ^ column.view(np.uint64), FIRST_STEP)
     return np.stack([unit_of(state ^ np.uint64(number)) for number in range(count)], axis=1)

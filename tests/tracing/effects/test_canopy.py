@@ -67,7 +67,10 @@ def test_a_homogeneous_stand_is_a_water_cloud(speckle, incidence_deg):
     assert power[plants].sum() / power[~plants].sum() == pytest.approx(volume / (sigma0 * passed), rel=0.02)
     middle = quad(lambda z: returned(z, z), 0.0, HEIGHT_M)[0] / volume
     height_m = paths.hit_m[plants, 2]
-    assert np.average(height_m, weights=power[plants]) == pytest.approx(middle, abs=0.05)
+    # Where scatterers stay, so do the places of the plants before them.
+    places = len(np.unique(np.round(height_m, 2)))
+    scatter_m = 4 * height_m.std() / np.sqrt(places if speckle == "persistent" else len(height_m))
+    assert np.average(height_m, weights=power[plants]) == pytest.approx(middle, abs=scatter_m + 0.02)
     assert -0.1 < height_m.min() < 0.2 < HEIGHT_M - 0.2 < height_m.max() < HEIGHT_M + 0.1
 
 
