@@ -21,8 +21,7 @@ class LidarTable(Table):
     aperture_mm: width of the beam at the lidar.
     near_range_m: nothing closer is detected; from there on the receiver sees the whole beam.
     ground_reflectivity: Lambertian, of the ground at the wavelength.
-    reflectivities: of surfaces that differ from it, by the names of their materials; that of calm water is 0, which
-        mirrors the light away.
+    reflectivities: of other surfaces, by the names of their materials; 0 for calm water, which mirrors the light away.
     range_noise_m: standard deviation of a range.
     wavelength_nm: of the light.
     """
