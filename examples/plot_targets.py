@@ -22,7 +22,7 @@ from sionna_radar.tracing import rcs_of_mesh
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 
 # %%
-# The van: 5 x 2 x 1.5 m, rounded as no plate is: the cubes of its three coordinates add up to one. Its y axis points ahead.
+# The van: 5 x 2 x 1.5 m, rounded: the cubes of its scaled coordinates add up to one. Its y axis points ahead.
 van = trimesh.creation.icosphere(subdivisions=5 if SMALL else 6)
 van.vertices /= np.sum(np.abs(van.vertices) ** 3, axis=1, keepdims=True) ** (1 / 3)
 van.vertices *= [1.0, 2.5, 0.75]
