@@ -29,7 +29,7 @@ WEAK = {
 def budget():
     """A weak radar over hills' ground, in clear air and in rain."""
     scenario = load_scenario("hills", WEAK)
-    return link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=1200)
+    return link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
 
 
 def test_simulation_and_closed_form_agree(budget):
@@ -113,7 +113,7 @@ BUILT = {
 
 def test_floors_are_those_of_the_chain():
     """Leakage, its phase noise, rounding, thermal noise and the phase noise of ground and rain, under the echo."""
-    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=600)
+    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=300)
     found = budget.floors
     assert set(found.terms) == {
         "thermal noise",

@@ -31,7 +31,7 @@ class Stop(BaseException):
     [
         ("hills", {}),
         ("hills", {"dem.method": "smooth"}),
-        ("rain", {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth"}),
+        pytest.param("rain", {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth"}, marks=pytest.mark.study),
         ("rain", {"weather.rain_rate_mm_per_h": 10.0, "processing.volume_clutter": "off"}),
     ],
 )

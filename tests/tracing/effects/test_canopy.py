@@ -42,7 +42,7 @@ def over_stand(incidence_deg, polygon=EVERYWHERE, **changes):
     )
 
 
-def traced(scenario, pulses=150, step=1):
+def traced(scenario, pulses=60, step=1):
     prepared = prepare(scenario)
     block = prepared.flight.pulses(np.arange(0, pulses, step))
     return prepared, block, prepared.sensor_inputs().tracer().trace(block)
