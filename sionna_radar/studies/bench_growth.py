@@ -120,6 +120,10 @@ def _temporary_files() -> int:
 def _in_process(function: str, count: int) -> dict[str, Any]:
     says = "from sionna_radar.foundation.workers import document_bytes\nprint(document_bytes"
     code = f"from {__name__} import {function}\n{says}({function}({count})).decode())\n"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    # A place of its own for temporary files, so that only what it leaves there is counted.
+    with tempfile.TemporaryDirectory() as own:
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "TMPDIR": own}
+        )
     found: dict[str, Any] = document_of(done.stdout.encode())
     return found

@@ -1,6 +1,7 @@
 """What `bench --long` measures, on small numbers."""
 
 import sys
+import tempfile
 
 import pytest
 
@@ -9,7 +10,9 @@ from sionna_radar.studies.bench_growth import over_facets, over_pulses
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 
 
-def test_a_survey_leaves_no_handle_and_no_file():
+def test_a_survey_leaves_no_handle_and_no_file(tmp_path, monkeypatch):
+    # Other tests run beside this one, and put files into the common place.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     found = over_pulses(600)
     assert found["pulses"] == pytest.approx(600, rel=0.02)
     assert (found["handles"], found["temporary_files"]) == (0, 0)
