@@ -213,6 +213,13 @@ def test_importing_the_package_loads_neither_numpy_nor_the_ray_tracer():
     assert not loaded_by("import sionna_radar") & (RAY_TRACING | {"numpy", "scipy", "pydantic"})
 
 
+def test_a_first_survey_waits_for_no_library_that_it_does_not_use():
+    """Each of these takes a tenth of a second or more to import."""
+    modules = "sionna_radar.survey.chain, sionna_radar.tracing.engines.persistent, sionna_radar.report.survey.table"
+    loaded = set(run(f"import sys, {modules}; print(*sys.modules)").split())
+    assert not loaded & {"scipy.signal", "scipy.stats", "trimesh", "laspy", "sionna_radar.report.survey.figures"}
+
+
 def test_what_does_not_trace_loads_no_ray_tracer():
     """Nor do the engines' names: each engine loads what it needs when it is built."""
     names = [n for n in MODULES if not n.startswith(("tracing.engines", "tracing.sionna")) and n != "__main__"]

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli import commands, logs, pages, recordings, tools, writing
+from sionna_radar.cli import commands, logs, pages, radar, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
 from sionna_radar.foundation.interrupts import how_to_go_on
 
@@ -25,6 +25,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 commands.add_to(app)
+radar.add_to(app)
 recordings.add_to(app)
 logs.add_to(app)
 pages.add_to(app)

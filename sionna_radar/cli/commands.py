@@ -1,6 +1,5 @@
 """The commands that fly: each builds its study, and says how its result is written and printed."""
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,7 +33,7 @@ from sionna_radar.cli.recordings import (
 )
 from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
+from sionna_radar.report.survey.contents import MARKER, POINTS_FILES, PointsFile, Report
 from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
     app.command()(demo)
     app.command(name="run")(run_command)
-    for command in (crosscheck, budget, link, image, range_doppler, sweep, merge):
+    for command in (crosscheck, budget, sweep, merge):
         app.command()(command)
 
 
@@ -109,8 +108,6 @@ def _fly(
     record_as: str = "float64",
 ) -> None:
     from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.survey.points_table import check_parquet
-    from sionna_radar.report.survey.products import MARKER, Report, write_survey
     from sionna_radar.report.survey.table import print_survey
     from sionna_radar.scenario.input_files import identity
     from sionna_radar.survey.chain import run
@@ -120,9 +117,14 @@ def _fly(
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
+        from sionna_radar.report.survey.points_table import check_parquet
+
         check_parquet()
 
     def write(survey: "Survey", folder: Path) -> list[Path]:
+        # Drawing takes long to import; what was found is printed before.
+        from sionna_radar.report.survey.products import write_survey
+
         with progress_of(session.quiet) as progress:
             return write_survey(
                 survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
@@ -226,107 +228,6 @@ def budget(
             return navigation_budget(checked, repeat=repeat, grades=known, progress=progress, parts=parts, workers=team)
 
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
-
-
-def link(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    incidence: Annotated[
-        str | None,
-        typer.Option("--incidence", metavar="A1,A2,...", help="Angles of the beam from nadir, in degrees."),
-    ] = None,
-    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
-    pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
-    from sionna_radar.report.link.products import MARKER, write_link
-    from sionna_radar.report.link.table import print_link
-    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
-
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
-    checked = session.load()
-    session.produce(
-        lambda progress, _: link_budget(
-            checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses, progress=progress
-        ),
-        suffix="_link",
-        marker=MARKER,
-        write=write_link,
-        show=print_link,
-        exit_code=lambda result: 0 if result.agrees else 1,
-    )
-
-
-def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[float]:
-    """Return the numbers of an option, separated by commas."""
-    if text is None:
-        return list(default)
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        message = f"{text!r} are not numbers; give some, separated by commas"
-        raise ScenarioError([Problem(option, message)], "command line") from error
-
-
-def image(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
-    from sionna_radar.report.imagery.products import MARKER, write_imagery
-    from sionna_radar.report.imagery.table import print_image
-    from sionna_radar.studies.images import fly_images
-
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    checked = session.load()
-    session.produce(
-        lambda progress, _: fly_images(checked, progress=progress),
-        suffix="_image",
-        marker=MARKER,
-        write=write_imagery,
-        show=print_image,
-    )
-
-
-def range_doppler(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
-    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Frames, one after the other.")] = 8,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
-    from sionna_radar.report.range_doppler.products import MARKER, write_frames
-    from sionna_radar.report.range_doppler.table import print_frames
-    from sionna_radar.studies.range_doppler import fly_frames
-
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
-    checked = session.load()
-    session.produce(
-        lambda progress, _: fly_frames(checked, chirps=chirps, frames=frames, progress=progress),
-        suffix="_range_doppler",
-        marker=MARKER,
-        write=write_frames,
-        show=print_frames,
-    )
 
 
 def sweep(

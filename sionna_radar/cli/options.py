@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError
-from sionna_radar.report.survey.points_file import PointsFile
+from sionna_radar.report.survey.contents import PointsFile
 
 
 def complete_scenario(incomplete: str) -> list[str]:

@@ -143,6 +143,7 @@ class Session:
             if not self.quiet:
                 # Figures take longer than the flight of a short survey.
                 show(result)
+                sys.stdout.flush()
             written, code = write(result, directory), exit_code(result)
             if described:
                 note_run(directory, described, code)

@@ -12,7 +12,6 @@ the sum of a geometric series. Noise is weakened to one N-th.
 import numpy as np
 from jaxtyping import Float, Inexact
 from scipy.constants import speed_of_light
-from scipy.signal import hilbert
 
 from sionna_radar.radar.chirp import Chirp
 
@@ -41,7 +40,16 @@ def burst_mean(
     frequency_hz = chirp.carrier_hz + chirp.slope_hz_s * chirp.sample_time_s
     turns = chirp.direction * delay_s[:, :, None] * frequency_hz
     shape = (len(range_rate_mps), len(offset_s), beat.shape[1])
-    # A real beat is turned as the real part of its analytic signal.
-    analytic = beat if chirp.sampling == "iq" else hilbert(beat, axis=1)
-    mean = np.mean(analytic.reshape(shape) * np.exp(-2j * np.pi * np.mod(turns, 1.0)), axis=1)
+    mean = np.mean(_analytic(beat, chirp).reshape(shape) * np.exp(-2j * np.pi * np.mod(turns, 1.0)), axis=1)
     return mean if chirp.sampling == "iq" else mean.real
+
+
+def _analytic(beat: Inexact[np.ndarray, "chirp sample"], chirp: Chirp) -> Inexact[np.ndarray, "chirp sample"]:
+    """Return beat signals that can be turned: a real one as the real part of its analytic signal."""
+    if chirp.sampling == "iq":
+        return beat
+    # `scipy.signal` takes as long to import as many a survey to simulate.
+    from scipy.signal import hilbert
+
+    analytic: Inexact[np.ndarray, "chirp sample"] = hilbert(beat, axis=1)
+    return analytic

@@ -8,7 +8,6 @@ on the part of the terrain that is cut out.
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import fftconvolve
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
@@ -51,6 +50,9 @@ def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) 
     # The map's own cells are counted from its origin, so that neighbouring cut-outs agree.
     column, row = (round(edge / grid.spacing_m) for edge in (grid.west_m, grid.south_m))
     noise = _noise(row - reach, column - reach, grid.rows + 2 * reach, grid.columns + 2 * reach, seed)
+    # It takes as long to import as many a survey to simulate.
+    from scipy.signal import fftconvolve
+
     shaped: Float[np.ndarray, "row column"] = fftconvolve(noise, kernel, mode="valid")
     return rms_m * shaped
 

@@ -14,14 +14,14 @@ from .maps import finish_map as finish_map
 from .maps import show_raster as show_raster
 from .range_doppler.products import write_frames as write_frames
 from .show.page import show_page as show_page
+from .survey.contents import PointsFile as PointsFile
+from .survey.contents import Report as Report
 from .survey.environment_figure import draw_environment as draw_environment
 from .survey.figures import draw_chirp as draw_chirp
 from .survey.figures import draw_dem as draw_dem
 from .survey.figures import draw_error as draw_error
 from .survey.figures import draw_power as draw_power
 from .survey.page import survey_page as survey_page
-from .survey.points_file import PointsFile as PointsFile
-from .survey.products import Report as Report
 from .survey.products import write_survey as write_survey
 from .sweep.products import write_sweep as write_sweep
 

@@ -1,7 +1,6 @@
 """Reading the body of a target from a mesh file, and dividing it."""
 
 import numpy as np
-import trimesh
 
 from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -41,6 +40,8 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
             "or simpler mesh, or set units"
         )
         raise ScenarioError([Problem(f"{key}.path", message)])
+    import trimesh
+
     vertices, faces, owner = trimesh.remesh.subdivide_to_size(
         mesh.vertices_m, mesh.faces, longest_m, max_iter=64, return_index=True
     )

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
@@ -34,6 +33,9 @@ def build_box(
     place = np.eye(4)
     place[:2, 0], place[:2, 1] = across, along
     place[:3, 3] = [*building.position_m, base + height / 2]
+    # It takes a tenth of a second to import, and most scenes have no boxes.
+    import trimesh
+
     box = trimesh.creation.box(extents=(width, length, height), transform=place)
     return Surface(
         name=f"building-{index}",

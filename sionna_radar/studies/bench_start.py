@@ -4,38 +4,48 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 
 from sionna_radar.studies.ratio import Ratio
 
-START_RATIOS = 3
+START_RATIOS = 4
 REPEATS = 3
 
 
 def measure_start() -> Iterator[Ratio]:
-    """Yield the seconds of an import, of `--help` and of a first survey from the shell."""
-    yield _new_process("`import sionna_radar`, beside Python's own start", [["-c", "import sionna_radar"]], 0.15)
-    yield _new_process("`--help`, beside Python's own start", [["-m", "sionna_radar", "--help"]], 0.15)
+    """Yield the seconds of an import, of `--help` and of a first survey from the shell, all beside Python's own."""
+    python_s = min(_seconds(["-c", "pass"])[1] for _ in range(REPEATS))
+    for name, arguments in (
+        ("`import sionna_radar`", ["-c", "import sionna_radar"]),
+        ("`--help`", ["-m", "sionna_radar", "--help"]),
+    ):
+        yield _ratio(name, [_seconds(arguments)[1] for _ in range(REPEATS)], python_s, 0.15)
     with tempfile.TemporaryDirectory() as folder:
         flights = [
-            ["-m", "sionna_radar", "run", "hills", "-q", "-o", str(Path(folder, str(k)))] for k in range(REPEATS)
+            _seconds(["-m", "sionna_radar", "run", "hills", "-o", str(Path(folder, str(k)))]) for k in range(REPEATS)
         ]
-        yield _new_process("`run hills`, beside Python's own start", flights, 3.0)
+    first, last = zip(*flights, strict=True)
+    yield _ratio("`run hills` until the result is printed", first, python_s, 3.0)
+    yield _ratio("`run hills` until all is written and drawn", last, python_s, None)
 
 
-def _new_process(name: str, commands: list[list[str]], bound_s: float) -> Ratio:
-    """Return the least time of some processes, less that of one that does nothing; the first fills caches."""
-    python_s = min(_seconds(["-c", "pass"]) for _ in range(REPEATS))
-    repeated = commands if len(commands) > 1 else commands * REPEATS
-    own_s = min([_seconds(command) for command in repeated][1:]) - python_s
-    return Ratio(name=f"seconds of {name}", value=own_s, bound=bound_s, at_most=True)
+def _ratio(name: str, seconds: Sequence[float], python_s: float, bound_s: float | None) -> Ratio:
+    """Return the least time of some processes but the first, which fills caches, less that of one that does nothing."""
+    return Ratio(name=f"seconds of {name}", value=min(seconds[1:]) - python_s, bound=bound_s, at_most=True)
 
 
-def _seconds(arguments: list[str]) -> float:
+def _seconds(arguments: list[str]) -> tuple[float, float]:
+    """Return the seconds until a process has said something, or has ended without, and until it has ended."""
     # Users' byte code is kept: without it half of the time goes into compiling modules.
     kept = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
-    start = perf_counter()
-    subprocess.run([sys.executable, *arguments], capture_output=True, check=True, env=kept)
-    return perf_counter() - start
+    command, start = [sys.executable, *arguments], perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=kept) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        said_s = perf_counter() - start
+        process.stdout.read()
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return said_s, perf_counter() - start

@@ -24,7 +24,8 @@ supervised(program)
 
 def begin(does: str) -> subprocess.Popen:
     command = [sys.executable, "-c", CODE.format(does=does)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=buffered)
 
 
 @pytest.mark.parametrize(
@@ -48,6 +49,26 @@ def test_what_is_killed_leaves_one_clear_line(does, says):
 def test_exit_codes_are_those_of_the_program(code):
     _, said = (process := begin(f"sys.exit({code})")).communicate(timeout=30)
     assert (process.returncode, said) == (code, "")
+
+
+def test_what_is_left_to_do_at_the_exit_is_done():
+    """Threads end first, then what modules have registered, and all that was printed arrives."""
+    late = "threading.Thread(target=lambda: (time.sleep(0.3), print('thread', flush=True))).start()"
+    registered = "import atexit, threading; atexit.register(print, 'at exit', end='')"
+    printed, said = (process := begin(f"{registered}; {late}; print('program'); sys.exit(3)")).communicate(timeout=30)
+    assert (process.returncode, said) == (3, "")
+    assert printed.splitlines()[1:] == ["program", "thread", "at exit"]
+
+
+def test_a_program_whose_output_nobody_reads_ends_without_a_traceback():
+    process = begin("time.sleep(0.5); print('lost')")
+    process.stdout.readline()
+    process.stdout.close()
+    with process.stderr:
+        said = process.stderr.read()
+    # The interpreter's own code for it.
+    assert process.wait(timeout=30) == 120
+    assert "Traceback" not in said
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

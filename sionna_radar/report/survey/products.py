@@ -3,7 +3,6 @@
 import logging
 import shutil
 from collections.abc import Callable, Collection, Mapping
-from enum import Enum
 from functools import partial
 from pathlib import Path
 
@@ -19,27 +18,19 @@ from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import costs_json, write_folder, write_text
 from sionna_radar.report.manifest import COSTS
 from sionna_radar.report.rasters import write_geotiff
+from sionna_radar.report.survey.contents import MARKER, POINTS_FILES, PointsFile, Report
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.point_cloud import write_laz
-from sionna_radar.report.survey.points_file import POINTS_FILES, PointsFile
 from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.report.survey.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.survey.result import Survey
 
-MARKER = "summary.json"
 # GPS receivers log about this often.
 GPX_STEP_S = 0.2
 logger = logging.getLogger("sionna_radar")
-
-
-class Report(Enum):
-    """Whether a folder of results has a page to look at, `report.html`."""
-
-    PAGE = "page"
-    NONE = "none"
 
 
 def write_survey(

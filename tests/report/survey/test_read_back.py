@@ -20,7 +20,7 @@ from sionna_radar.accuracy.breakdown import Breakdown
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.report.rasters import write_geotiff
 from sionna_radar.report.survey import products
-from sionna_radar.report.survey.points_file import PointsFile
+from sionna_radar.report.survey.contents import PointsFile, Report
 from sionna_radar.report.survey.points_table import ON_MAP, columns_of, write_points_csv
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario import load_scenario
@@ -50,7 +50,7 @@ def folder(flown, tmp_path_factory) -> Path:
     write_survey(
         flown,
         out,
-        report=products.Report.NONE,
+        report=Report.NONE,
         points=[PointsFile.LAZ, PointsFile.CSV],
         progress=lambda *step: calls.append(step),
     )

@@ -1,6 +1,16 @@
-"""The formats in which the points of a survey are written; light, as the command line lists them."""
+"""What the folder of a survey holds, by choice; light, as the command line lists it before anything is flown."""
 
-from enum import StrEnum
+from enum import Enum, StrEnum
+
+# The file by which such a folder is known.
+MARKER = "summary.json"
+
+
+class Report(Enum):
+    """Whether a folder of results has a page to look at, `report.html`."""
+
+    PAGE = "page"
+    NONE = "none"
 
 
 class PointsFile(StrEnum):

@@ -1,0 +1,126 @@
+"""The commands about the radar itself: its link budget, its images, and its range-Doppler maps."""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from sionna_radar.cli.options import (
+    BackendOption,
+    NetworkOption,
+    OutputOption,
+    QuietOption,
+    ScenarioArgument,
+    SeedOption,
+    SetFileOption,
+    SetOption,
+)
+from sionna_radar.cli.session import Session
+from sionna_radar.foundation.errors import Problem, ScenarioError
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands, in the order that `--help` lists them."""
+    for command in (link, image, range_doppler):
+        app.command()(command)
+
+
+def link(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    incidence: Annotated[
+        str | None,
+        typer.Option("--incidence", metavar="A1,A2,...", help="Angles of the beam from nadir, in degrees."),
+    ] = None,
+    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
+    pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
+    from sionna_radar.report.link.products import MARKER, write_link
+    from sionna_radar.report.link.table import print_link
+    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
+    checked = session.load()
+    session.produce(
+        lambda progress, _: link_budget(
+            checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses, progress=progress
+        ),
+        suffix="_link",
+        marker=MARKER,
+        write=write_link,
+        show=print_link,
+        exit_code=lambda result: 0 if result.agrees else 1,
+    )
+
+
+def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[float]:
+    """Return the numbers of an option, separated by commas."""
+    if text is None:
+        return list(default)
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        message = f"{text!r} are not numbers; give some, separated by commas"
+        raise ScenarioError([Problem(option, message)], "command line") from error
+
+
+def image(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
+    from sionna_radar.report.imagery.products import MARKER, write_imagery
+    from sionna_radar.report.imagery.table import print_image
+    from sionna_radar.studies.images import fly_images
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    checked = session.load()
+    session.produce(
+        lambda progress, _: fly_images(checked, progress=progress),
+        suffix="_image",
+        marker=MARKER,
+        write=write_imagery,
+        show=print_image,
+    )
+
+
+def range_doppler(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
+    frames: Annotated[int, typer.Option(min=1, max=10_000, help="Frames, one after the other.")] = 8,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
+    from sionna_radar.report.range_doppler.products import MARKER, write_frames
+    from sionna_radar.report.range_doppler.table import print_frames
+    from sionna_radar.studies.range_doppler import fly_frames
+
+    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+    checked = session.load()
+    session.produce(
+        lambda progress, _: fly_frames(checked, chirps=chirps, frames=frames, progress=progress),
+        suffix="_range_doppler",
+        marker=MARKER,
+        write=write_frames,
+        show=print_frames,
+    )
