@@ -47,6 +47,17 @@ def over_rows(work: Callable[[int, int], None], rows: int) -> None:
         pass
 
 
+def beside(function: Callable[[], Result]) -> Callable[[], Result]:
+    """Begin a function, which must release Python's lock, on another core; what is returned waits for its result.
+
+    One at a time: others wait for their turn.
+    """
+    if cores() == 1:
+        found = function()
+        return lambda: found
+    return _aside(os.getpid()).submit(function).result
+
+
 def cores() -> int:
     """Return the number of cores that this process may use, or less if it is to use so few threads."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -74,6 +85,12 @@ def given_threads() -> int | None:
 @cache
 def _pool_of(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), thread_name_prefix=f"sionna-radar-{process}")
+
+
+@cache
+def _aside(process: int) -> ThreadPoolExecutor:
+    # Not one of the pool, for whose threads it may have to wait.
+    return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-{process}-aside")
 
 
 def _pool() -> ThreadPoolExecutor:

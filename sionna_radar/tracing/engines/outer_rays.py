@@ -40,7 +40,7 @@ class OuterRays:
         following = round(rays * FOLLOWING) if self._below[-1] > 0 else 0
         self.rays, self._share, self._seed = rays, following / rays, seed
         self._unit = np.concatenate([halton(following), halton(rays - following)])
-        self._following = np.arange(rays) < following
+        self._following = following
 
     def shoot(self, pulse: Int[np.ndarray, " pulse"]) -> tuple[Float[np.ndarray, "ray 3"], Float[np.ndarray, " ray"]]:
         """Return unit vectors in the antenna's frame, pulse by pulse, and how many rays there are per steradian.
@@ -48,10 +48,10 @@ class OuterRays:
         The density is zero where a ray must not be used.
         """
         shift = pulse_uniforms(self._seed, Stream.DIRECTIONS, pulse, 2)
-        unit = np.mod(self._unit[None] + shift[:, None], 1.0).reshape(-1, 2)
-        direction = np.where(
-            np.tile(self._following, len(pulse))[:, None], self._along_power(unit), self._anywhere(unit)
-        )
+        unit = np.mod(self._unit[None] + shift[:, None], 1.0)
+        along, anywhere = (part.reshape(-1, 2) for part in np.split(unit, [self._following], axis=1))
+        drawn = self._along_power(along), self._anywhere(anywhere)
+        direction = np.concatenate([part.reshape(len(pulse), -1, 3) for part in drawn], axis=1).reshape(-1, 3)
         return direction, self.rays * self._density(direction)
 
     def _along_power(self, unit: Float[np.ndarray, "ray 2"]) -> Float[np.ndarray, "ray 3"]:

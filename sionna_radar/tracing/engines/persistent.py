@@ -18,6 +18,7 @@ from jaxtyping import Bool, Complex, Float
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
+from sionna_radar.foundation.threads import beside
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
@@ -93,16 +94,18 @@ class PersistentEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, sorted by pulse: those of its scatterers, then of its other rays."""
+        spare = len(pulses) * self._outer.rays
+        searched = beside(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
         outside = self._outside(pulses)
-        seen, ends = self._scatterers.in_beams(pulses, self._beam, self._wander_hz, outside)
+        table, ends = searched()
+        fixed = int(ends[-1])
+        seen = table.continued(fixed, outside)
         if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
             return seen.paths(pulses, seen.factor, np.zeros(0, dtype=bool), (ends, ends))
         visible = np.ones(len(seen), dtype=bool)
-        fixed, row = slice(len(outside), None), seen.row[len(outside) :]
-        visible[fixed] = ~self._sionna.caster.hides(
-            pulses.true.position_m[row], seen.hit_m[:, fixed].T, SHORT_OF_SURFACE
-        )
-        rows = np.searchsorted(outside.row, np.arange(len(pulses) + 1))
+        apex = pulses.true.position_m[seen.row[:fixed]]
+        visible[:fixed] = ~self._sionna.caster.hides(apex, seen.hit_m[:, :fixed].T, SHORT_OF_SURFACE)
+        rows = fixed + np.searchsorted(outside.row, np.arange(len(pulses) + 1))
         paths = seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
         if self._mirrored is None:
             return paths

@@ -116,11 +116,11 @@ class Scatterers:
         self._used = 0
 
     def in_beams(
-        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, first: SeenPlaces
+        self, pulses: Pulses, beam: FilledBeam, wander_hz: float, spare: int
     ) -> tuple[SeenPlaces, Int[np.ndarray, " beam_edge"]]:
-        """Return what lies inside beams, beam by beam, behind other places, and where each beam's begin.
+        """Return a table that begins with what lies inside beams, beam by beam, and where in it each beam's begin.
 
-        Occlusion is ignored.
+        Occlusion is ignored. It never calls Python's ray tracer, and may be called on any one thread.
 
         Parameters
         ----------
@@ -130,18 +130,16 @@ class Scatterers:
             What scatterers fill of the antenna's.
         wander_hz:
             Mean size of the scatterers' Doppler shifts.
-        first:
-            What the table begins with.
+        spare:
+            Entries at the end of the table that are left to be written.
 
         """
         pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
         edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
         self._draw(np.unique(cell))
-        begin = len(first)
-        out = SeenPlaces.room_for(begin + int(self._count[cell].sum())).begun_with(first)
+        out = SeenPlaces.room_for(int(self._count[cell].sum()) + spare)
         beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
-        ends = _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, begin)
-        return out.cut(int(ends[-1])), ends
+        return out, _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns)
 
     def all(self) -> Points:
         """Return all scatterers, surface by surface."""
@@ -269,14 +267,12 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
 
 @compiled
 @no_type_check
-def _inside(
-    edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns, begin
-):
+def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns):
     """Write what lies inside beams, beam by beam, and return where each beam's begin and the last one's end."""
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
     row, hit, range_m, rate, cosine, solid_angle, surface, face, factor = columns
     ends = np.empty(len(apex) + 1, dtype=np.int64)
-    ends[0] = n = begin
+    ends[0] = n = 0
     per_left, per_up = 1.0 / half_left, 1.0 / half_up
     for beam in range(len(apex)):
         ax, ay, az = apex[beam, 0], apex[beam, 1], apex[beam, 2]

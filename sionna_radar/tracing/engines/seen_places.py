@@ -52,15 +52,12 @@ class SeenPlaces:
             factor=np.empty(count, dtype=np.complex64),
         )
 
-    def begun_with(self, other: "SeenPlaces") -> "SeenPlaces":
-        """Write another table over the first entries of this one, and return it."""
+    def continued(self, count: int, other: "SeenPlaces") -> "SeenPlaces":
+        """Write another table behind the first entries of this one, and return both."""
+        end = count + len(other)
         for name in (f.name for f in fields(self)):
-            getattr(self, name)[..., : len(other)] = getattr(other, name)
-        return self
-
-    def cut(self, count: int) -> "SeenPlaces":
-        """Return the first entries."""
-        return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
+            getattr(self, name)[..., count:end] = getattr(other, name)
+        return SeenPlaces(**{f.name: getattr(self, f.name)[..., :end] for f in fields(self)})
 
     def only(self, kept: Bool[np.ndarray, " place"] | Int[np.ndarray, " some"]) -> "SeenPlaces":
         """Return some of the entries."""
