@@ -95,7 +95,7 @@ class BackProjection:
         check_sampling(measured, self._chirp, self._aperture)
         for start in range(0, len(beats), PULSES_AT_ONCE):
             rows = slice(start, start + PULSES_AT_ONCE)
-            spectra = np.asarray(self._analyser.amplitude(beats[rows]), dtype=np.complex128)
+            spectra = self.spectra(beats[rows])
             pose = Pose(
                 position_m=measured.position_m[rows],
                 velocity_mps=measured.velocity_mps[rows],
@@ -103,6 +103,10 @@ class BackProjection:
             )
             for chunk in self._chunks():
                 self._project(spectra, pose, self._lighting(pose, chunk), chunk)
+
+    def spectra(self, beats: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
+        """Return the range spectra of beat signals, in which the values of pixels are looked up."""
+        return np.asarray(self._analyser.amplitude(beats), dtype=np.complex128)
 
     def image(self) -> SarImage:
         """Return the image of the pulses added so far."""

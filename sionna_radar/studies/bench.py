@@ -2,18 +2,19 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.bench_engines import ENGINE_RATIOS, measure_engines
 from sionna_radar.studies.bench_reuse import REUSE_RATIOS, measure_reuse
 from sionna_radar.studies.bench_start import START_RATIOS, measure_start
 from sionna_radar.studies.ratio import Ratio
+from sionna_radar.studies.side_by_side import bare_casting, seconds_of, side_by_side
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
@@ -31,7 +32,7 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("san_francisco", {"dem.method": "stepped"}, 1.0),
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
-RATIOS = 8 + START_RATIOS + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
+RATIOS = 8 + ENGINE_RATIOS + START_RATIOS + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:
@@ -39,6 +40,7 @@ def measure(*, quick: bool = False) -> Iterator[Ratio]:
     pulses = 500 if quick else 2000
     yield _effective_path_cost(stock_pulses=2 if quick else 5)
     yield from _against_bare_rays(pulses, repeats=3 if quick else 7)
+    yield from measure_engines(pulses)
     yield from _persistent_over_per_pulse(256 if quick else 512, repeats=3 if quick else 7)
     yield from _faster_than_flight(length_m=300.0 if quick else 900.0)
     yield from _methods({"platform.length_m": 20.0} if quick else {})
@@ -65,7 +67,7 @@ def _effective_path_cost(stock_pulses: int) -> Ratio:
         trace = partial(engine.trace, pulses)
         equal = effective_paths(trace())
         # The least of several times: what the machine does beside it only adds.
-        seconds = min(_time(trace) for _ in range(repeats))
+        seconds = min(seconds_of(trace) for _ in range(repeats))
         costs.append(seconds / len(pulses) / equal)
     return Ratio(
         name="stock path solver / beam engine, per effective path",
@@ -80,39 +82,19 @@ def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
     prepared = prepare(load_scenario("hills", {"platform.length_m": 200.0, "platform.start_m": [-140.0, 0.0]}))
     engine = prepared.sensor_inputs().tracer()
     pulses = prepared.flight.pulses(np.arange(min(count, len(prepared))))
-    bare = _bare_casting(prepared, engine.trace(pulses), pulses)
-    rays, traced, chained = [], [], []
-    for _ in range(repeats):
-        rays.append(_time(bare))
-        traced.append(_time(lambda: engine.trace(pulses)))
-        chained.append(_time(lambda: _chain(prepared, engine.trace(pulses), pulses)))
-    rays_s = float(np.median(rays))
-    yield Ratio(
-        name="tracing with fields / bare ray casting",
-        value=float(np.median(traced)) / rays_s,
-        bound=1.6,
-        at_most=True,
+    actions = (
+        bare_casting(prepared, engine.trace(pulses), pulses),
+        lambda: engine.trace(pulses),
+        lambda: _chain(prepared, engine.trace(pulses), pulses),
     )
-    yield Ratio(
-        name="whole chain / bare ray casting",
-        value=float(np.median(chained)) / rays_s,
-        bound=4,
-        at_most=True,
-    )
+    rays_s, traced_s, chained_s = np.median(side_by_side(actions, repeats), axis=0)
+    yield Ratio(name="tracing with fields / bare ray casting", value=float(traced_s / rays_s), bound=1.6, at_most=True)
+    yield Ratio(name="whole chain / bare ray casting", value=float(chained_s / rays_s), bound=4, at_most=True)
 
 
 def _chain(prepared: Prepared, paths: Paths, pulses: Pulses) -> None:
     echoes = prepared.detector.detect(prepared.receiver.beat(paths, pulses), pulses.index, pulses.measured)
     locate(echoes, pulses.index, pulses.measured)
-
-
-def _bare_casting(prepared: Prepared, paths: Paths, pulses: Pulses) -> Callable[[], None]:
-    """Return a function that intersects the rays of the paths with the scene and does nothing else."""
-    row = paths.pulse - pulses.index[0]
-    origin = pulses.true.position_m[row]
-    away = paths.hit_m - origin
-    rays = prepared.scene.caster.prepare(origin, away / np.linalg.norm(away, axis=1, keepdims=True))
-    return lambda: prepared.scene.caster.intersect(rays)
 
 
 def _persistent_over_per_pulse(count: int, repeats: int) -> Iterator[Ratio]:
@@ -124,10 +106,7 @@ def _persistent_over_per_pulse(count: int, repeats: int) -> Iterator[Ratio]:
             prepared = prepare(scenario)
             pulses = prepared.flight.pulses(np.arange(count))
             flights.append(partial(_trace_and_detect, prepared, prepared.sensor_inputs().tracer(), pulses))
-        for flight in flights:
-            flight()
-        # One after the other, so that whatever else the machine does slows both.
-        times = np.array([[_time(flight) for flight in flights] for _ in range(repeats)]).min(axis=0)
+        times = side_by_side(flights, repeats).min(axis=0)
         yield Ratio(
             name=f"speckle that stays / drawn anew, trace to echoes, {beam_deg:g} deg",
             value=float(times[1] / times[0]),
@@ -220,7 +199,7 @@ def _peak_in_process(pulses: int) -> float:
 
 def _seconds_in_process() -> float:
     """Return how long `hills` takes in a process that has yet to load everything."""
-    return _time(lambda: _said("run(load_scenario('hills'))"))
+    return seconds_of(lambda: _said("run(load_scenario('hills'))"))
 
 
 def _said(code: str) -> str:
@@ -232,9 +211,3 @@ def memory_scenario(pulses: int) -> Scenario:
     """Return a survey of about that many pulses over the same ground: the more pulses, the slower the flight."""
     sector = 100 / 360
     return load_scenario("hills", {"platform.speed_mps": 100.0 * 360 * sector / pulses})
-
-
-def _time(action: Callable[[], object]) -> float:
-    start = perf_counter()
-    action()
-    return perf_counter() - start
