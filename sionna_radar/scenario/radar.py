@@ -299,6 +299,11 @@ class RadarTable(Table):
         return self.noise_figure_db if chain is None else chain
 
     @property
+    def mean_rate_hz(self) -> float:
+        """Chirps a second, on average over both intervals of `stagger`."""
+        return self.chirp_rate_hz / (1 + self.stagger / 2)
+
+    @property
     def used_samples(self) -> tuple[int, int]:
         """The first sample of a sweep that is used, and the one after the last."""
         first, last = (round(self.samples_per_chirp * share) for share in self.receiver.oscillator.used_window)
