@@ -30,7 +30,9 @@ def bursts(beat: Inexact[np.ndarray, "pulse sample"]) -> Bool[np.ndarray, "pulse
     # whose power is exponential, sqrt(ln 2) and sqrt(-ln p) in units of the root mean square.
     ratio = np.sqrt(-np.log(FALSE_BURSTS) / np.log(2)) if np.iscomplexobj(beat) else 4.8916 / 0.67449
     size = np.abs(beat)
-    beyond = size > ratio * np.median(size, axis=1, keepdims=True)
+    width = np.median(size, axis=1, keepdims=True)
+    # A converter so coarse that it makes zeros of half of the samples leaves no width to tell bursts by.
+    beyond = (size > ratio * width) & (width > 0)
     found = beyond.copy()
     for step in range(1, BESIDE + 1):
         found[:, step:] |= beyond[:, :-step]

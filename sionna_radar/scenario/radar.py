@@ -169,6 +169,10 @@ class ScanTable(ScanParameters):
         return self
 
 
+# Of a filter, over the highest beat.
+LEAST_CORNER = 1e-9
+
+
 def _published(name: str) -> str:
     if name not in PRESETS:
         raise refuse("", f"{shown(name)} is unknown; give one of {', '.join(PRESETS)}.{nearest(name, list(PRESETS))}")
@@ -262,6 +266,11 @@ class RadarTable(Table):
     def _check_receiver(self, highest_hz: float) -> None:
         """Refuse figures of the receiver that do not fit the sampling, or the way the noise is given."""
         receiver = self.receiver
+        for kind in ("high_pass", "anti_alias"):
+            corner_hz = getattr(receiver, f"{kind}_corner_hz")
+            if 0 < corner_hz < LEAST_CORNER * highest_hz:
+                message = f"{corner_hz:g} is nothing beside the highest beat, {highest_hz:g}; raise it, or set 0"
+                raise refuse(f"receiver.{kind}_corner_hz", message)
         if receiver.anti_alias_corner_hz > 4 * highest_hz:
             raise refuse(
                 "receiver.anti_alias_corner_hz",
@@ -288,6 +297,11 @@ class RadarTable(Table):
         """The noise figure, of the amplifiers where these are given; None beside `snr_db`."""
         chain = self.receiver.noise_figure_db
         return self.noise_figure_db if chain is None else chain
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """Chirps a second, on average over both intervals of `stagger`."""
+        return self.chirp_rate_hz / (1 + self.stagger / 2)
 
     @property
     def used_samples(self) -> tuple[int, int]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Annotated, Literal
+from itertools import accumulate, pairwise
+from math import log10
+from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -19,6 +20,10 @@ from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, 
 Order = Annotated[int, Field(strict=True, ge=1, le=4)]
 # An offset from the carrier, and the level there in one sideband.
 Offset = tuple[Annotated[Real, Field(gt=0, le=1e12)], Annotated[Real, Field(ge=-250, le=0)]]
+# Of the reference, over its own; more is another radar.
+MOST_DRIFT = 0.1
+# Of all amplifiers up to any of them, either way.
+MOST_GAIN_DB = 300
 Place = Literal["leakage", "mixer", "interference", "noise", "filters", "converter"]
 Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
 
@@ -69,12 +74,15 @@ class OscillatorTable(Table):
     @model_validator(mode="after")
     def _consistent(self) -> OscillatorTable:
         offsets = [offset for offset, _ in self.phase_noise_dbc_hz]
-        if any(b <= a for a, b in pairwise(offsets)):
+        if any(log10(b) <= log10(a) for a, b in pairwise(offsets)):
             raise refuse("phase_noise_dbc_hz", "its offsets must increase from pair to pair; sort them")
         if offsets and self.phase_noise_preset is not None:
             raise refuse("phase_noise_preset", "contradicts phase_noise_dbc_hz; give one of them")
         if (self.settling_hz != 0) != (self.settling_time_s is not None):
             raise refuse("settling_time_s", "goes with settling_hz; give both or none")
+        if abs(self.scale - 1) > MOST_DRIFT:
+            message = f"{self.drift_ppm_per_k:g} over {self.warmer_k:g} K scale ranges by {self.scale:g}; lower it"
+            raise refuse("drift_ppm_per_k", message)
         first, last = self.used_window
         if last - first < 0.05:
             raise refuse("used_window", f"{first:g} to {last:g} is less than a twentieth of the sweep; widen it")
@@ -226,6 +234,15 @@ class ReceiverTable(Table):
             if getattr(self, f"{kind}_corner_hz") == 0 and order != usual:
                 message = f"{order} has no effect without {kind}_corner_hz; give it"
                 raise refuse(f"{kind}_order", message)
+        gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
+        beyond = next((gain_db for gain_db in gains_db if abs(gain_db) > MOST_GAIN_DB), None)
+        if beyond is not None:
+            message = f"their gains come to {beyond:g} dB, beyond {MOST_GAIN_DB} either way; give fewer, or lower ones"
+            raise refuse("amplifiers", message)
+        for place, stage in self.stages.items():
+            if stage.stage != place and stage.stage in get_args(Place):
+                message = f"{stage.stage!r} is the program's own, of another place; name one of a plug-in, or remove it"
+                raise refuse(f"stages.{place}", message)
         return self
 
     @property

@@ -158,7 +158,7 @@ class GroundCase:
         mean = expected.ground + expected.clutter + self.floor
         level, _ = self.prepared.detector.cfar.noise_level(mean[None])
         # In even noise the level of means is that noise, whatever the kind of CFAR.
-        return float(mean[expected.peak] / level[0, expected.peak])
+        return float(mean[expected.peak] / max(level[0, expected.peak], np.finfo(float).tiny))
 
     def over_plane(self, range_m: float, pulses: int) -> Prepared:
         """Return a survey by the radar that all but hovers over level ground of the material."""
@@ -179,7 +179,7 @@ class GroundCase:
             "platform": {
                 "altitude_m": range_m * float(np.cos(tilt)),
                 "speed_mps": SPEED_MPS,
-                "length_m": SPEED_MPS * (pulses + 1) / scenario.radar.chirp_rate_hz,
+                "length_m": SPEED_MPS * (pulses + 1) / scenario.radar.mean_rate_hz,
             },
             "radar": {**radar, "scan": {"mode": "fixed", "incidence_deg": self.incidence_deg}},
             "weather": self.weather.model_dump(exclude_unset=True),

@@ -239,8 +239,8 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     if prepared.angle is not None and found == 0:
         warnings = prepared.flown.warnings  # what follows says more than that there is no echo
     warnings += direction_warnings(prepared.angle, sampled, found)
-    mapper = prepared.mapper
-    warnings += saturation_warnings(recording.saturated_pulses, len(prepared))
+    mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
+    warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     for warning in warnings:
         logger.warning("%s", warning)

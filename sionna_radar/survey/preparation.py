@@ -350,7 +350,7 @@ def _check_profiles(scenario: Scenario, mapper: Mapper, custom: CustomParts) -> 
 
 def _sampling_gap(scenario: Scenario, flown: Flight, scan: Scan) -> float:
     """Return the widest distance between neighbouring beam centres on level ground, and no less than two cells."""
-    rate_hz = scenario.radar.chirp_rate_hz / scenario.processing.average.chirps / (1 + scenario.radar.stagger / 2)
+    rate_hz = scenario.radar.mean_rate_hz / scenario.processing.average.chirps
     spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
         message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"

@@ -118,13 +118,17 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     return warnings
 
 
-def saturation_warnings(saturated_pulses: int, pulses: int) -> tuple[str, ...]:
-    """Return what is said of pulses that exceed the full scale of the receiver's converter."""
+def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> tuple[str, ...]:
+    """Return what is said of pulses that exceed the full scale of the receiver's converter.
+
+    headroom_db: of its gain control; None for a fixed gain.
+    """
     if saturated_pulses <= SATURATED_SHARE_WARNED * pulses:
         return ()
+    remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
     return (
         f"{saturated_pulses:,} of {pulses:,} pulses ({saturated_pulses / pulses:.1%}) exceed the full scale of "
-        "radar.receiver.converter and are clipped; lower the gain, or set agc_headroom_db",
+        f"radar.receiver.converter and are clipped; {remedy}",
     )
 
 

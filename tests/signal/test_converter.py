@@ -14,6 +14,7 @@ from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.noise import noise_power
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import record
+from sionna_radar.survey.warnings import saturation_warnings
 
 PHYSICAL = {"transmit_power_dbm": 30.0, "noise_figure_db": 10.0, "samples_per_chirp": 4096}
 # A beat that shares no period with the sampling, so that rounding errors are spread evenly.
@@ -129,6 +130,12 @@ def test_the_noise_figure_of_amplifiers_is_friis():
         ({"converter.iq_phase_deg": 3.0}, "there is no quadrature part"),
         ({"anti_alias_order": 3}, "anti_alias_order: 3 has no effect"),
         ({"anti_alias_corner_hz": 1e8}, "lies far beyond"),
+        ({"anti_alias_corner_hz": 1e-300}, "anti_alias_corner_hz: 1e-300 is nothing beside the highest beat"),
+        ({"high_pass_corner_hz": 1e-40, "high_pass_order": 4}, "high_pass_corner_hz: 1e-40 is nothing beside"),
+        ({"oscillator.phase_noise_dbc_hz": [[1e6, -100.0], [np.nextafter(1e6, 2e6), -90.0]]}, "offsets must increase"),
+        ({"oscillator": {"drift_ppm_per_k": -1e4, "warmer_k": 100.0}}, "drift_ppm_per_k: -10000 over 100 K scale"),
+        ({"amplifiers": [{"gain_db": -100.0, "noise_figure_db": 100.0}] * 40}, "amplifiers: their gains come to -400"),
+        ({"stages.mixer": "noise"}, "stages.mixer: 'noise' is the program's own, of another place"),
     ],
 )
 def test_what_cannot_be_is_refused(keys, message):
@@ -161,3 +168,10 @@ def test_saturation_is_counted_over_a_survey_in_any_blocks():
         assert (again.saturated_pulses, again.saturated_samples) == counts[-1]
     assert counts[0] == counts[1]
     assert 0 < counts[0][0] < counts[0][1]
+
+
+@pytest.mark.parametrize(("headroom_db", "remedy"), [(None, "set agc_headroom_db"), (0.0, "raise agc_headroom_db")])
+def test_clipped_pulses_are_told_with_what_helps(headroom_db, remedy):
+    (said,) = saturation_warnings(3, 10, headroom_db)
+    assert said.endswith(remedy)
+    assert saturation_warnings(0, 10, headroom_db) == ()

@@ -157,6 +157,8 @@ def test_zeroing_takes_bursts_and_leaves_echoes(sampling):
     assert np.mean(inside**2) < 10 * np.mean(np.abs(beat) ** 2)
     outside = np.r_[0:290, 370:1024]
     np.testing.assert_allclose(clean[:, outside] / beat[:, outside], 1024 / (1024 - 60), rtol=0.02)
+    coarse = np.where(np.arange(1024) % 20 == 0, tone, 0)
+    np.testing.assert_array_equal(zeroed(coarse), coarse)
 
 
 def test_interferers_need_powers_and_a_place_on_the_ground():

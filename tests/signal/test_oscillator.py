@@ -112,3 +112,8 @@ def test_published_phase_noise_has_the_figure_of_its_source():
         level = 10 * np.log10(PhaseNoise(preset.levels).density(np.array([1e6]))[0])
         assert f"{level:.0f} dBc/Hz at 1 MHz" in preset.source
         assert preset.assumed
+
+
+def test_a_steep_table_has_a_number_below_its_first_offset():
+    steep = PhaseNoise(((1e6, 0.0), (1.001e6, -250.0))).density(np.geomspace(1.0, 1e8, 30))
+    assert np.all(np.isfinite(steep))

@@ -130,3 +130,14 @@ def test_floors_are_those_of_the_chain():
     assert rulers[:2] == ["rounding of the converter", "leakage"]
     assert "phase noise of the leakage" in rulers
     assert budget.agrees
+
+
+@pytest.mark.parametrize("keys", [{"radar.stagger": 1.0}, {"radar.snr_db": 200.0, "radar.transmit_power_dbm": None}])
+def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
+    quiet = {"radar.noise_figure_db": None} if "radar.snr_db" in keys else {}
+    scenario = load_scenario("hills", {**WEAK, **keys, **quiet})
+    budget = link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=40)
+    (link,) = budget.links
+    assert not any(one.reason for one in link.simulated)
+    assert np.all(np.isfinite(link.echo))
+    assert np.all(np.isfinite(link.detection))

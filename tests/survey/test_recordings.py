@@ -93,6 +93,7 @@ def test_xarray_reads_the_paths_and_the_profiles(flown):
             "jacksboro",
             {"platform.length_m": 60.0, "platform.speed_mps": 60.0, "radar.receiver.high_pass_corner_hz": 2e3},
         ),
+        ("hills", {"radar.stagger": 1.0, "platform.length_m": 20.0}),
         pytest.param("rain", {"platform.length_m": 4.0}, marks=pytest.mark.study),
     ],
 )

@@ -79,10 +79,10 @@ class VolumeClutter:
 
     def unevenness(self, power: Float[np.ndarray, "pulse cell"], looks: float) -> float:
         """Return the variance of the volume's strength between pulses in excess of speckle."""
-        mean = self._near_mean(power)
         cells = self.near[1] - self.near[0]
         if cells < 2 * SMOOTHED_CELLS:
             return 0.0
+        mean = self._near_mean(power)
         chance = float(np.mean(mean**2)) / (looks * cells + 1)
         variance = float(mean.var())
         return variance - chance if variance > LEAST_UNEVEN * chance else 0.0

@@ -125,7 +125,8 @@ class VolumeEnd:
             most = terms.max(axis=(2, 3))
             cell[rows] = self._columns[most.argmax(axis=1)]
             for i, row in enumerate(rows):
-                kept = np.flatnonzero(most[i] > most[i].max() - NEGLIGIBLE)
+                # Beyond 2^24 float32 does not tell a value from a few less.
+                kept = np.flatnonzero((most[i] > most[i].max() - NEGLIGIBLE) | (most[i] == most[i].max()))
                 for number, width in enumerate(widths):
                     weighed = terms[i, kept] + width[i, kept][..., None]
                     out[number, row] = _log_sum(weighed.reshape(-1, weighed.shape[-1]).T)

@@ -29,7 +29,7 @@ def flown_rows(prepared: Prepared) -> dict[str, str]:
             "Noise": _noise(prepared),
         }
     rows |= {
-        "Pulse rate": f"{scenario.radar.chirp_rate_hz:g} Hz",
+        "Pulse rate": f"{scenario.radar.mean_rate_hz / scenario.processing.average.chirps:.4g} Hz",
         "Navigation": "pose known exactly" if prepared.flight.navigation is None else scenario.platform.navigation.kind,
         "Map": f"{prepared.mapper.name}, {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m",
         "Seed": str(scenario.seed),

@@ -148,7 +148,7 @@ class SignalRecorder:
             "south, east, north), the height over it, and the widest spacing of neighbouring beams on level ground",
             ground_extent_m=np.array(prepared.ground_extent_m),
             altitude_m=flight.altitude_m,
-            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, radar.chirp_rate_hz),
+            beam_spacing_m=prepared.flight.scan.spacing_m(flight.altitude_m, flight.speed_mps, radar.mean_rate_hz),
         )
 
     def _add_samples(self, kind: np.dtype, **attributes: float) -> None:

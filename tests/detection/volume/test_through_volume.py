@@ -144,6 +144,17 @@ def test_whole_scan_lines_make_the_result_whatever_the_block_size():
     assert len(seen[0]) > 0.9 * len(ready.flight)
 
 
+def test_evidence_beyond_what_float32_tells_apart_is_still_evidence():
+    _, _, through_rain = through(25.0)
+    ratio = np.ones((1, through_rain.end.cells))
+    ratio[:, 92:108] = 1e10
+    views = Views(down=np.full(1, 0.7), drift_m=np.zeros(1), strength=np.ones(1))
+    likelihood, cell = through_rain.end.by_slope_and_level(ratio, views)
+    assert np.all(np.isfinite(likelihood.max(axis=(0, 2))))
+    assert likelihood.max() > 15 * 2**24
+    assert 80 < cell[0] < 120
+
+
 def test_the_neighbours_decide_between_two_ranges():
     """One pulse of a line has a stronger false range far from what its neighbours see."""
     cell = np.arange(300)

@@ -118,3 +118,5 @@ def test_too_few_cells_tell_no_strength():
     volume, power = volume_seen(np.where(np.arange(PULSES) < 200, 0.4, 1.6))
     few = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 20))
     assert few.unevenness(power, looks=1.0) == 0.0
+    none = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 10))
+    assert none.unevenness(power, looks=1.0) == 0.0
