@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
 from sionna_radar.detection.range_doppler.movers import Movers, find_movers
-from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
+from sionna_radar.detection.range_doppler.ring_cfar import SHARED_NOISE, RingCfar
 from sionna_radar.detection.range_doppler.staggered import StaggeredRangeDoppler
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.brief import Brief
@@ -141,6 +141,10 @@ def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeD
     staggered = radar.stagger > 0
     if staggered and chirps % 2:
         raise ScenarioError([Problem("chirps", f"{chirps} are not pairs of two intervals; give an even number")])
+    fewest = (2 * (GUARD + TRAINING) + 1) * (2 if staggered else 1)
+    if chirps < fewest:
+        message = f"{chirps} do not hold the ring of cells that tells the noise around a mover; give at least {fewest}"
+        raise ScenarioError([Problem("chirps", message)])
     frames = RangeDoppler(
         chirp=prepared.receiver.chirp,
         chirps=chirps // 2 if staggered else chirps,
@@ -200,14 +204,17 @@ def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> fl
 
 
 def _ring(scenario: Scenario, analyser: RangeDoppler, looks: int) -> RingCfar:
-    table = scenario.processing.cfar
+    table, correlation = scenario.processing.cfar, analyser.noise_correlation(GUARD + TRAINING + 1)
+    if any(np.any(np.abs(one[GUARD + 1 :]) > SHARED_NOISE) for one in correlation):
+        message = f"{scenario.processing.window!r} shares noise among more than {GUARD} cells of a map; set 'hann'"
+        raise ScenarioError([Problem("processing.window", message)])
     return RingCfar(
         kind="OS" if table.kind == "OS" else "CA",
         guard=(GUARD, GUARD),
         training=(TRAINING, TRAINING),
         false_alarm_probability=table.false_alarm_probability,
         rank=table.rank,
-        correlation=analyser.noise_correlation(GUARD + TRAINING + 1),
+        correlation=correlation,
         stride=analyser.zero_padding,
         looks=looks,
     )

@@ -9,6 +9,7 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.radar.chirp import build_sweeps
 from sionna_radar.scenario import StageParameters, load_scenario
+from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.signal.beat import synthesise
@@ -123,3 +124,4 @@ def test_a_custom_stage_takes_the_place_of_one_of_ours():
     custom = receiver(make_chirp(), noise_w=0.0, chain=build_chain(radar, (make_chirp(),), None))
     plain = receiver(make_chirp(), noise_w=0.0)
     np.testing.assert_allclose(custom.beat(PATHS, PULSES), 0.25 * plain.beat(PATHS, PULSES), atol=1e-16)
+    RECEIVER_STAGES._entries.pop("weaker_for_this_test")

@@ -65,7 +65,7 @@ def test_files_and_table(flown, tmp_path, capsys):
         ({"tracing.speckle": "per_pulse"}, {}, "tracing.speckle: 'per_pulse' breaks"),
         ({"radar.sweep": "triangular"}, {}, "radar.sweep: 'triangular' has two sweeps"),
         (SPARSE, {"chirps": 2000}, "frames: 8 frames of 2000 chirps are not within"),
-        (SPARSE, {"chirps": 2}, "chirps: 2 do not resolve"),
+        (SPARSE, {"chirps": 2}, "chirps: 2 do not hold the ring of cells .* at least 19"),
     ],
 )
 def test_what_cannot_be_framed_is_refused(changes, asked, said):
@@ -96,6 +96,8 @@ def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():
     ("keys", "chirps", "message"),
     [
         ({"radar.stagger": 0.5}, 63, "chirps: 63 are not pairs"),
+        ({"radar.stagger": 0.5}, 36, "chirps: 36 do not hold the ring of cells .* at least 38"),
+        ({"processing.window": "flattop"}, 64, "processing.window: 'flattop' shares noise"),
         ({"radar.stagger": 0.5, "processing.cfar.kind": "OS"}, 64, "'OS' has no false-alarm rate"),
         ({"processing.average.chirps": 2}, 64, "processing.average.chirps: 2: a frame counts single chirps"),
     ],
