@@ -71,5 +71,5 @@ def speckle_looks(processing: ProcessingTable, tracing: TracingTable) -> int:
 def refuse_average(processing: ProcessingTable, what: str) -> None:
     """Refuse averaged chirps where single ones are looked at, with ScenarioError; `what` is made of them."""
     if processing.average.chirps > 1:
-        message = f"{processing.average.chirps}: {what} counts single chirps; set 1"
+        message = f"{processing.average.chirps}: {what} knows single chirps alone; set 1"
         raise ScenarioError([Problem("processing.average.chirps", message)])

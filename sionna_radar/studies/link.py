@@ -109,6 +109,9 @@ def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: 
     problems = []
     if scenario.sensor != "radar":
         problems.append(Problem("sensor", f"{scenario.sensor!r} has no link budget; set sensor = 'radar'"))
+    if scenario.tracing.engine == "path_solver":
+        message = "'path_solver' sends too few of its rays into one beam; set 'sionna' or 'gamma'"
+        problems.append(Problem("tracing.engine", message))
     wrong = [f"{angle:g}" for angle in incidences_deg if not 0 <= angle <= 85]
     if wrong or not incidences_deg:
         problems.append(Problem("incidence", f"{', '.join(wrong) or 'none'} given; give angles from 0 to 85 deg"))

@@ -29,7 +29,13 @@ from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, Sampl
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.warnings import direction_warnings, saturation_warnings, steered_warnings, warnings_of
+from sionna_radar.survey.warnings import (
+    burst_warnings,
+    direction_warnings,
+    saturation_warnings,
+    steered_warnings,
+    warnings_of,
+)
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
@@ -224,6 +230,17 @@ def _saturation(prepared: Prepared, recording: Recording) -> Saturation | None:
     return Saturation(saturated_pulses=recording.saturated_pulses, saturated_samples=recording.saturated_samples)
 
 
+def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
+    chirps = prepared.local.processing.average.chirps
+    if chirps == 1 or prepared.antenna is None or len(prepared) < 2:
+        return ()
+    here = prepared.flight.sample(WARNED_PULSES).index
+    here = here[here + 1 < len(prepared)]
+    ahead, next_ahead = (prepared.flight.pulses(index).measured.boresight for index in (here, here + 1))
+    to_next = np.arccos(np.clip(np.einsum("pi,pi->p", ahead, next_ahead), -1, 1))
+    return burst_warnings(chirps, to_next * (chirps - 1) / chirps, prepared.antenna.beamwidths_rad)
+
+
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     """Return, and log, what degrades a survey's result."""
     warnings = prepared.flown.warnings + warnings_of(
@@ -239,6 +256,7 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     if prepared.angle is not None and found == 0:
         warnings = prepared.flown.warnings  # what follows says more than that there is no echo
     warnings += direction_warnings(prepared.angle, sampled, found)
+    warnings += _burst_warnings(prepared)
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)

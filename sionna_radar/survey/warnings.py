@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.range_strips import range_strips
@@ -15,6 +16,8 @@ RAIN_SHARE_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
 # beam of 8 deg at 71 m a speckled cell then moves points by some 0.2 m.
 STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
+# Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
+TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
 
 def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
@@ -116,6 +119,25 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     if points == 0:
         warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)
     return warnings
+
+
+def burst_warnings(
+    chirps: int, turn_rad: Float[np.ndarray, " pulse"], beamwidths_rad: tuple[float, float]
+) -> tuple[str, ...]:
+    """Return what is said of beams that turn on while the chirps of a pulse are averaged.
+
+    chirps: of a pulse; turn_rad: by which the beam turns from its first chirp to its last.
+    """
+    width_rad = min(beamwidths_rad)
+    turned = turn_rad > TURNED_WIDTHS_WARNED * width_rad
+    if chirps == 1 or np.mean(turned) <= TURNED_SHARE_WARNED:
+        return ()
+    turn_deg, width_deg = np.rad2deg([np.median(turn_rad[turned]), width_rad])
+    return (
+        f"the beam of {width_deg:.3g} deg turns by {turn_deg:.3g} deg within the {chirps} chirps of a pulse, whose "
+        "average is that of different ground; lower processing.average.chirps or the speed of the scan, or raise "
+        "radar.chirp_rate_hz",
+    )
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> tuple[str, ...]:

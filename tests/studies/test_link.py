@@ -79,6 +79,7 @@ def test_rain_takes_and_adds(budget):
     [
         ({"radar.antenna.polarization": "RHCP"}, {}, "radar.antenna.polarization"),
         ({"sensor": "lidar"}, {}, "sensor"),
+        ({"tracing.engine": "path_solver"}, {}, "tracing.engine: 'path_solver' sends too few"),
         ({}, {"incidences_deg": [90.0]}, "incidence"),
         ({}, {"rains_mm_per_h": []}, "rain"),
     ],

@@ -51,6 +51,13 @@ def test_the_floor_falls_by_the_chirps_of_a_coherent_mean_alone():
     assert scatter["coherent"] == pytest.approx(1.0, rel=0.1)
 
 
+def test_a_beam_that_turns_on_within_a_pulse_is_told():
+    """720 deg/s around the vertical, at 45 deg from it, for 3 of 1440 chirps a second: 1.06 deg."""
+    turned = run(averaged("coherent", **{"radar.antenna.beamwidth_deg": 2.0}))
+    assert [text for text in turned.warnings if "turns by 1.06 deg within the 4 chirps" in text]
+    assert not run(averaged("coherent", **{"radar.antenna.beamwidth_deg": 3.0})).warnings
+
+
 def test_speckle_drawn_anew_steadies_ranges_by_the_square_root_of_the_looks():
     single = run(load_scenario("hills", SHORT | {"tracing.speckle": "per_pulse"}))
     steadied = run(averaged("incoherent", **{"tracing.speckle": "per_pulse"}))
@@ -79,12 +86,12 @@ def test_what_cannot_be_averaged_is_refused_with_a_remedy(mode, changes, message
         averaged(mode, **changes)
 
 
-def test_what_counts_single_chirps_says_so(tmp_path):
-    scenario = averaged("coherent")
+def test_what_knows_single_chirps_alone_says_so(tmp_path):
+    scenario, recorded = averaged("coherent"), tmp_path / "s.nc"
     refused = {
-        "a link budget counts single chirps; set 1": lambda: link_budget(scenario),
-        "an image counts single chirps; set 1": lambda: fly_images(scenario),
-        "a recording counts single chirps; set 1": lambda: run(scenario, recordings={"signals": tmp_path / "s.nc"}),
+        "a link budget knows single chirps alone; set 1": lambda: link_budget(scenario),
+        "an image knows single chirps alone; set 1": lambda: fly_images(scenario),
+        "a recording knows single chirps alone; set 1": lambda: run(scenario, recordings={"signals": recorded}),
     }
     for message, call in refused.items():
         with pytest.raises(ScenarioError, match=message):
