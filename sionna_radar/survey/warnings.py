@@ -55,16 +55,18 @@ def warnings_of(
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
     lost: tuple[str, ...] = ()
+    # No weather was asked for: what fills the beam may be the receiver's own.
+    clear = "; or, if nothing is in the air, set processing.volume_clutter = 'off'" if falling == "air" else ""
     if stepped_behind_volume:
         lost = (
             f"{falling}: dem.method = 'stepped' takes parts of its echo for walls and roofs; set dem.method = "
-            "'refined' or 'linear'",
+            f"'refined' or 'linear'{clear}",
         )
     if lost_pulses > RAIN_SHARE_WARNED * max(pulses, 1):
         lost += (
             f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not separate the ground "
             f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
-            f"the beam{window}",
+            f"the beam{window}{clear}",
         )
         if echoes == 0:
             return lost
