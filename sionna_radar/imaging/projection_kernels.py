@@ -8,6 +8,7 @@ from numpy import ndarray
 from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.turns import turned
 
 
 @compiled
@@ -79,8 +80,8 @@ def project(
             weight = _on_equal_steps(taper, reach, u)
             if flat:
                 weight /= two_way
-            angle = -2 * math.pi * (turns - math.floor(turns))
-            total[pixel] += weight * value * complex(math.cos(angle), math.sin(angle))
+            cosine, sine = turned(turns)
+            total[pixel] += weight * value * complex(cosine, -sine)
             weight_sum[pixel] += weight * two_way
             count[pixel] += 1
 

@@ -18,6 +18,7 @@ from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.threads import cores, over_rows
+from sionna_radar.foundation.turns import turned
 
 # The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
 OVERSAMPLING, WIDTH = 2.0, 10
@@ -162,25 +163,22 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
     carrier, slope, sign, centre_s, least_hz, most_hz, rate_hz, c = sweep
     frequency, weight, excess, mean, total, scattered = columns
     for row in range(low, high):
-        power = moment = 0.0
+        # Nothing here depends on the path before, so that the compiler handles several at once.
         for path in range(first[row], last[row]):
             stretch = 2.0 * range_rate_mps[path] / c
             delay = delay_s[path] + centre_s * stretch
             f = sign * (carrier * stretch + slope * delay - slope * delay * stretch)
-            drift = sign * (slope * stretch - slope * stretch * stretch / 2.0)
             frequency[path] = f / rate_hz
-            excess[path] = drift
-            if not (f > least_hz and f < most_hz):
-                weight[path] = 0.0
-                continue
-            cycles = sign * (carrier * delay - slope * delay * delay / 2.0)
-            angle = 2.0 * np.pi * (cycles - np.floor(cycles))
-            a, b = gain[path].real, -sign * gain[path].imag
-            cosine, sine = np.cos(angle), np.sin(angle)
+            excess[path] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
+            cosine, sine = turned(sign * (carrier * delay - slope * delay * delay / 2.0))
+            passes = 1.0 if f > least_hz and f < most_hz else 0.0
+            a, b = passes * gain[path].real, -sign * passes * gain[path].imag
             weight[path] = complex(a * cosine - b * sine, a * sine + b * cosine)
-            p = a * a + b * b
+        power = moment = 0.0
+        for path in range(first[row], last[row]):
+            p = weight[path].real ** 2 + weight[path].imag ** 2
             power += p
-            moment += p * drift
+            moment += p * excess[path]
         mean[row] = moment / power if power > 0.0 else 0.0
         total[row] = power
         square = 0.0

@@ -4,6 +4,7 @@ import math
 from typing import no_type_check
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.turns import turned
 
 
 @compiled
@@ -22,10 +23,8 @@ def nearest_samples(low, high, pixel, apex, spectra, bins_per_m, cycles_per_m, r
             range_m = math.sqrt(x * x + y * y + z * z)
             if abs(x * ahead[0] + y * ahead[1] + z * ahead[2]) > reach * range_m:
                 continue
-            cycles = cycles_per_m * range_m
-            angle = 2 * math.pi * (cycles - math.floor(cycles))
+            c, s = turned(cycles_per_m * range_m)
             value = spectra[k, int(range_m * bins_per_m)]
-            c, s = math.cos(angle), math.sin(angle)
             real += value.real * c - value.imag * s
             imaginary += value.real * s + value.imag * c
         image[n] = complex(real, imaginary)

@@ -5,6 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.turns import turned
 
 
 @compiled
@@ -16,7 +17,9 @@ def orbits(place, time_s, wave, rate, amplitude, phase, offset, velocity):
         east, north = wave[k, 0] / number, wave[k, 1] / number
         for i in range(len(place)):
             angle = wave[k, 0] * place[i, 0] + wave[k, 1] * place[i, 1] - rate[k] * time_s[i] + phase[k]
-            cosine, sine = amplitude[k] * np.cos(angle), amplitude[k] * np.sin(angle)
+            cosine, sine = turned(angle / (2.0 * np.pi))
+            cosine *= amplitude[k]
+            sine *= amplitude[k]
             offset[i, 0] -= east * sine
             offset[i, 1] -= north * sine
             offset[i, 2] += cosine

@@ -14,6 +14,7 @@ from jaxtyping import Complex, Float, Int
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.turns import turned
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.cell_tree import CellTree
@@ -302,8 +303,7 @@ def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half
                 if wander_hz == 0.0:
                     factor[n] = reflectivity[i]
                 else:
-                    turn = 2.0 * np.pi * ((wander[i] * wander_hz * time_s[beam]) % 1.0)
-                    factor[n] = reflectivity[i] * complex(np.cos(turn), np.sin(turn))
+                    factor[n] = reflectivity[i] * complex(*turned(wander[i] * wander_hz * time_s[beam]))
                 n += 1
         ends[beam + 1] = n
     return ends
