@@ -1,6 +1,7 @@
 """Machine code on all cores: parts of a loop, divided in the same way whatever the number of cores."""
 
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -13,6 +14,8 @@ Result = TypeVar("Result")
 # How many threads this process may use, where that is less than its cores: what workers on one machine are told.
 THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 
+# What the names of the pool's threads begin with.
+POOL = "sionna-radar-pool-"
 # Fewer rows than this in a part are not worth a thread.
 LEAST_ROWS = 16
 
@@ -28,8 +31,11 @@ def equal_parts(count: int, number: int = 4) -> list[tuple[int, int]]:
 
 
 def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, int]]) -> Iterator[Result]:
-    """Yield what a function, which must release Python's lock, returns for each part of a loop, in their order."""
-    if cores() == 1 or len(bounds) == 1:
+    """Yield what a function, which must release Python's lock, returns for each part of a loop, in their order.
+
+    Within a part another loop is done by the same thread, as all others may wait for theirs.
+    """
+    if cores() == 1 or len(bounds) == 1 or threading.current_thread().name.startswith(POOL):
         return iter([function(low, high) for low, high in bounds])
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
 
@@ -84,13 +90,13 @@ def given_threads() -> int | None:
 
 @cache
 def _pool_of(process: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(cores(), thread_name_prefix=f"sionna-radar-{process}")
+    return ThreadPoolExecutor(cores(), thread_name_prefix=f"{POOL}{process}")
 
 
 @cache
 def _aside(process: int) -> ThreadPoolExecutor:
     # Not one of the pool, for whose threads it may have to wait.
-    return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-{process}-aside")
+    return ThreadPoolExecutor(1, thread_name_prefix=f"sionna-radar-aside-{process}")
 
 
 def _pool() -> ThreadPoolExecutor:

@@ -23,6 +23,7 @@ from scipy.spatial.distance import pdist
 from scipy.special import gammaln, kve
 
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads
 from sionna_radar.mapping.covariance_table import CovarianceTable
 
 # Bounds of the smoothness; beyond them terrain is Gaussian.
@@ -317,13 +318,15 @@ def posterior_loss(
     loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
     gradient = np.zeros(3 + smoother)
     gradient[2] = parameters[2] / noise_factor_spread**2
-    for group in groups:
-        try:
-            own, toward, by_variance, by_noise = group.loss(tried, factor, others)
-        except LinAlgError:
-            return 1e12, np.zeros(len(gradient))
-        loss += own
-        gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
+    numbers = [(k, k + 1) for k in range(len(groups))]
+    try:
+        for own, toward, by_variance, by_noise in in_threads(
+            lambda k, _: groups[k].loss(tried, factor, others), numbers
+        ):
+            loss += own
+            gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
+    except LinAlgError:
+        return 1e12, np.zeros(len(gradient))
     return loss, gradient
 
 
