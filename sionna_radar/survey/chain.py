@@ -29,7 +29,13 @@ from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, Sampl
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.warnings import direction_warnings, saturation_warnings, steered_warnings, warnings_of
+from sionna_radar.survey.warnings import (
+    direction_warnings,
+    saturation_warnings,
+    sight_warnings,
+    steered_warnings,
+    warnings_of,
+)
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
@@ -242,6 +248,8 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
+    local = prepared.local
+    warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings
