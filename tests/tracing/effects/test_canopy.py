@@ -10,7 +10,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.paths import VEGETATION, Paths
+from sionna_radar.tracing.paths import TARGET, VEGETATION, Paths
 
 EVERYWHERE = [[-290, -290], [290, -290], [290, 290], [-290, 290]]
 HEIGHT_M, EXTINCTION_DB_PER_M, BACKSCATTER_DB_PER_M = 6.0, 0.5, -25.0
@@ -103,6 +103,33 @@ def test_beside_a_stand_nothing_changes():
     along_m = deep_m[between] / np.cos(np.deg2rad(45.0))
     # Side lobes look elsewhere.
     assert np.quantile(np.abs(loss_db[between] - 2 * EXTINCTION_DB_PER_M * along_m), 0.99) < 0.9
+
+
+@pytest.mark.parametrize(("height_m", "deep_m"), [(0.0, 6.0), (2.0, 4.0), (6.5, 0.0)])
+def test_plants_dim_a_target_among_them(height_m, deep_m):
+    """By what stands above it, both ways along the line of sight."""
+
+    def level_db(**changes):
+        target = {"position_m": [0.0, 0.0], "height_m": height_m, "rcs_dbsm": 20.0}
+        platform = {"altitude_m": 60.0, "speed_mps": 10.0, "length_m": 6.0, "start_m": [-60.0, 0.0]}
+        _, _, paths = traced(over_stand(45.0, targets=[target], platform=platform, **changes), pulses=1)
+        assert np.count_nonzero(paths.surface == TARGET) == 1
+        return 20 * np.log10(np.abs(paths.gain[paths.surface == TARGET][0]))
+
+    slant = np.sqrt(60.0**2 + (60.0 - height_m) ** 2) / (60.0 - height_m)
+    loss_db = level_db(vegetation=[]) - level_db()
+    np.testing.assert_allclose(loss_db, 2 * EXTINCTION_DB_PER_M * deep_m * slant, rtol=0.02, atol=1e-9)
+
+
+def test_plants_dim_the_flash_of_calm_water_under_them():
+    def level_db(**changes):
+        water = {"model": "constant_gamma", "gamma_db": -60.0, "specular": True, "rms_height_m": 0.0}
+        materials = {"ground": water | {"medium": {"kind": "water", "temperature_c": 10.0}}}
+        _, _, paths = traced(over_stand(0.0, materials=materials, **changes), pulses=1)
+        return 20 * np.log10(np.abs(paths.gain).max())
+
+    loss_db = level_db(vegetation=[]) - level_db()
+    np.testing.assert_allclose(loss_db, 2 * EXTINCTION_DB_PER_M * HEIGHT_M, rtol=0.02)
 
 
 def test_a_pulse_draws_the_same_in_any_block():
