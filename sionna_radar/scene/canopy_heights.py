@@ -18,6 +18,8 @@ from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.terrains.points import Unstated
 
+MOST_CELLS = 50_000_000
+
 Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
@@ -67,6 +69,12 @@ def _of_cloud(
     assert stand.path is not None
     frame = frame_of(georeference)
     grid = _grid(point_m, stand.cloud_spacing_m)
+    if grid.rows * grid.columns > MOST_CELLS:
+        message = (
+            f"{stand.cloud_spacing_m:g} makes {grid.rows * grid.columns:,} cells of the stand, more than "
+            f"{MOST_CELLS:,}; raise it, or give a smaller polygon_m"
+        )
+        raise ScenarioError([Problem(f"{key}.cloud_spacing_m", message)])
     with open_cloud(stand.path, f"{key}.path") as cloud:
         crs = None if cloud.crs_wkt is None else CRS.from_wkt(cloud.crs_wkt)
         if (crs is None) != (frame is None):

@@ -9,7 +9,8 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.path import Path as Outline
 
 from sionna_radar.foundation.decibel import from_db
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.vegetation import VegetationTable
 
@@ -18,6 +19,8 @@ SPACING_M, MOST_CELLS = 0.25, 4_000_000
 # A decibel of power is so many nepers of it.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
+# What a file calls higher than this is no plant, but a value for none that it does not declare.
+NO_PLANT_M = 1000.0
 
 # Returns heights of plants at horizontal positions from a raster file; NaN where it has none.
 CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
@@ -46,6 +49,11 @@ class Vegetation:
         """Height of the tallest plants over the ground."""
         return float(np.nanmax(self.plant_m, initial=0.0))
 
+    def tops_m(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the heights of the plants' tops at horizontal positions; minus infinity where none stand."""
+        row, column, inside = self.grid.cell_of(point_m)
+        return np.where(inside, self.top_m[row, column], -np.inf)
+
     def over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the height of the plants over the cells of a map; NaN where none stand."""
         row, column, inside = self.grid.cell_of(grid.centres_m)
@@ -67,7 +75,8 @@ def vegetation_of(
     ground_m:
         Returns the height of the bare ground at horizontal positions; NaN beyond the terrain.
     window_m:
-        Extent that the survey can see (west, south, east, north), for stands without an outline.
+        Extent that the survey can see (west, south, east, north), for stands without an outline; large ones are cut
+        down to it.
     heights:
         Reads the heights of a stand from its raster.
 
@@ -76,7 +85,7 @@ def vegetation_of(
     ScenarioError
         A stand holds no ground.
     InputFileError
-        A raster of heights cannot be read.
+        A raster of heights cannot be read, or holds what no plant reaches.
 
     """
     if not tables:
@@ -84,18 +93,29 @@ def vegetation_of(
     west, south, east, north = window_m
     whole = np.array([[west, south], [east, south], [east, north], [west, north]])
     corners = [whole if table.polygon_m is None else np.array(table.polygon_m) for table in tables]
-    grid = _grid(np.vstack(corners))
+    grid = _grid(corners, window_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
     for number, (table, corner) in enumerate(zip(tables, corners, strict=True)):
         inside = _inside(grid, corner)
         place = grid.centres_m[inside.ravel()]
         height = np.full(len(place), table.height_m)
         if table.path is not None:
-            height = heights(table, f"vegetation.{number}", place)
+            height = heights(table, f"vegetation.{number}", place) if len(place) else np.zeros(0)
+            if np.any(height > NO_PLANT_M):
+                message = (
+                    f"vegetation.{number}.path = {shown(table.path)}: holds plants {np.nanmax(height):g} m high; give "
+                    "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
+                )
+                raise InputFileError(message)
             height = np.where(height >= table.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+        if len(place) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
+            continue
         if not np.any(np.isfinite(ground_m(place)) & np.isfinite(height)):
-            message = "holds no plants over the terrain; move or enlarge the stand, or the terrain"
-            raise ScenarioError([Problem(f"vegetation.{number}.polygon_m", message)])
+            field, least = "polygon_m", ""
+            if table.path is not None:
+                field, least = "path", f" of least_height_m = {table.least_height_m:g} or more"
+            message = f"holds no plants{least} over the terrain that is seen; move or enlarge the stand, or the terrain"
+            raise ScenarioError([Problem(f"vegetation.{number}.{field}", message)])
         stand[inside] = np.where(np.isfinite(height), number, stand[inside])
         plant_m[inside] = np.where(np.isfinite(height), height, plant_m[inside])
     base_m = np.full(grid.shape, np.nan)
@@ -111,10 +131,21 @@ def vegetation_of(
     )
 
 
-def _grid(corner_m: Float[np.ndarray, "corner 2"]) -> Grid:
+def _grid(corners_m: Sequence[Float[np.ndarray, "corner 2"]], window_m: tuple[float, float, float, float]) -> Grid:
+    """Return cells that hold some outlines, or of those that would take too many what a window holds of them."""
+    corner_m = np.vstack(corners_m)
+    width_m, height_m = np.ptp(corner_m, axis=0)
+    if (width_m / SPACING_M + 2) * (height_m / SPACING_M + 2) > MOST_CELLS:
+        corner_m = np.clip(corner_m, window_m[:2], window_m[2:])
     (west, south), (east, north) = corner_m.min(axis=0), corner_m.max(axis=0)
     spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MOST_CELLS))
     return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
+
+
+def _beyond(corner_m: Float[np.ndarray, "corner 2"], window_m: tuple[float, float, float, float]) -> bool:
+    """Return whether an outline lies outside a window."""
+    low, high = corner_m.min(axis=0), corner_m.max(axis=0)
+    return bool(np.any(low > window_m[2:]) or np.any(high < window_m[:2]))
 
 
 def _inside(grid: Grid, corner_m: Float[np.ndarray, "corner 2"]) -> Bool[np.ndarray, "row column"]:

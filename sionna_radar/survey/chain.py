@@ -33,6 +33,7 @@ from sionna_radar.survey.warnings import (
     burst_warnings,
     direction_warnings,
     saturation_warnings,
+    sight_warnings,
     steered_warnings,
     warnings_of,
 )
@@ -260,6 +261,8 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
+    local = prepared.local
+    warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings

@@ -138,6 +138,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
             "raise platform.altitude_m, move the track, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("platform.altitude_m", message))
+    problems += _among_plants(origin_m, built)
     missed = np.isinf(hits.range_m) & ~_over_hole(hits, low, high)
     if missed.any():
         message = (
@@ -161,6 +162,22 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
         problems.append(Problem("radar.samples_per_chirp", message))
     if problems:
         raise ScenarioError(problems)
+
+
+def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> list[Problem]:
+    """Return what is wrong with a flight that leads through [[vegetation]]."""
+    if built.scene.vegetation is None:
+        return []
+    under_m = built.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
+    deepest = int(np.argmax(under_m))
+    if under_m[deepest] < 0:
+        return []
+    x, y, z = origin_m[deepest]
+    message = (
+        f"the radar would be {under_m[deepest]:.1f} m under the tops of [[vegetation]] at ({x:.1f}, {y:.1f}, {z:.1f}) "
+        "m; raise platform.altitude_m, or move the track"
+    )
+    return [Problem("platform.altitude_m", message)]
 
 
 def _over_hole(

@@ -142,6 +142,16 @@ def burst_warnings(
     )
 
 
+def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> tuple[str, ...]:
+    """Return what a lidar looks through: those tables of a scenario that it does not know and that hold anything."""
+    names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
+    if sensor != "lidar" or not names:
+        return ()
+    return (
+        f"the lidar does not know {names} and sees the ground behind; remove them where it is compared with a radar",
+    )
+
+
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> tuple[str, ...]:
     """Return what is said of pulses that exceed the full scale of the receiver's converter.
 

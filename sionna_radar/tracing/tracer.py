@@ -71,15 +71,18 @@ class Tracer:
         if self._canopy is not None:
             paths = self._canopy.over(paths, pulses)
         if len(self._mirrors):
-            paths = Paths.concatenate([paths, self._mirrors.trace(pulses)])
+            paths = Paths.concatenate([paths, self._among_plants(self._mirrors.trace(pulses), pulses)])
         if len(self._dihedrals):
             paths = Paths.concatenate([paths, self._dihedrals.trace(pulses)])
         if self._hiding:
             paths = seen_past(self._hiding, paths, pulses, self._chirp)
         if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
-            paths = Paths.concatenate([paths, targets])
+            paths = Paths.concatenate([paths, self._among_plants(targets, pulses)])
         return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
+
+    def _among_plants(self, paths: Paths, pulses: Pulses) -> Paths:
+        return paths if self._canopy is None else self._canopy.through(paths, pulses)
 
 
 def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> Tracer:

@@ -7,6 +7,7 @@ from pyproj import CRS
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.scene.canopy_heights import plant_heights
 from sionna_radar.survey.preparation import prepare
 
 EAST, NORTH = 690_000.0, 5_330_000.0
@@ -59,3 +60,10 @@ def test_what_gives_no_trees_is_refused(tmp_path):
         prepare(forest(write(tmp_path / "bare.las", 32632), path=write(tmp_path / "local.las", None)))
     with pytest.raises(ScenarioError, match=r"vegetation\.0\.classes: has no effect"):
         forest(file, path=None, polygon_m=[[0, 0], [9, 0], [0, 9]], height_m=3.0, classes=[5])
+
+
+def test_cells_of_a_cloud_that_are_too_many_are_refused(tmp_path):
+    stand = forest(write(tmp_path / "wood.laz", 32632), cloud_spacing_m=0.05).vegetation[0]
+    corners = np.array([[-4e3, -4e3], [4e3, 4e3]])
+    with pytest.raises(ScenarioError, match=r"cloud_spacing_m: 0\.05 makes .* cells of the stand, more than"):
+        plant_heights(None, lambda place: np.zeros(len(place)), stand, "vegetation.0", corners)

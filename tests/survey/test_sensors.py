@@ -135,6 +135,12 @@ def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
     np.testing.assert_allclose(off, -0.0214, atol=1e-4)  # a climb believed in is a receding ground corrected for
 
 
+def test_a_lidar_says_what_it_looks_through():
+    stand = {"polygon_m": [[-50, -50], [50, -50], [50, 50]], "height_m": 3.0, "extinction_db_per_m": 1.0}
+    seen = run(scenario_of(sensor="lidar", vegetation=[stand | {"backscatter_db_per_m": -20.0}]))
+    assert any("the lidar does not know [[vegetation]] and sees the ground" in warning for warning in seen.warnings)
+
+
 def test_the_lidar_is_exact_and_shows_what_the_beam_costs(exact, lidar):
     ground = prepare(scenario_of()).scene.ground_m(lidar.points.position_m[:, :2])
     np.testing.assert_allclose(lidar.points.position_m[:, 2], ground, atol=0.03)  # facets against bilinear heights

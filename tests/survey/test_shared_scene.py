@@ -78,6 +78,21 @@ def test_materials_are_those_of_the_scenario_over_a_shared_ground() -> None:
     assert levels[0] == levels[2] != levels[1]
 
 
+def test_a_file_of_what_stands_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
+    table = tmp_path / "rcs.csv"
+
+    def level() -> float:
+        target = {"position_m": [0.0, 0.0], "rcs_table": str(table)}
+        found = prepared(targets=[target]).scene.scene.targets[0].rcs_table
+        assert found is not None
+        return float(found.rcs_m2[0, 0])
+
+    table.write_text("azimuth_deg,rcs_dbsm\n0,10\n")
+    assert level() == 10.0
+    table.write_text("azimuth_deg,rcs_dbsm\n0,20\n")
+    assert level() == 100.0
+
+
 def test_custom_terrain_is_built_for_each_survey() -> None:
     asked = []
     scenario = load_scenario("hills", SHORT)

@@ -50,9 +50,6 @@ class Canopy:
 
     def over(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's paths, those to the ground dimmed, together with the echo of plants."""
-        # Numba takes half a second to import.
-        from sionna_radar.tracing.effects.canopy_kernels import follow
-
         own = np.flatnonzero(paths.surface >= 0)
         row = pulses.row_of(paths.pulse[own])
         toward = pulses.true.position_m[row] - paths.hit_m[own]
@@ -60,23 +57,9 @@ class Canopy:
         back = toward / range_m[:, None]
         cosine = np.cos(paths.incidence_rad[own])
         shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), SHALLOWEST)
-        plants = self._vegetation
         drawn = place_uniforms(self._seed, Stream.VEGETATION, paths.hit_m[own], 5)
-        passed, returned, away_m = np.empty((3, len(own)))
-        follow(
-            np.ascontiguousarray(paths.hit_m[own], dtype=np.float64),
-            np.ascontiguousarray(back),
-            np.minimum(self._highest_m / shallow, range_m * (1 - 1e-6)),
-            STEPS,
-            (plants.grid.west_m, plants.grid.south_m),
-            plants.grid.spacing_m,
-            plants.stand,
-            plants.top_m,
-            plants.extinction_per_m,
-            plants.backscatter_per_m,
-            np.ascontiguousarray(drawn[:, :2]),
-            (passed, returned, away_m),
-        )
+        least_m = np.minimum(self._highest_m / shallow, range_m * (1 - 1e-6))
+        passed, returned, away_m = self._follow(paths.hit_m[own], back, least_m, drawn[:, :2])
         gain = paths.gain.copy()
         gain[own] *= np.sqrt(passed)
         dimmed = replace(paths, gain=gain)
@@ -99,6 +82,47 @@ class Canopy:
         )
         echo = replace(echo, range_rate_mps=echo.range_rate_mps - shift_hz * self._wavelength_m / 2)
         return Paths.concatenate([dimmed, echo])
+
+    def through(self, paths: Paths, pulses: Pulses) -> Paths:
+        """Return paths to what is no diffuse ground, targets and mirrors, dimmed by the plants on their way."""
+        if len(paths) == 0:
+            return paths
+        toward = pulses.true.position_m[pulses.row_of(paths.pulse)] - paths.hit_m
+        range_m = np.maximum(np.linalg.norm(toward, axis=1), 1e-9)
+        back = toward / range_m[:, None]
+        least_m = self._highest_m / np.maximum(np.abs(back[:, 2]), SHALLOWEST)
+        least_m = np.minimum(least_m, range_m * (1 - 1e-6))
+        passed, _, _ = self._follow(paths.hit_m, back, least_m, np.zeros((len(paths), 2)))
+        return replace(paths, gain=paths.gain * np.sqrt(passed))
+
+    def _follow(
+        self,
+        hit_m: Float[np.ndarray, "path 3"],
+        back: Float[np.ndarray, "path 3"],
+        least_m: Float[np.ndarray, " path"],
+        drawn: Float[np.ndarray, "path 2"],
+    ) -> Float[np.ndarray, "3 path"]:
+        """Return what plants on rays pass, what they return, and how far from a ray's end; see the kernel."""
+        # Numba takes half a second to import.
+        from sionna_radar.tracing.effects.canopy_kernels import follow
+
+        plants = self._vegetation
+        out = np.empty((3, len(hit_m)))
+        follow(
+            np.ascontiguousarray(hit_m, dtype=np.float64),
+            np.ascontiguousarray(back),
+            least_m,
+            STEPS,
+            (plants.grid.west_m, plants.grid.south_m),
+            plants.grid.spacing_m,
+            plants.stand,
+            plants.top_m,
+            plants.extinction_per_m,
+            plants.backscatter_per_m,
+            np.ascontiguousarray(drawn),
+            (out[0], out[1], out[2]),
+        )
+        return out
 
     def _ground(self, surface: np.ndarray, incidence_rad: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return sigma0 of the surface that each path meets."""

@@ -5,17 +5,18 @@ import pytest
 import rasterio
 from scipy.integrate import quad
 
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.paths import VEGETATION, Paths
+from sionna_radar.tracing.paths import TARGET, VEGETATION, Paths
 
 EVERYWHERE = [[-290, -290], [290, -290], [290, 290], [-290, 290]]
 HEIGHT_M, EXTINCTION_DB_PER_M, BACKSCATTER_DB_PER_M = 6.0, 0.5, -25.0
 KAPPA, ETA = np.log(10) / 10 * EXTINCTION_DB_PER_M, 10 ** (BACKSCATTER_DB_PER_M / 10)
 ALTITUDE_M = 60.0
+DENSE = {"extinction_db_per_m": 1.0, "backscatter_db_per_m": -20.0}
 
 
 def over_stand(incidence_deg, polygon=EVERYWHERE, **changes):
@@ -104,6 +105,33 @@ def test_beside_a_stand_nothing_changes():
     assert np.quantile(np.abs(loss_db[between] - 2 * EXTINCTION_DB_PER_M * along_m), 0.99) < 0.9
 
 
+@pytest.mark.parametrize(("height_m", "deep_m"), [(0.0, 6.0), (2.0, 4.0), (6.5, 0.0)])
+def test_plants_dim_a_target_among_them(height_m, deep_m):
+    """By what stands above it, both ways along the line of sight."""
+
+    def level_db(**changes):
+        target = {"position_m": [0.0, 0.0], "height_m": height_m, "rcs_dbsm": 20.0}
+        platform = {"altitude_m": 60.0, "speed_mps": 10.0, "length_m": 6.0, "start_m": [-60.0, 0.0]}
+        _, _, paths = traced(over_stand(45.0, targets=[target], platform=platform, **changes), pulses=1)
+        assert np.count_nonzero(paths.surface == TARGET) == 1
+        return 20 * np.log10(np.abs(paths.gain[paths.surface == TARGET][0]))
+
+    slant = np.sqrt(60.0**2 + (60.0 - height_m) ** 2) / (60.0 - height_m)
+    loss_db = level_db(vegetation=[]) - level_db()
+    np.testing.assert_allclose(loss_db, 2 * EXTINCTION_DB_PER_M * deep_m * slant, rtol=0.02, atol=1e-9)
+
+
+def test_plants_dim_the_flash_of_calm_water_under_them():
+    def level_db(**changes):
+        water = {"model": "constant_gamma", "gamma_db": -60.0, "specular": True, "rms_height_m": 0.0}
+        materials = {"ground": water | {"medium": {"kind": "water", "temperature_c": 10.0}}}
+        _, _, paths = traced(over_stand(0.0, materials=materials, **changes), pulses=1)
+        return 20 * np.log10(np.abs(paths.gain).max())
+
+    loss_db = level_db(vegetation=[]) - level_db()
+    np.testing.assert_allclose(loss_db, 2 * EXTINCTION_DB_PER_M * HEIGHT_M, rtol=0.02)
+
+
 def test_a_pulse_draws_the_same_in_any_block():
     scenario = over_stand(45.0)
     prepared, block, whole = traced(scenario, 40)
@@ -130,12 +158,34 @@ def test_a_survey_says_how_far_it_reads_the_tops():
     [
         ({"polygon": [[900, 900], [950, 900], [950, 950]]}, "holds no plants over the terrain"),
         ({"polygon": [[0, 0], [0.01, 0], [0.01, 0.01]]}, "holds no plants"),
+        ({"polygon": [[-1e15, 900], [1e15, 900], [0, 910]]}, "holds no plants"),
         ({"radar": {"snr_db": 30.0, "antenna": {"polarization": "RHCP"}}}, "linear co-polar"),
+        ({"vegetation": [{"polygon_m": EVERYWHERE, "height_m": 70.0, **DENSE}]}, "10.0 m under the tops"),
     ],
 )
 def test_stands_that_cannot_be_are_refused(changes, says):
     with pytest.raises(ScenarioError, match=says):
         prepare(over_stand(45.0, **changes))
+
+
+def test_a_vast_stand_is_no_coarser_than_a_small_one():
+    """Only what the survey sees of it takes cells; a stand beyond that is none that is missing."""
+    beyond = {"polygon_m": [[280, 280], [290, 280], [290, 290]], "height_m": 2.0, **DENSE}
+    vast = {"polygon_m": [[-1e15, -5], [1e15, -5], [1e15, 5], [-1e15, 5]], "height_m": 3.0, **DENSE}
+    stand = prepare(over_stand(0.0, vegetation=[vast, beyond])).scene.scene.vegetation
+    assert stand.grid.spacing_m == 0.25
+    assert stand.highest_m == 3.0
+
+
+@pytest.mark.parametrize("none", [np.inf, 3.4e38])
+def test_a_raster_with_a_value_for_none_that_it_does_not_declare_is_refused(tmp_path, none):
+    file = tmp_path / "chm.tif"
+    place = rasterio.Affine(2.0, 0.0, -60.0, 0.0, -2.0, 60.0)
+    profile = {"driver": "GTiff", "height": 60, "width": 60, "count": 1, "dtype": "float32"}
+    with rasterio.open(file, "w", transform=place, **profile) as target:
+        target.write(np.full((60, 60), none, dtype=np.float32), 1)
+    with pytest.raises(InputFileError, match="declare the value for none"):
+        prepare(over_stand(0.0, vegetation=[{"path": str(file), **DENSE}]))
 
 
 def test_heights_come_from_a_raster(tmp_path):
