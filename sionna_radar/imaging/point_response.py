@@ -61,7 +61,7 @@ def point_beside(target: Target, strip: Strip) -> Point:
         height_m=target.position_m[2],
         slant_range_m=float(np.hypot(ground, drop)),
         incidence_rad=float(np.arctan2(ground, drop)),
-        steady=target.swerling not in UNSTEADY,
+        steady=target.swerling not in UNSTEADY and target.way is None and target.body is None and not target.rotors,
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -52,6 +52,8 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
     """
     problems: dict[str, Problem] = {}
     for error in errors:
+        if error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]:
+            continue  # it counts only the entries that are right; what is wrong with the others is said of them
         problem = _problem(error, model)
         problems.setdefault(problem.field, problem)
     return list(problems.values())
@@ -124,9 +126,11 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
         names = " or ".join(repr(value) for table in owners for value in _tag_values(table))
         return f" It belongs to {_tag_of(owners[0])} = {names}."
     elsewhere = [key for key in _all_keys(model) if key.rpartition(".")[2] == last and key != here]
+    if place[:1] == ["materials"]:  # of another model, which may stand in the same place
+        elsewhere = [key for key in elsewhere if not key.startswith("materials.")]
     if elsewhere:
         return f" Did you mean {elsewhere[0]}?"
-    return nearest(str(last), [name for table in tables for name in table.model_fields])
+    return nearest(str(last), [name for table in tables for name in table.model_fields if name != last])
 
 
 def _tag_of(table: type[BaseModel]) -> str:
@@ -165,4 +169,5 @@ def _all_keys(model: type[BaseModel], prefix: str = "", above: tuple[type[BaseMo
         yield prefix + name
         for table in _allowed(field):
             if table not in (model, *above):  # a table may hold tables of its own kind
-                yield from _all_keys(table, f"{prefix}{name}.", (model, *above))
+                inner = f"{name}.NAME" if get_origin(field.annotation) is dict else name
+                yield from _all_keys(table, f"{prefix}{inner}.", (model, *above))

@@ -60,10 +60,10 @@ class Scenario(Table):
 
     description: in a line; it stands over tables and figures.
     seed: of all random numbers.
-    coordinates: what horizontal positions of the platform, cover polygons, buildings, objects and targets are given in:
-    "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
-    CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
-    Headings count from the grid north of the map.
+    coordinates: what horizontal positions of the platform, cover polygons, buildings, objects, targets and vegetation
+    are given in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in
+    degrees; or a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on
+    the map. Headings count from the grid north of the map.
     sensor: what is flown: a radar, a lidar, or a custom sensor.
     sensor_parameters: of a custom sensor that has some.
     terrain: the ground.

@@ -131,7 +131,7 @@ def vegetation_of(
     )
 
 
-def _grid(corners_m: Sequence[Float[np.ndarray, "corner 2"]], window_m: tuple[float, float, float, float]) -> Grid:
+def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, float, float, float]) -> Grid:
     """Return cells that hold some outlines, or of those that would take too many what a window holds of them."""
     corner_m = np.vstack(corners_m)
     width_m, height_m = np.ptp(corner_m, axis=0)

@@ -227,7 +227,10 @@ def _clutter(scenario: Scenario) -> ClutterMap:
 def _targets(
     prepared: Prepared, middle: Pulses, movers: Movers, highest_mps: float, analyser: RangeDoppler
 ) -> tuple[SeenTarget, ...]:
-    """Return the scenario's targets, each with the nearest peak that is near enough."""
+    """Return the scenario's targets, each with the nearest peak that is near enough.
+
+    A body may return an echo from anywhere on it.
+    """
     seen = []
     for number, target in enumerate(prepared.scene.scene.targets):
         place, velocity = np.array(target.position_m), np.zeros(3)
@@ -236,11 +239,12 @@ def _targets(
         away = place - middle.true.position_m[0]
         range_m = float(np.linalg.norm(away))
         rate_mps = float((velocity - middle.true.velocity_mps[0]) @ away) / range_m
+        reach_m = 0.0 if target.body is None else float(np.linalg.norm(target.body.vertices_m, axis=1).max())
         # Range rates wrap at the ends of the unambiguous ones.
         span = 2 * highest_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2
         apart = np.maximum(
-            np.abs(movers.range_m - range_m) / analyser.chirp.range_resolution_m,
+            np.maximum(np.abs(movers.range_m - range_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
             np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
         )
         nearest = int(np.argmin(apart)) if len(apart) else -1

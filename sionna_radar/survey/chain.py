@@ -40,6 +40,11 @@ from sionna_radar.survey.warnings import (
 from sionna_radar.tracing.engine import Engine, EngineInputs
 
 logger = logging.getLogger("sionna_radar")
+# Keys that raise echoes, by the sensor.
+LOUDER = {
+    "radar": "radar.snr_db or radar.transmit_power_dbm",
+    "lidar": "lidar.clear_range_m, lidar.ground_reflectivity or lidar.reflectivities",
+}
 # Spread over the survey, by which warnings know how the antenna looks at the ground.
 WARNED_PULSES = 200
 
@@ -252,6 +257,7 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         prepared.local.weather.falling or "air",
         None if prepared.expected_ground is None else "processing.expected_ground",
         stepped_behind_volume=prepared.mapper.name == "stepped" and recording.behind_volume,
+        louder=LOUDER.get(prepared.local.sensor, LOUDER["radar"]),
     )
     found, sampled = len(recording.echoes), prepared.flight.sample(WARNED_PULSES).measured
     if prepared.angle is not None and found == 0:

@@ -19,6 +19,8 @@ SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
 # Of the phase of a point over a chirp, beyond what even motion gives.
 MOST_BEND_RAD = 0.5
+# Backscatter that no receiver knows from none.
+LEAST_SIGMA0 = 1e-20
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,20 @@ def check_bounces(scenario: Scenario, built: BuiltScene) -> None:
             f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
         )
         raise ScenarioError([Problem("tracing.bounces", message)])
+
+
+def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float) -> None:
+    """Refuse noise that counts from the echo of ground that returns none, such as calm water aside of its flash."""
+    if scenario.radar.snr_db is None or scenario.sensor == "lidar":
+        return
+    name = built.scene.ground_material
+    sigma0 = float(as_radar_material(built.scene.materials[name]).co_polar.sigma0(np.array([incidence_rad]))[0])
+    if sigma0 < LEAST_SIGMA0:
+        message = (
+            f"counts from the echo of {name!r} at {np.rad2deg(incidence_rad):.0f} deg of incidence, which returns "
+            "nothing there; give radar.transmit_power_dbm and radar.noise_figure_db instead"
+        )
+        raise ScenarioError([Problem("radar.snr_db", message)])
 
 
 def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None:

@@ -51,6 +51,7 @@ from sionna_radar.survey.checks import (
     check_geometry,
     check_nominal_range,
     check_pulses,
+    check_reference,
     check_rotors,
     check_vegetation,
 )
@@ -306,6 +307,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     _check_profiles(local, mapper, custom)
     sweeps = build_sweeps(local.radar)
     others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
+    check_reference(local, scene, scan.incidence_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()
     return Prepared(

@@ -45,12 +45,13 @@ def warnings_of(
     window_key: str | None = None,
     *,
     stepped_behind_volume: bool = False,
+    louder: str = "radar.snr_db or radar.transmit_power_dbm",
 ) -> tuple[str, ...]:
     """Return what degrades a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
     falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
-    stepped_behind_volume: whether walls were looked for behind what falls.
+    stepped_behind_volume: whether walls were looked for behind what falls. louder: keys that raise echoes.
     """
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
@@ -71,7 +72,7 @@ def warnings_of(
         if echoes == 0:
             return lost
     if echoes == 0:
-        return (f"no echo was detected; raise radar.snr_db or radar.transmit_power_dbm, or fly lower{window}",)
+        return (f"no echo was detected; raise {louder}, or fly lower{window}",)
     if rain_echoes > RAIN_SHARE_WARNED * echoes:
         share = f"{rain_echoes:,} of {echoes:,} echoes"
         if 2 * rain_echoes > echoes:

@@ -170,6 +170,18 @@ def test_all_problems_are_told_at_once():
         parse_scenario(data)
 
 
+def test_a_wrong_entry_of_a_list_is_told_once():
+    stand = {"polygon_m": [["x", 0.0], [1.0, 2.0], [3.0, 4.0]], "height_m": 1.0}
+    found = problems(changed(vegetation=[stand | {"extinction_db_per_m": 1.0, "backscatter_db_per_m": 1.0}]))
+    assert list(found) == ["vegetation.0.polygon_m.0.0"]
+
+
+def test_a_key_of_another_model_is_not_its_own_remedy():
+    slab = {"model": "sionna_itu", "itu_type": "concrete", "scattering_coefficient": 0.3, "motion": "water"}
+    found = problems(changed(materials={"slab": slab}))
+    assert found["materials.slab.motion"] == "unknown key; remove it or correct its spelling."
+
+
 def test_whole_numbers_are_numbers():
     assert parse_scenario(changed(platform__altitude_m=50)).platform.altitude_m == 50.0
 
@@ -195,6 +207,7 @@ def test_the_resolved_scenario_holds_the_defaults():
         ({"radar__carier_hz": 77e9}, "radar.carier_hz", "Did you mean carrier_hz?"),
         ({"platfrom": {}}, "platfrom", "Did you mean platform?"),
         ({"radar__beamwidth_deg": 2.0}, "radar.beamwidth_deg", "Did you mean radar.antenna.beamwidth_deg?"),
+        ({"radar__motion": "water"}, "radar.motion", "Did you mean materials.NAME.motion?"),
         ({"terrain__sise_m": [1.0, 1.0]}, "terrain.sise_m", "Did you mean size_m?"),
         ({"terrain__kind": "hils"}, "terrain.kind", "Did you mean hills?"),
         ({"terrain__material": "biulding"}, "terrain.material", "Did you mean building?"),

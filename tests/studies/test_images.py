@@ -11,10 +11,12 @@ from scipy.io import netcdf_file
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.imaging.grid import PixelGrid
-from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch
+from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch, point_beside
 from sionna_radar.report.imagery.products import MARKER, write_imagery, write_slar
 from sionna_radar.report.imagery.table import print_image
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.scene.model import Target
+from sionna_radar.scene.motion import Rotor, Way
 from sionna_radar.studies.images import fly_images
 
 EAST, GROUND = 1.0, 29.0
@@ -183,6 +185,15 @@ def point_at(along_m: float, slant_range_m: float) -> Point:
     return Point(
         along_m=along_m, ground_m=28.0, height_m=0.0, slant_range_m=slant_range_m, incidence_rad=0.8, steady=True
     )
+
+
+def test_what_moves_or_turns_is_no_point_to_measure(imagery):
+    still = Target(position_m=(EAST, -GROUND, 0.0), rcs_m2=1.0)
+    way = Way(corner_m=np.array([[EAST, -GROUND, 0.0], [EAST + 1.0, -GROUND, 0.0]]), speed_mps=1.0)
+    axis = (0.0, 0.0, 1.0)
+    rotor = Rotor(offset_m=axis, axis=axis, radius_m=0.1, turns_per_s=1.0, blades=2, points=2, rcs_m2=1.0)
+    seen = [still, dataclasses.replace(still, way=way), dataclasses.replace(still, rotors=(rotor,))]
+    assert [point_beside(target, imagery.strip).steady for target in seen] == [True, False, False]
 
 
 def test_points_side_by_side_are_not_isolated():

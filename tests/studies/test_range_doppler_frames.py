@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.range_doppler.products import write_frames
@@ -31,6 +32,17 @@ def test_targets_have_their_ranges_and_range_rates(flown):
     for target in (moving, still):
         assert target.found_range_m == pytest.approx(target.range_m, abs=0.1 * flown.last.chirp.range_resolution_m)
         assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * flown.analyser.rate_cell_mps)
+
+
+def test_a_body_is_found_by_what_any_part_of_it_returns(tmp_path):
+    """The front of a ball, a radius before its middle."""
+    trimesh.creation.icosphere(subdivisions=5, radius=1.0).export(tmp_path / "ball.ply")
+    body = {"rcs_dbsm": None, "mesh": {"path": str(tmp_path / "ball.ply"), "reflectivity_db": -10.0}, "height_m": 1.0}
+    ball = {key: value for key, value in (TARGETS[0] | body).items() if value is not None}
+    flown = fly_frames(load_scenario("slar", SPARSE | FAST | {"targets": [ball]}), chirps=128, frames=1)
+    (target,) = flown.targets
+    assert target.found_range_m == pytest.approx(target.range_m - 1.0, abs=0.1 * flown.last.chirp.range_resolution_m)
+    assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * flown.analyser.rate_cell_mps)
 
 
 def test_what_moves_through_cells_is_new_and_the_ground_is_not(flown):

@@ -104,3 +104,12 @@ def test_light_is_mirrored_away_too():
 def test_reflectivities_are_of_materials():
     with pytest.raises(ScenarioError, match=r"lidar.reflectivities.lake"):
         load_scenario("buildings", {"lidar.wavelength_nm": 905, "lidar.reflectivities": {"lake": 0.0}})
+
+
+def test_noise_does_not_count_from_ground_that_returns_nothing():
+    """Aside of its flash: noise 5 dB under such an echo is none."""
+    calm = {**OVER_POND, "terrain.material": "water", "terrain.cover": []}
+    with pytest.raises(ScenarioError, match=r"radar\.snr_db: counts from the echo of 'water' at 45 deg"):
+        prepare(load_scenario("buildings", calm))
+    powers = {"radar.snr_db": None, "radar.transmit_power_dbm": 10.0, "radar.noise_figure_db": 12.0}
+    assert prepare(load_scenario("buildings", calm | powers)).receiver.noise_power_w > 0

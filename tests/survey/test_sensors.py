@@ -141,6 +141,14 @@ def test_a_lidar_says_what_it_looks_through():
     assert any("the lidar does not know [[vegetation]] and sees the ground" in warning for warning in seen.warnings)
 
 
+def test_a_lidar_without_an_echo_names_its_own_keys():
+    silent = run(scenario_of(sensor="lidar", lidar={"wavelength_nm": 905, "reflectivities": {"ground": 0.0}}))
+    assert silent.warnings == (
+        "no echo was detected; raise lidar.clear_range_m, lidar.ground_reflectivity or lidar.reflectivities, or fly "
+        "lower",
+    )
+
+
 def test_the_lidar_is_exact_and_shows_what_the_beam_costs(exact, lidar):
     ground = prepare(scenario_of()).scene.ground_m(lidar.points.position_m[:, :2])
     np.testing.assert_allclose(lidar.points.position_m[:, 2], ground, atol=0.03)  # facets against bilinear heights

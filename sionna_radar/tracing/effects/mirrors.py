@@ -183,7 +183,9 @@ def patches_of(surface: Surface, number: int, amplitude: complex, least_m: float
     # A degenerate face has no plane.
     faces, corner, normal = faces[area > 0], corner[area > 0], normal[area > 0] / area[area > 0][:, None]
     border, owner, first_face = _borders(faces, normal)
-    patches = []
+    patches: list[Patch] = []
+    if len(owner) == 0:
+        return patches  # no face has an area
     by_owner = np.argsort(owner, kind="stable")
     for edges in np.split(by_owner, np.flatnonzero(np.diff(owner[by_owner])) + 1):
         outline = corners[border[edges]]

@@ -16,7 +16,7 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.permittivity import building_permittivity
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
-from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.mirrors import MirrorTracer, patches_of
 from sionna_radar.tracing.engines.beam import BeamEngine
 from sionna_radar.tracing.tracer import Tracer
 from worlds import make_surface
@@ -247,3 +247,9 @@ def test_only_the_co_polar_receiver_sees_mirrors_and_only_if_asked(pencil):
         pulses = make_pulses(4)
         counts.append(len(tracer.trace(pulses)) - len(engine.trace(pulses)))
     assert counts == [4, 0, 0]
+
+
+def test_faces_without_an_area_are_no_mirrors():
+    corner = np.array([[0.0, 0.0, 0.0], [1e-15, 0.0, 0.0], [0.0, 1e-15, 0.0]])
+    speck = Surface(name="speck", vertices_m=corner, faces=np.array([[0, 1, 2]]), material="metal")
+    assert patches_of(speck, 0, 1 + 0j, 0.008) == []
