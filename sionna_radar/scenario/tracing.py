@@ -39,7 +39,7 @@ class TracingTable(Table):
     speckle: Literal["per_pulse", "persistent"] = "persistent"
     scatterers_per_m2: Annotated[Real | None, Field(gt=0, le=10_000)] = None
     decorrelation_time_s: Annotated[Real | None, Field(gt=0, le=1e9)] = None
-    bounces: Literal[1, 2] = 1
+    bounces: Annotated[int, Field(strict=True, ge=1, le=2)] = 1
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
 

@@ -152,8 +152,8 @@ def doubts(table: MaterialParameters, material: RadarMaterial, carrier_hz: float
     if share.max() > 1:
         over = angle_deg[share > 1]
         found.append(
-            f"it would scatter more power than it receives, {share.max():.3g} times at worst, between {over[0]} and "
-            f"{over[-1]} deg of incidence"
+            f"it would scatter up to {100 * (share.max() - 1):.2g} % more power than it receives, between {over[0]} "
+            f"and {over[-1]} deg of incidence"
         )
     return found
 

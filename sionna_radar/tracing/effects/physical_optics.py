@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scene.body import Body
 from sionna_radar.scene.body_file import body_of
@@ -130,7 +131,7 @@ def rcs_of_mesh(
     Raises
     ------
     InputFileError, ScenarioError
-        The file cannot be used, or is too large for the wavelength.
+        The file cannot be used, or is too large for the wavelength; the carrier or the range is no positive number.
 
     Examples
     --------
@@ -143,6 +144,9 @@ def rcs_of_mesh(
     True
 
     """
+    for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
+        if not 0 < value < np.inf:
+            raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
     wavelength_m = speed_of_light / carrier_hz
     seen = Scatterer(body_of(mesh, "mesh", wavelength_m), wavelength_m)
     elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
