@@ -49,6 +49,7 @@ def test_every_number_has_a_unit_or_counts_something():
         "blades",
         "points",
         "order",
+        "bounces",
         "chirps",
         "receivers",
     }
