@@ -38,13 +38,13 @@ def _ratio(name: str, action: Action, floor: Action) -> Ratio:
 
 
 def _tracing(prepared: Prepared, count: int) -> tuple[Action, Action]:
-    tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(count))
+    tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(min(count, len(prepared))))
     return partial(tracer.trace, pulses), bare_casting(prepared, tracer.trace(pulses), pulses)
 
 
 def _facets(prepared: Prepared, count: int) -> tuple[Action, Action]:
     """Return the tracing of facets, and their distances, gains, phases and ray tests by whole arrays."""
-    tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(count))
+    tracer, pulses = prepared.sensor_inputs().tracer(), prepared.flight.pulses(np.arange(min(count, len(prepared))))
     paths = tracer.trace(pulses)
     row = paths.pulse - pulses.index[0]
     chirp, antenna, caster = prepared.receiver.chirp, prepared.antenna, prepared.scene.caster
