@@ -35,7 +35,7 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
 
     Within a part another loop is done by the same thread, as all others may wait for theirs.
     """
-    if cores() == 1 or len(bounds) == 1 or threading.current_thread().name.startswith(POOL):
+    if own_cores() == 1 or len(bounds) == 1:
         return iter([function(low, high) for low, high in bounds])
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
 
@@ -62,6 +62,11 @@ def beside(function: Callable[[], Result]) -> Callable[[], Result]:
         found = function()
         return lambda: found
     return _aside(os.getpid()).submit(function).result
+
+
+def own_cores() -> int:
+    """Return the number of cores that the calling thread may use: within a part of a loop, one."""
+    return 1 if threading.current_thread().name.startswith(POOL) else cores()
 
 
 def cores() -> int:

@@ -13,6 +13,8 @@ from sionna_radar.mapping.column_kernels import NOTHING, approach, candidate, ca
 
 # Excess of a power over its mean beyond which it counts by its logarithm only, so that one glint decides nothing.
 HIGHEST_RATIO = 8.0
+# By which share of a cell rays may pass beside it that are looked at more closely.
+ROUNDING = 1e-6
 
 
 class Views(NamedTuple):
@@ -107,34 +109,47 @@ def crossed(columns, views, beyond_m, into, pulse_of, low, high):
 
 @compiled
 @no_type_check
-def put(views, echoes, level, pulse, sample, meets, what, sign, hits):
-    """Add or take away what a ray adds to its range cells; return the first of them, or NOTHING outside the profile."""
+def landing(views, echoes, pulse, sample, meets, what):
+    """Return where a ray falls in a profile: the first of two range cells, the share of the second, and a factor.
+
+    The cell is NOTHING outside the profile; the factor is that by which power falls with the range.
+    """
     if what == NOTHING:
-        return NOTHING
+        return NOTHING, 0.0, 0.0
     half = len(echoes.response) // 2
     dx, dy, dz = ray(views, pulse, sample)
     velocity = views.velocity[pulse]
     rate = velocity[0] * dx + velocity[1] * dy + velocity[2] * dz
     place = (meets - echoes.doppler * rate) / echoes.cell_m - echoes.first[pulse]
     if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
-        return NOTHING
+        return NOTHING, 0.0, 0.0
     below = int(np.floor(place))
-    power = sign * level[what] * views.share[sample] * (echoes.unit_m / meets) ** 2
-    cell = below + 2 * half + 1
-    hits[cell] += power * (1 - (place - below))
-    hits[cell + 1] += power * (place - below)
+    return below + 2 * half + 1, place - below, (echoes.unit_m / meets) ** 2
+
+
+@compiled
+@no_type_check
+def put(views, echoes, level, pulse, sample, meets, what, sign, hits):
+    """Add or take away what a ray adds to its range cells; return the first of them, or NOTHING outside the profile."""
+    cell, beyond, fall = landing(views, echoes, pulse, sample, meets, what)
+    if cell != NOTHING:
+        power = sign * level[what] * views.share[sample] * fall
+        hits[cell] += power * (1 - beyond)
+        hits[cell + 1] += power * beyond
     return cell
 
 
 @compiled
 @no_type_check
-def predicted(echoes, pulse, hits, cell):
-    """Return the mean power of a cell of a profile."""
-    taps, half = len(echoes.response), len(echoes.response) // 2
-    total = echoes.floor[pulse]
-    for tap in range(taps):
-        total += echoes.response[tap] * hits[cell + 3 * half + 1 - tap]
-    return total
+def predict_cells(echoes, pulse, hits, low, high, mean):
+    """Write the mean powers of some cells of a profile."""
+    half = len(echoes.response) // 2
+    for cell in range(low, high):
+        mean[cell] = echoes.floor[pulse]
+    for tap in range(len(echoes.response)):
+        weight, begin = echoes.response[tap], 3 * half + 1 - tap
+        for cell in range(low, high):
+            mean[cell] += weight * hits[cell + begin]
 
 
 @compiled
@@ -143,60 +158,6 @@ def unlikely(power, mean):
     """Return the negative log-likelihood of a power, but for the logarithm of its mean."""
     ratio = power / mean
     return ratio if ratio <= HIGHEST_RATIO else HIGHEST_RATIO + np.log(ratio / HIGHEST_RATIO)
-
-
-@compiled
-@no_type_check
-def predict(views, echoes, level, low, high):
-    """Predict the profiles of some pulses."""
-    pad = 2 * (len(echoes.response) // 2) + 1
-    for pulse in range(low, high):
-        begin, end = echoes.start[pulse], echoes.start[pulse + 1]
-        hits = echoes.hits[begin + 2 * pad * pulse : end + 2 * pad * (pulse + 1)]
-        hits[:] = 0.0
-        for k in range(len(views.share)):
-            put(views, echoes, level, pulse, k, views.meets[pulse, k], views.what[pulse, k], 1.0, hits)
-        for cell in range(end - begin):
-            echoes.mean[begin + cell] = predicted(echoes, pulse, hits, cell)
-
-
-@compiled
-@no_type_check
-def shares(columns, views, echoes, level, found, expected, cell_found, cell_expected, low, high):
-    """Add up, of each part and its walls, by how much measured power exceeds the mean, and what was expected.
-
-    Of the two sums, over the powers P that a reflectivity adds p to: p P / mean^2, and p / mean. The same by map cell.
-    """
-    half = len(echoes.response) // 2
-    pad = 2 * half + 1
-    rows, count = columns.height.shape
-    for pulse in range(low, high):
-        begin, end = echoes.start[pulse], echoes.start[pulse + 1]
-        excess, inverse = np.zeros(end - begin + 2 * pad), np.zeros(end - begin + 2 * pad)
-        for cell in range(end - begin):
-            mean = echoes.mean[begin + cell]
-            ratio = min(echoes.power[begin + cell] / mean, HIGHEST_RATIO)
-            for tap in range(len(echoes.response)):
-                excess[cell + 3 * half + 1 - tap] += echoes.response[tap] * ratio / mean
-                inverse[cell + 3 * half + 1 - tap] += echoes.response[tap] / mean
-        own = np.zeros(end - begin + 2 * pad)
-        for k in range(len(views.share)):
-            what = views.what[pulse, k]
-            at = put(views, echoes, level, pulse, k, views.meets[pulse, k], what, 1.0, own)
-            if at == NOTHING:
-                continue
-            more = own[at] * excess[at] + own[at + 1] * excess[at + 1]
-            usual = own[at] * inverse[at] + own[at + 1] * inverse[at + 1]
-            own[at], own[at + 1] = 0.0, 0.0
-            found[what] += more
-            expected[what] += usual
-            dx, dy, _ = ray(views, pulse, k)
-            meets = views.meets[pulse, k]
-            i = int(np.floor((views.position[pulse, 1] + meets * dy - columns.south) / columns.spacing))
-            j = int(np.floor((views.position[pulse, 0] + meets * dx - columns.west) / columns.spacing))
-            if what % 2 == 0 and 0 <= i < rows and 0 <= j < count:
-                cell_found[i, j] += more
-                cell_expected[i, j] += usual
 
 
 @compiled
@@ -211,21 +172,27 @@ def recast(
     x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
     low, high = len(hits), NOTHING
     side = columns.spacing
+    east, north = columns.west + (column + 0.5) * side - x, columns.south + (row + 0.5) * side - y
+    half_wide = side * (0.5 + ROUNDING)
+    met[:], what[:] = views.meets[pulse], views.what[pulse]
     for k in range(len(views.share)):
         before, of = views.meets[pulse, k], views.what[pulse, k]
-        met[k], what[k] = before, of
         dx, dy, dz = ray(views, pulse, k)
+        # Most rays pass the cell by, which this tells without a division.
+        if abs(east * dy - north * dx) > half_wide * (abs(dx) + abs(dy)):
+            continue
         in_x, out_x = (columns.west + column * side - x) / dx, (columns.west + (column + 1) * side - x) / dx
         in_y, out_y = (columns.south + row * side - y) / dy, (columns.south + (row + 1) * side - y) / dy
         enters = max(min(in_x, out_x), min(in_y, out_y))
         leaves = min(max(in_x, out_x), max(in_y, out_y))
         if enters >= leaves or leaves < views.enters[pulse, k] or enters > before + 1e-6:
             continue
-        met[k], what[k] = cast(
-            columns, x, y, z, dx, dy, dz, views.enters[pulse, k], farthest, row, column, height, slope_x, slope_y, part
-        )
-        if met[k] == before and what[k] == of:
+        # Up to the cell the ray meets nothing, and beyond it what it met before.
+        begin, until = max(views.enters[pulse, k], enters - side), farthest if before <= leaves else leaves
+        meets, found = cast(columns, x, y, z, dx, dy, dz, begin, until, row, column, height, slope_x, slope_y, part)
+        if (meets == before and found == of) or (found == NOTHING and before > leaves):
             continue
+        met[k], what[k] = meets, found
         for at in (
             put(views, echoes, level, pulse, k, before, of, -1.0, hits),
             put(views, echoes, level, pulse, k, met[k], what[k], 1.0, hits),
@@ -252,10 +219,11 @@ def gained(columns, views, echoes, level, farthest, row, column, height, slope_x
         )
         if high == NOTHING:
             continue
-        change = 0.0
-        for cell in range(max(low - pad - half, 0), min(high - pad + half + 1, end - begin)):
-            before, power = echoes.mean[begin + cell], echoes.power[begin + cell]
-            after = predicted(echoes, pulse, hits, cell)
+        change, low, high = 0.0, max(low - pad - half, 0), min(high - pad + half + 1, end - begin)
+        means = np.empty(end - begin)
+        predict_cells(echoes, pulse, hits, low, high, means)
+        for cell in range(low, high):
+            before, after, power = echoes.mean[begin + cell], means[cell], echoes.power[begin + cell]
             change += unlikely(power, before) - unlikely(power, after) - np.log(after / before)
             if keep:
                 echoes.mean[begin + cell] = after

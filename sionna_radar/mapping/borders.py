@@ -157,6 +157,7 @@ class _Block:
             *_slopes(height_m, number, spacing),
             number,
             ceiling,
+            float(ceiling.max()),
             float(grid.x_m[0]) - spacing / 2,
             float(grid.y_m[0]) - spacing / 2,
             spacing,
@@ -199,27 +200,30 @@ class _Block:
 
     def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
         """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
-        from sionna_radar.mapping.border_kernels import predict, shares
+        from sionna_radar.mapping.reflectivity_kernels import land, predict, shares, unknown_landings
 
-        bounds = equal_parts(len(self._echoes.first))
-        cells = np.empty((len(bounds), 2, *self._columns.part.shape))
-        sums = np.empty((len(bounds), 2, len(self._level)))
+        views, echoes, level = self._views, self._echoes, self._level
+        landings = unknown_landings(views.what.shape)
+        bounds = equal_parts(len(echoes.first))
+        cells = np.zeros((len(bounds), 2, self._columns.part.size))
+        sums = np.empty((len(bounds), 2, len(level)))
         into = {low: (*sums[k], *cells[k]) for k, (low, _) in enumerate(bounds)}
 
         def foresee(low: int, high: int) -> None:
-            predict(self._views, self._echoes, self._level, low, high)
+            predict(views, echoes, landings, level, low, high)
 
-        def add(low: int, high: int) -> None:
-            shares(self._columns, self._views, self._echoes, self._level, *into[low], low, high)
+        def add(by_cell: bool, low: int, high: int) -> None:
+            shares(views, echoes, landings, level, *into[low], by_cell, low, high)
 
+        self._over_pulses(lambda low, high: land(self._columns, views, echoes, landings, low, high))
         self._over_pulses(foresee)
-        for _ in range(rounds):
-            sums[:], cells[:] = 0.0, 0.0
-            list(in_threads(add, bounds))
+        for left in reversed(range(rounds)):
+            sums[:] = 0.0
+            list(in_threads(partial(add, left == 0), bounds))
             found, expected = sums.sum(axis=0)
-            self._level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
+            level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
             self._over_pulses(foresee)
-        return np.asarray(cells.sum(axis=0))
+        return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.part.shape))
 
     def _ground(
         self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]
@@ -277,6 +281,7 @@ class _Block:
         for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
             turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
             groups = [cells[turn & (tile == one[:, None]).all(axis=0)] for one in np.unique(tile[:, turn], axis=1).T]
+            groups.sort(key=len, reverse=True)  # so that the last to end is a small one
             list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
 
     def _tile_cells(self, first: Int[np.ndarray, " first"], pulses: Int[np.ndarray, " entry"]) -> int:

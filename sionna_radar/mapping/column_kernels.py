@@ -15,7 +15,7 @@ STRIDE_CELLS = 4
 class Columns(NamedTuple):
     """The map: height and slopes of each cell's top, and its part.
 
-    ceiling: a height that no cell near reaches, not even after a change.
+    ceiling: a height that no cell near reaches, not even after a change; highest: of all ceilings.
     """
 
     height: Float[np.ndarray, "row column"]
@@ -23,6 +23,7 @@ class Columns(NamedTuple):
     slope_y: Float[np.ndarray, "row column"]
     part: Int[np.ndarray, "row column"]
     ceiling: Float[np.ndarray, "row column"]
+    highest: float
     west: float
     south: float
     spacing: float
@@ -75,6 +76,8 @@ def approach(columns, x, y, z, dx, dy, dz, farthest):
     rows, count = columns.height.shape
     stride = STRIDE_CELLS * columns.spacing / max(np.hypot(dx, dy), 1e-6)
     at = 0.0
+    if dz < 0 and z > columns.highest:
+        at = max(np.floor((z - columns.highest) / -dz / stride) - 1, 0.0) * stride
     while at + stride < farthest:
         then = at + stride
         i = min(max(int(np.floor((y + then * dy - columns.south) / columns.spacing)), 0), rows - 1)

@@ -37,7 +37,7 @@ SPREAD_CELLS = 4
 # A cell with less than this share of the power leaked from its neighbours holds no echo.
 SPILT = 0.25
 # Rows of the map handled by one core at a time.
-ROWS_AT_ONCE = 24
+ROWS_AT_ONCE = 8
 
 
 def evidence_against(

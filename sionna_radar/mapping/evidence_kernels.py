@@ -9,6 +9,10 @@ import numpy as np
 
 from sionna_radar.foundation.compiled import compiled
 
+# Beams whose directions are farther off the boresight than by this cosine are not bounded by planes, and planes that
+# are steeper than this slope, upright ones, bound no height.
+LEAST_BORESIGHT, LEAST_SLOPE = 0.1, 1e-6
+
 
 @compiled
 @no_type_check
@@ -55,6 +59,43 @@ def two_way(gain, first_u, step_u, first_v, step_v, u, v):
 
 @compiled
 @no_type_check
+def planes_around(R, axes, planes):
+    """Write planes through the antenna between which the beam's table lies; a row of zeros is none.
+
+    Of a direction with the cosines u and v, no greater in size than U and V, the part f along the boresight is at least
+    c = sqrt(1 - U^2 - V^2), so that from u <= u_max, positive, follows u <= (u_max / c) f.
+    planes: a, b and c = 1, -1 or 0 of a x + b y + c z <= 0, in the world frame from the antenna.
+    """
+    planes[:] = 0.0
+    least = 1 - max(abs(axes[0]), abs(axes[4])) ** 2 - max(abs(axes[2]), abs(axes[5])) ** 2
+    widen = 1 / np.sqrt(least) if least > LEAST_BORESIGHT**2 else np.inf
+    planes[4] = -R[:, 0]
+    for k, (axis, sign, bound) in enumerate(((1, 1, axes[4]), (1, -1, -axes[0]), (2, 1, axes[5]), (2, -1, -axes[2]))):
+        if widen < np.inf:
+            planes[k] = sign * R[:, axis] - bound * (widen if bound > 0 else 1.0) * R[:, 0]
+    for k in range(len(planes)):
+        steep = abs(planes[k, 2])
+        planes[k] = planes[k] / steep if steep > LEAST_SLOPE else np.zeros(3)
+
+
+@compiled
+@no_type_check
+def levels_between(planes, east, north, base_up, level):
+    """Return the first and the last level, excluded, of a column of the map that may lie between planes."""
+    bottom, spacing = base_up + level[0], level[1] - level[0]
+    lowest, highest = bottom, base_up + level[-1]
+    for k in range(len(planes)):
+        beyond = planes[k, 0] * east + planes[k, 1] * north
+        if planes[k, 2] > 0:
+            highest = min(highest, -beyond)
+        elif planes[k, 2] < 0:
+            lowest = max(lowest, beyond)
+    # One more on both sides, for rounding.
+    return max(int((lowest - bottom) / spacing) - 1, 0), min(int((highest - bottom) / spacing) + 3, len(level))
+
+
+@compiled
+@no_type_check
 def add_evidence(
     windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
     base, level, in_view, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
@@ -65,13 +106,13 @@ def add_evidence(
     gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
     in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
     """
-    log_alternatives, spacing = np.log(alternatives), level[1] - level[0]
+    log_alternatives = np.log(alternatives)
     longest = 0
     for pulse in range(len(windows)):
         longest = max(longest, start[pulse + 1] - start[pulse])
     edged, most, before = np.empty(longest + 4), np.empty(longest + 4), np.empty(longest + 4 + spread_cells)
     log_edged, log_most = np.empty(longest + 4), np.empty(longest + 4)
-    own = np.empty(longest + 4, dtype=np.bool_)
+    own, planes = np.empty(longest + 4, dtype=np.bool_), np.empty((5, 3))
     for pulse in range(len(windows)):
         top, bottom = max(windows[pulse, 0], low), min(windows[pulse, 1], high)
         if top >= bottom or windows[pulse, 2] >= windows[pulse, 3]:
@@ -82,25 +123,23 @@ def add_evidence(
         for k in range(cells + 4):
             log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
         R = R_world_antenna[pulse]
+        planes_around(R, axes, planes)
         for row in range(top, bottom):
             north = y[row] - position[pulse, 1]
             for column in range(windows[pulse, 2], windows[pulse, 3]):
                 east = x[column] - position[pulse, 0]
                 flat, view = east * east + north * north, in_view[row, column]
-                number, upcoming = 0, 0
-                while upcoming < len(level):
-                    number = upcoming
+                first_level, last_level = levels_between(
+                    planes, east, north, base[row, column] - position[pulse, 2], level
+                )
+                for number in range(first_level, last_level):
                     height = base[row, column] + level[number]
                     up = height - position[pulse, 2]
                     range_m = np.sqrt(flat + up * up)
                     u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
                     v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
-                    beyond = max(max(axes[0] - u, u - axes[4]), max(axes[2] - v, v - axes[5]))
-                    if beyond > 0.0:
-                        # To come as far in direction, a point must move by at least this share of its range.
-                        upcoming += max(int(beyond / (1 + beyond) * range_m / spacing), 1)
+                    if u < axes[0] or u > axes[4] or v < axes[2] or v > axes[5]:
                         continue
-                    upcoming += 1
                     if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
                         continue
                     w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)

@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import own_cores
 from sionna_radar.mapping.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.heights import Heights
 
@@ -106,12 +107,12 @@ class TerrainModel:
             root[few[0] // 2], root[:, -1] = 0.0, 0.0
         down, up = root * twice[low[1]], root / twice[low[1]] / times**2
         real, single = (np.float64, np.complex128) if times == 1 else (np.float32, np.complex64)
-        down, up = down.astype(real), up.astype(real)
+        down, up, workers = down.astype(real), up.astype(real), own_cores()
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             spectrum = up * flat.view(single).reshape(down.shape)
-            field = scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=-1)
-            informed = scipy.fft.rfft2(information(field.ravel()).reshape(few), workers=-1)
+            field = scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
+            informed = scipy.fft.rfft2(information(field.ravel()).reshape(few), workers=workers)
             informed *= down
             return flat + informed.ravel().view(real)
 

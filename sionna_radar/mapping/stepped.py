@@ -17,8 +17,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import median_filter
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Progress, Step, Steps, silent
+from sionna_radar.foundation.progress import Progress, Step, Steps, no_step, silent
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
@@ -101,14 +102,27 @@ class _Surfaces:
         whole, grid = self._whole_part(part), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = windows_of(part)
-        alone = np.bincount(whole[whole >= 0], minlength=len(windows)) >= FEWEST_PULSES
-        many = sum(refinement_steps(grid.cut(*windows[number])) for number in np.flatnonzero(alone))
-        step = Steps(progress, "mapping", many)
-        for number in np.flatnonzero(alone):
+        pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
+        alone = pulses >= FEWEST_PULSES
+        steps = [refinement_steps(grid.cut(*window)) for window in windows]
+        step = Steps(progress, "mapping", sum(steps[number] for number in np.flatnonzero(alone)))
+
+        def map_part(number: int, step: Step) -> None:
             window = windows[number]
             inside, own = part[window] == number, whole == number
             found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside, step)
             height[window][inside], sigma[window][inside] = found[inside], known[inside]
+
+        # A part as large as all others together keeps all cores busy; those others go side by side, the largest first.
+        largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
+        first = int(2 * pulses.max(initial=0) > pulses.sum())
+        for number in largest[:first]:
+            map_part(int(number), step)
+        others = largest[first:]
+        done = in_threads(lambda k, _: map_part(int(others[k]), no_step), parts(len(others), 1))
+        for number, _ in zip(others, done, strict=True):
+            for _ in range(steps[number]):
+                step()
         step.finish()
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
