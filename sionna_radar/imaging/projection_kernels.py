@@ -10,6 +10,9 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.turns import turned
 
+# Of range, there and back.
+S_PER_M = 2 / speed_of_light
+
 
 @compiled
 @no_type_check
@@ -64,9 +67,9 @@ def project(
             if abs(left) > reach * range_m or ahead <= 0:
                 continue
             v = velocity_mps[k]
-            range_rate_mps = -(x * v[0] + y * v[1] + z * v[2]) / range_m
+            per_range = 1 / range_m
             # As `phase_polynomial`.
-            delay_s, stretch = 2 * range_m / speed_of_light, 2 * range_rate_mps / speed_of_light
+            delay_s, stretch = S_PER_M * range_m, -S_PER_M * per_range * (x * v[0] + y * v[1] + z * v[2])
             turns = direction * (carrier_hz * delay_s - slope_hz_s * delay_s**2 / 2)
             shift_hz = carrier_hz * stretch - slope_hz_s * delay_s * stretch
             place = direction * (shift_hz + slope_hz_s * delay_s) * bins_per_hz
@@ -75,7 +78,7 @@ def project(
             below = int(place)
             share = place - below
             value = spectra[k, below] * (1 - share) + spectra[k, below + 1] * share
-            u = left / range_m
+            u = left * per_range
             two_way = _on_equal_steps(voltage, 1.0, u) ** 2
             weight = _on_equal_steps(taper, reach, u)
             if flat:
