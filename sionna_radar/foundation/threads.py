@@ -2,12 +2,14 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import TypeVar
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.interrupts import raise_received
+from sionna_radar.foundation.progress import Step
 
 Result = TypeVar("Result")
 
@@ -38,6 +40,42 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
     if own_cores() == 1 or len(bounds) == 1:
         return iter([function(low, high) for low, high in bounds])
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
+
+
+def several_at_once(
+    work: Callable[[int, Step], Result], numbers: Sequence[int], steps: Sequence[int], step: Step
+) -> Iterator[Result]:
+    """Yield what a function returns for each number, in their order, as many at once as there are cores.
+
+    Parameters
+    ----------
+    work:
+        Called with a number, and what it may call after each of its steps. It should spend its time where Python's lock
+        is released. One alone has all cores for loops of its own.
+    numbers, steps:
+        What to do, and how many steps each takes at the most.
+    step:
+        Told of the steps: of one alone as they are done, of several when each has finished.
+
+    """
+    if own_cores() == 1 or len(numbers) < 2:
+        for number, most in zip(numbers, steps, strict=True):
+            left = iter(range(most))
+
+            def counted(left: Iterator[int] = left) -> None:
+                next(left)
+                step()
+
+            result = work(number, counted)
+            for _ in left:
+                step()
+            yield result
+        return
+    results = _pool().map(lambda number: work(number, raise_received), numbers)
+    for most, result in zip(steps, results, strict=True):
+        for _ in range(most):
+            step()
+        yield result
 
 
 def over_rows(work: Callable[[int, int], None], rows: int) -> None:

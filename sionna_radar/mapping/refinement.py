@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.echo_heights import ROUGH, SURFACES, EchoSurface, echo_surface, on_axis
 from sionna_radar.mapping.echo_model import EchoModel, Linearised, Sightings
 from sionna_radar.mapping.kriging import Kriging
@@ -47,6 +48,8 @@ class Mapped:
 
 # A tile's surface, what it was made of, and what whole echoes told beyond their mean ranges, if they were used.
 _Tile = tuple[Smoothed, EchoSurface, Information | None]
+# The cells that it covers, its weights and its heights there, and how well it is known.
+_Piece = tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, TileUncertainty]
 
 
 def refinement_steps(grid: Grid) -> int:
@@ -73,7 +76,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
 
     """
 
-    def tile(sightings: Sightings, echoes: MeanRanges, part: Grid) -> _Tile:
+    def tile(sightings: Sightings, echoes: MeanRanges, part: Grid, step: Step) -> _Tile:
         return _refined(sightings, echo_surface(sightings, echoes, part, step, ROUGH), step)
 
     return _in_tiles(sightings, grid, tile, step, SURFACES + MOST_SCORING_STEPS)
@@ -82,7 +85,7 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
 def smooth_echoes(sightings: Sightings, grid: Grid, step: Step = no_step) -> Mapped:
     """Return the most probable surface over a grid given the mean ranges of whole echoes; see `refine`."""
 
-    def tile(sightings: Sightings, echoes: MeanRanges, part: Grid) -> _Tile:
+    def tile(sightings: Sightings, echoes: MeanRanges, part: Grid, step: Step) -> _Tile:
         first = echo_surface(sightings, echoes, part, step)
         return first.smoothed, first, None
 
@@ -92,32 +95,38 @@ def smooth_echoes(sightings: Sightings, grid: Grid, step: Step = no_step) -> Map
 def _in_tiles(
     sightings: Sightings,
     grid: Grid,
-    tile: Callable[[Sightings, MeanRanges, Grid], _Tile],
+    tile: Callable[[Sightings, MeanRanges, Grid, Step], _Tile],
     step: Step,
     steps: int,
 ) -> Mapped:
-    """Return the blended surfaces of all tiles; `steps` are those of each."""
-    total, weight = np.zeros(grid.shape), np.zeros(grid.shape)
+    """Return the blended surfaces of all tiles; `steps` are those of each. Several tiles are done side by side."""
     echoes = mean_ranges(sightings)
     place = on_axis(sightings.pose, echoes.range_m)[:, :2]
     x, y = np.meshgrid(grid.x_m, grid.y_m)
+    bounds = [(*across, *along) for across in _tiles(grid.x_m) for along in _tiles(grid.y_m)]
+
+    def one(west: float, east: float, south: float, north: float, step: Step) -> _Piece | None:
+        here = _inside(place, west, east, south, north, OVERLAP_M)
+        if here.sum() < FEWEST_PULSES:
+            return None
+        core = _taper(x, west, east) * _taper(y, south, north)
+        smoothed, first, information = tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0), step)
+        rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
+        window = np.ix_(rows, columns)
+        height = smoothed.surface.at(x[window].ravel(), y[window].ravel()).reshape(len(rows), -1)
+        kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), first.smoothed.noise_factor)
+        known = TileUncertainty.of((west, east, south, north), kriging, information)
+        return window, core[window], height, known
+
+    total, weight = np.zeros(grid.shape), np.zeros(grid.shape)
     known: list[TileUncertainty] = []
-    for west, east in _tiles(grid.x_m):
-        for south, north in _tiles(grid.y_m):
-            core = _taper(x, west, east) * _taper(y, south, north)
-            here = _inside(place, west, east, south, north, OVERLAP_M)
-            if here.sum() < FEWEST_PULSES:
-                for _ in range(steps):
-                    step()
-                continue
-            smoothed, first, information = tile(sightings.rows(here), echoes.rows(here), _part(grid, core > 0))
-            rows, columns = np.flatnonzero((core > 0).any(axis=1)), np.flatnonzero((core > 0).any(axis=0))
-            window = np.ix_(rows, columns)
-            height = smoothed.surface.at(x[window].ravel(), y[window].ravel())
-            total[window] += core[window] * height.reshape(len(rows), -1)
-            weight[window] += core[window]
-            kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), first.smoothed.noise_factor)
-            known.append(TileUncertainty.of((west, east, south, north), kriging, information))
+    every = range(len(bounds)), [steps] * len(bounds)
+    for piece in several_at_once(lambda number, step: one(*bounds[number], step), *every, step):
+        if piece is not None:
+            window, core, height, of_tile = piece
+            total[window] += core * height
+            weight[window] += core
+            known.append(of_tile)
     covered = weight > 0
     fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
     surface = Heightfield(grid=grid, height_m=np.where(covered, total / np.where(covered, weight, 1.0), fallback))

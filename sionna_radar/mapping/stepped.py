@@ -17,9 +17,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import median_filter
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Progress, Step, Steps, no_step, silent
+from sionna_radar.foundation.progress import Progress, Step, Steps, silent
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.borders import nearer_elsewhere, with_borders
 from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
@@ -116,13 +116,9 @@ class _Surfaces:
         # A part as large as all others together keeps all cores busy; those others go side by side, the largest first.
         largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
         first = int(2 * pulses.max(initial=0) > pulses.sum())
-        for number in largest[:first]:
-            map_part(int(number), step)
-        others = largest[first:]
-        done = in_threads(lambda k, _: map_part(int(others[k]), no_step), parts(len(others), 1))
-        for number, _ in zip(others, done, strict=True):
-            for _ in range(steps[number]):
-                step()
+        for numbers in (largest[:first], largest[first:]):
+            for _ in several_at_once(map_part, numbers.tolist(), [steps[number] for number in numbers], step):
+                pass
         step.finish()
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
