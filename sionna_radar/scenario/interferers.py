@@ -33,7 +33,7 @@ class Interferer(Table):
     bandwidth_hz: Annotated[Real, Field(ge=0, le=1e11)] | None = None
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] | None = None
     sweep: Literal["up", "down"] = "up"
-    offset_s: Real = 0.0
+    offset_s: Annotated[Real, Field(ge=-1e6, le=1e6)] = 0.0
 
     @model_validator(mode="after")
     def _sweep_is_given(self) -> Interferer:

@@ -103,6 +103,9 @@ def read_polygons(
             # Of lines with measures, and of numbers that overflow where a projection ends: neither is a polygon.
             warnings.simplefilter("ignore")
             if kind == "geojson":
+                if layer is not None:
+                    message = f"GeoJSON has no layers, such as {shown(layer)}; remove it"
+                    raise ScenarioError([Problem(f"{key}.layer", message)])
                 features = _read_geojson(path, name, attributes)
             else:
                 features = _read_by_gdal(path, name, attributes, layer, frame, window_m)

@@ -1,5 +1,6 @@
 """Stands of vegetation over the ground, on a grid that rays are followed through."""
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioErro
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.vegetation import VegetationTable
+
+logger = logging.getLogger("sionna_radar")
 
 # Borders of stands follow the cells of this grid: so fine, unless it would have too many.
 SPACING_M, MOST_CELLS = 0.25, 4_000_000
@@ -107,6 +110,10 @@ def vegetation_of(
                     "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
                 )
                 raise InputFileError(message)
+            too_tall = int(np.sum(height > TALLEST_M))
+            if too_tall:
+                message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
+                logger.warning(message, number, shown(table.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
             height = np.where(height >= table.least_height_m, np.minimum(height, TALLEST_M), np.nan)
         if len(place) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
             continue

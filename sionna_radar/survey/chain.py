@@ -32,6 +32,7 @@ from sionna_radar.survey.shared_flight import record_with
 from sionna_radar.survey.warnings import (
     burst_warnings,
     direction_warnings,
+    idle_receiver_warnings,
     saturation_warnings,
     sight_warnings,
     steered_warnings,
@@ -263,11 +264,12 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     if prepared.angle is not None and found == 0:
         warnings = prepared.flown.warnings  # what follows says more than that there is no echo
     warnings += direction_warnings(prepared.angle, sampled, found)
+    local = prepared.local
+    warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
     warnings += _burst_warnings(prepared)
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
-    local = prepared.local
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:
         logger.warning("%s", warning)

@@ -10,6 +10,8 @@ from sionna_radar.detection.angle.range_strips import range_strips
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.scenario.angle_of_arrival import NEEDED
+from sionna_radar.scenario.second_receiver import SecondReceiverTable
 
 # Echoes of rain lie tens of metres above the ground, so that a few of them ruin a DEM.
 RAIN_SHARE_WARNED = 0.01
@@ -122,6 +124,14 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     if points == 0:
         warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)
     return warnings
+
+
+def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> tuple[str, ...]:
+    """Return what is said of a second receiver that nothing uses."""
+    if angle != "off" or second_receiver is None:
+        return ()
+    fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
+    return (f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it",)
 
 
 def burst_warnings(

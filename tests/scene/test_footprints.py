@@ -152,6 +152,14 @@ def test_a_file_that_needs_more_words_says_which(keys, error, message, tmp_path)
         footprints(path, **keys)
 
 
+def test_a_layer_of_a_file_without_layers_is_refused(tmp_path):
+    path = write_geojson(tmp_path / "a.geojson", [([rectangle(0, 0, 10, 10)], {})])
+    with pytest.raises(
+        ScenarioError, match=r"footprints\.0\.layer: GeoJSON has no layers, such as 'houses'; remove it"
+    ):
+        footprints(path, layer="houses")
+
+
 def test_degrees_over_ground_on_no_map_are_noticed(tmp_path):
     path = write_geojson(tmp_path / "a.geojson", [([rectangle(9, 47, 9.0002, 47.0001)], {})])
     with pytest.raises(ScenarioError, match=r"seem to be in degrees; set terrain.centre_lonlat_deg"):

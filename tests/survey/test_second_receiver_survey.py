@@ -34,6 +34,9 @@ def test_a_receiver_that_is_not_used_changes_no_bit(surveys):
     idle = run(load_scenario("hills", SHORT | {"radar.second_receiver.axis": "both"}))
     assert idle.points.sha256() == surveys["off"].points.sha256()
     np.testing.assert_array_equal(idle.dem.height_m, surveys["off"].dem.height_m)
+    said = "radar.second_receiver is not used; set processing.angle = 'interferometric', or remove it"
+    assert said in idle.warnings
+    assert said not in surveys["on"].warnings + surveys["off"].warnings
 
 
 def test_neither_the_block_size_nor_packing_changes_a_bit(surveys):

@@ -188,7 +188,7 @@ def test_a_raster_with_a_value_for_none_that_it_does_not_declare_is_refused(tmp_
         prepare(over_stand(0.0, vegetation=[{"path": str(file), **DENSE}]))
 
 
-def test_heights_come_from_a_raster(tmp_path):
+def test_heights_come_from_a_raster(tmp_path, caplog):
     """A canopy-height model in metres over the local frame: half of it 4 m high, the rest lower than plants are."""
     file = tmp_path / "chm.tif"
     heights = np.full((60, 60), 0.2, dtype=np.float32)
@@ -208,5 +208,11 @@ def test_heights_come_from_a_raster(tmp_path):
     assert np.all(found[inside & (east > 1)] == 4.0)
     assert np.all(np.isnan(found[(east < -1) | ~inside & (east < 60) & (north < 58)]))
     assert vegetation.highest_m == 4.0
+    assert "taken for that" not in caplog.text
+    heights[40, 35:40] = 250.0
+    with rasterio.open(file, "w", transform=place, **profile) as target:
+        target.write(heights, 1)
+    assert prepare(over_stand(0.0, vegetation=[stand])).scene.scene.vegetation.highest_m == 100.0
+    assert "cells are higher than 100 m, and taken for that" in caplog.text
     with pytest.raises(ScenarioError, match="either height_m or path"):
         over_stand(0.0, vegetation=[stand | {"height_m": 2.0}])
