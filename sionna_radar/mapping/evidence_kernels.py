@@ -62,8 +62,8 @@ def two_way(gain, first_u, step_u, first_v, step_v, u, v):
 def planes_around(R, axes, planes):
     """Write planes through the antenna between which the beam's table lies; a row of zeros is none.
 
-    Of a direction with the cosines u and v, no greater in size than U and V, the part f along the boresight is at least
-    c = sqrt(1 - U^2 - V^2), so that from u <= u_max, positive, follows u <= (u_max / c) f.
+    Where |u| <= U and |v| <= V, the part f of a unit vector along the boresight is at least c = sqrt(1 - U^2 - V^2), so
+    that u <= u_max implies u <= (u_max / c) f for a positive u_max, and u <= u_max f for any other.
     planes: a, b and c = 1, -1 or 0 of a x + b y + c z <= 0, in the world frame from the antenna.
     """
     planes[:] = 0.0
@@ -81,7 +81,12 @@ def planes_around(R, axes, planes):
 @compiled
 @no_type_check
 def levels_between(planes, east, north, base_up, level):
-    """Return the first and the last level, excluded, of a column of the map that may lie between planes."""
+    """Return the first and the last level, excluded, of a column of the map that may lie between planes.
+
+    level: evenly spaced.
+    """
+    if len(level) == 1:
+        return 0, 1
     bottom, spacing = base_up + level[0], level[1] - level[0]
     lowest, highest = bottom, base_up + level[-1]
     for k in range(len(planes)):

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plain_evidence import evidence
 from sightings import make_sightings
@@ -12,6 +13,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.coarse_map import lowest_in_view_m
 from sionna_radar.mapping.evidence import LEAST_SHARE, _reflectivities, evidence_against
+from sionna_radar.mapping.evidence_kernels import levels_between, planes_around
 from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
 from sionna_radar.mapping.mean_ranges import mean_ranges
 from sionna_radar.mapping.points import Points
@@ -191,3 +193,22 @@ def test_nothing_heard_makes_no_map(level):
     silent = Grid(west_m=500.0, south_m=500.0, spacing_m=1.0, columns=8, rows=8)
     heard = step_surface(sightings, located(sightings), silent, 5.0).supported
     assert not heard.any()
+
+
+@pytest.mark.parametrize("half_width", [0.01, 0.3, 0.9])
+def test_no_level_in_the_beam_is_left_out(half_width):
+    rng = np.random.default_rng(5)
+    level, planes, kept = np.arange(-30.0, 30.0, 0.7), np.empty((5, 3)), 0
+    for R in Rotation.random(40, rng=rng).as_matrix():
+        low, high = -half_width * rng.uniform(-0.5, 1.0, 2), half_width * rng.uniform(0.6, 1.0, 2)
+        axes = np.array([low[0], 0.01, low[1], 0.01, *high])
+        planes_around(R, axes, planes)
+        for east, north in rng.uniform(-60.0, 60.0, (60, 2)):
+            away = np.column_stack([np.full_like(level, east), np.full_like(level, north), level + 3.0])
+            ahead, u, v = ((away / np.linalg.norm(away, axis=1)[:, None]) @ R).T
+            seen = (ahead > 0) & (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])
+            first, last = levels_between(planes, east, north, 3.0, level)
+            assert not seen[:first].any()
+            assert not seen[last:].any()
+            kept += max(last - first, 0)
+    assert kept < (40 * 60 * len(level) if half_width > 0.7 else 0.4 * 40 * 60 * len(level))
