@@ -6,7 +6,7 @@ Cells are columns with plane tops. `Columns`, `Views` and `Echoes` hold arrays t
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Int32
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.mapping.column_kernels import NOTHING, approach, candidate, cast
@@ -31,7 +31,7 @@ class Views(NamedTuple):
     share: Float[np.ndarray, " sample"]
     enters: Float[np.ndarray, "pulse sample"]
     meets: Float[np.ndarray, "pulse sample"]
-    what: Int[np.ndarray, "pulse sample"]
+    what: Int32[np.ndarray, "pulse sample"]
 
 
 class Echoes(NamedTuple):

@@ -317,7 +317,7 @@ def _views(sightings: Sightings, spacing_m: float) -> Views:
         share=share,
         enters=np.empty(shape),
         meets=np.empty(shape),
-        what=np.empty(shape, dtype=np.int64),
+        what=np.empty(shape, dtype=np.int32),
     )
 
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple, no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int32
+from jaxtyping import Float32, Int32
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.mapping.border_kernels import HIGHEST_RATIO, landing, predict_cells, ray
@@ -18,8 +18,8 @@ class Landings(NamedTuple):
     """
 
     cell: Int32[np.ndarray, "pulse sample"]
-    beyond: Float[np.ndarray, "pulse sample"]
-    fall: Float[np.ndarray, "pulse sample"]
+    beyond: Float32[np.ndarray, "pulse sample"]
+    fall: Float32[np.ndarray, "pulse sample"]
     top: Int32[np.ndarray, "pulse sample"]
 
 
@@ -27,8 +27,8 @@ def unknown_landings(shape: tuple[int, int]) -> Landings:
     """Return landings not yet computed."""
     return Landings(
         cell=np.empty(shape, dtype=np.int32),
-        beyond=np.empty(shape),
-        fall=np.empty(shape),
+        beyond=np.empty(shape, dtype=np.float32),
+        fall=np.empty(shape, dtype=np.float32),
         top=np.empty(shape, dtype=np.int32),
     )
 
