@@ -63,7 +63,7 @@ def several_at_once(
             left = iter(range(most))
 
             def counted(left: Iterator[int] = left) -> None:
-                next(left)
+                next(left, None)
                 step()
 
             result = work(number, counted)
