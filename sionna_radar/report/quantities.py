@@ -1,7 +1,5 @@
 """Scenario keys as labels of figures: words, with the unit in brackets."""
 
-from typing import Any
-
 UNITS = {
     "mm_per_h": "mm/h",
     "g_per_m3": "g/m³",
@@ -32,8 +30,3 @@ def readable(key: str) -> str:
         words = f"{tables[-1]} {words}"
     words = words.replace("_", " ").replace("dem ", "DEM ").replace("cfar", "CFAR").replace("snr", "SNR")
     return words[:1].upper() + words[1:] + (f" ({UNITS[unit]})" if unit else "")
-
-
-def shown(value: Any) -> str:
-    """Return a short form of a scenario value."""
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -61,8 +61,9 @@ def parse_sampler(text: str) -> Sampler:
 def read_settings(path: Path) -> tuple[Setting, ...]:
     """Return the settings of a CSV file: dotted keys in its first line, and a setting in each other one.
 
-    Values are those of `--set`; an empty one leaves the key as it is, the word none takes it out. Relative paths of
-    input files are relative to the table's folder, or else to the working folder.
+    Values are those of `--set`; an empty one leaves the key as it is, the word none takes it out. A line of nothing but
+    commas is the scenario itself. Relative paths of input files are relative to the table's folder, or else to the
+    working folder.
 
     Raises
     ------
@@ -74,7 +75,8 @@ def read_settings(path: Path) -> tuple[Setting, ...]:
     """
     text = read_text(path, "--table", REMEDY)
     try:
-        lines = [line for line in csv.reader(io.StringIO(text, newline=""), strict=True) if any(map(str.strip, line))]
+        read = csv.reader(io.StringIO(text, newline=""), strict=True)
+        lines = [line for line in read if len(line) > 1 or any(map(str.strip, line))]
     except csv.Error as error:
         _refuse(path, f"it is not CSV ({error})")
     if len(lines) < 2:

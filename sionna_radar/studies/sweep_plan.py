@@ -19,6 +19,8 @@ from sionna_radar.studies.design import Axis, Design, Setting, refuse
 from sionna_radar.survey.preparation import prepare
 
 MAX_RUNS = 100_000
+# Letters of a value that is told people.
+LONGEST_SHOWN = 48
 # A table of the scenario that can be raised until the rest fits, and how often it is doubled for that.
 SAMPLES = "radar.samples_per_chirp"
 DOUBLINGS = 5
@@ -213,8 +215,12 @@ def _located(problem: Problem, settings: list[dict[str, Any]], count: int) -> Pr
 
 def label(setting: Mapping[str, Any]) -> str:
     """Return a setting in short: the last part of each key, and its value."""
-    return ", ".join(f"{key.split('.')[-1]} = {_text(value)}" for key, value in setting.items())
+    if not setting:
+        return "nothing changed"
+    return ", ".join(f"{key.split('.')[-1]} = {short(value)}" for key, value in setting.items())
 
 
-def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def short(value: Any) -> str:
+    """Return a value of a setting for people: of a long one, such as a list of tables, the beginning and the end."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 16]} ... {text[-11:]}"

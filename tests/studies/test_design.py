@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,10 +117,21 @@ def test_what_is_no_table_of_settings_is_refused(tmp_path, text, says):
 def test_a_table_may_leave_keys_alone_take_them_out_and_name_files_beside_it(tmp_path):
     (tmp_path / "here.toml").write_text("")
     path = tmp_path / "rows.csv"
-    path.write_text("\ufeffterrain.path, radar.snr_db ,processing.window\r\nhere.toml,none,hann\r\n,20.5,\r\n\r\n")
-    first, second = read_settings(path)
+    path.write_text(
+        "\ufeffterrain.path, radar.snr_db ,processing.window\r\nhere.toml,none,hann\r\n,20.5,\r\n\r\n,,\r\n"
+    )
+    first, second, third = read_settings(path)
     assert first == {"terrain.path": str(tmp_path / "here.toml"), "radar.snr_db": None, "processing.window": "hann"}
     assert second == {"radar.snr_db": 20.5}
+    assert third == {}
+
+
+@pytest.mark.parametrize("scene", ["hills", "buildings"])
+def test_the_table_of_effects_is_one_of_scenarios(scene):
+    settings = read_settings(Path(__file__).parents[2] / "examples" / "effects.csv")
+    assert [len(setting) for setting in settings] == [0, 2, 2, 1, 1, 2, 2, 1, 1]
+    scenarios = [load_scenario(scene, setting) for setting in settings]
+    assert sum(scenario != scenarios[0] for scenario in scenarios) == 8
 
 
 def test_the_command_flies_a_sample_and_tabulates_it(cli, small, tmp_path):

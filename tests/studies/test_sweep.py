@@ -19,7 +19,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design import Axis
 from sionna_radar.studies.design_text import parse_design
 from sionna_radar.studies.sweep import fly_sweep
-from sionna_radar.studies.sweep_plan import plan_sweep
+from sionna_radar.studies.sweep_plan import label, plan_sweep
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -311,3 +311,10 @@ def test_another_study_is_another_run(flown, small, tmp_path):
     for other in (plan_sweep(small, plan.axes, repeat=3), plan_sweep(small, plan.axes, 2, {"radar.snr_db": 21.0})):
         assert other.identity() != plan.identity()
     assert plan_sweep(small, plan.axes, repeat=2).identity() == plan.identity()
+
+
+def test_long_values_are_told_in_short_and_apart():
+    vans = [{"position_m": [float(k), 0.0], "rcs_dbsm": 10.0} for k in range(30)]
+    told = label({"targets": vans, "radar.snr_db": 20.0})
+    assert told == "targets = [{'position_m': [0.0, 0.0], 'rcs ... sm': 10.0}], snr_db = 20"
+    assert label({}) == "nothing changed"

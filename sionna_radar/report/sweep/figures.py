@@ -16,8 +16,9 @@ from scipy.stats import rankdata
 
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.figure_files import ReportFigure, save_figures
-from sionna_radar.report.quantities import readable, shown
+from sionna_radar.report.quantities import readable
 from sionna_radar.studies.design import Axis
+from sionna_radar.studies.sweep_plan import short
 from sionna_radar.studies.sweep_result import Case, Sweep
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
@@ -61,7 +62,7 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     panels = figure.subplots(2, 2, sharex=True).ravel()
     for axes, statistic in zip(panels, statistics, strict=True):
         for index, ((title, cases), (colour, marker)) in enumerate(
-            zip(lines.items(), zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
+            zip(lines, zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
         ):
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
             _draw_line(axes, across, cases, statistic, (title, colour, marker, shift), joined=_joined(sweep, across))
@@ -113,18 +114,18 @@ def _numeric(axis: Axis) -> bool:
     return len(axis.values) > 1 and all(isinstance(v, Real) and not isinstance(v, bool) for v in axis.values)
 
 
-def _lines(sweep: Sweep, across: Axis) -> dict[str, list[Case]]:
-    """Return the cases of each setting of the other listed keys, in the order of the abscissa."""
+def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
+    """Return the cases of each setting of the other listed keys, with its name, in the order of the abscissa."""
     listed = [axis.key for axis in sweep.axes if axis.crossed and axis.key != across.key]
-    lines: dict[str, list[Case]] = {}
+    lines: dict[str, tuple[str, list[Case]]] = {}
     for case in sweep.cases:
-        others = [(key, case.setting[key]) for key in listed]
-        name = ", ".join(f"{readable(key)}: {shown(value)}" for key, value in others)
+        others = {key: case.setting[key] for key in listed}
+        name = ", ".join(f"{readable(key)}: {short(value)}" for key, value in others.items())
         if across.key in case.setting:
-            lines.setdefault(name, []).append(case)
+            lines.setdefault(repr(others), (name, []))[1].append(case)
     if _numeric(across):
-        return {name: sorted(cases, key=lambda c: c.setting[across.key]) for name, cases in lines.items()}
-    return lines
+        return [(name, sorted(cases, key=lambda c: c.setting[across.key])) for name, cases in lines.values()]
+    return list(lines.values())
 
 
 def _joined(sweep: Sweep, across: Axis) -> bool:
@@ -173,7 +174,7 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
     axes.set_xlabel(readable(across.key))
     values = list(across.values)
     if not _numeric(across):
-        axes.set_xticks(range(len(values)), [shown(value) for value in values], **_slanted(values))
+        axes.set_xticks(range(len(values)), [short(value) for value in values], **_slanted(values))
         axes.set_xlim(-0.5, len(values) - 0.5)
         return
     logarithmic = _even_in_logarithm(across)
@@ -204,6 +205,6 @@ def _apart(values: list[float], logarithmic: bool) -> bool:
 
 def _slanted(values: list[Any]) -> dict[str, Any]:
     """Return the rotation that keeps the labels of words apart."""
-    if sum(len(shown(value)) + 2 for value in values) <= MOST_LETTERS:
+    if sum(len(short(value)) + 2 for value in values) <= MOST_LETTERS:
         return {}
     return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

@@ -2,10 +2,9 @@
 
 from rich.table import Table
 
-from sionna_radar.report.quantities import shown
 from sionna_radar.report.sweep.runs_table import setting_text
 from sionna_radar.report.terminal import NONE, console, number
-from sionna_radar.studies.sweep_plan import label
+from sionna_radar.studies.sweep_plan import label, short
 from sionna_radar.studies.sweep_result import STATISTICS, Case, Sweep
 
 HEADINGS = {
@@ -52,7 +51,7 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
     for statistic in columns:
         table.add_column(HEADINGS[statistic], justify="right")
     for case in result.cases[:MOST_ROWS]:
-        setting = (shown(setting_text(case.setting, axis.key)) for axis in result.axes)
+        setting = (short(setting_text(case.setting, axis.key)) for axis in result.axes)
         table.add_row(*setting, *(_with_spread(case, s, sign) for s in columns))
     return table
 
