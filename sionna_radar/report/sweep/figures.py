@@ -33,6 +33,8 @@ PANELS = {
 # Panels that may have a logarithmic scale, and the ratio of largest to smallest value at which they do.
 SIZES = ("rms_m", "off_wall_rms_m", "nmad_m")
 LOGARITHMIC_FROM = 8.0
+# Top of a linear scale over the highest value, so that its dot is whole.
+HEADROOM = 1.06
 # Distance of the dots of the trials from their mean, in points, so that its bar does not hide them.
 BESIDE_PT = 7.0
 # A rank correlation of fewer settings says nothing.
@@ -101,8 +103,8 @@ def _finish_ordinate(axes: Axes, sweep: Sweep, statistic: str) -> None:
             axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
-        else:
-            axes.set_ylim(bottom=0.0)
+        elif len(sizes):
+            axes.set_ylim(0.0, HEADROOM * axes.dataLim.y1)
 
 
 def abscissa(axes: tuple[Axis, ...]) -> Axis:
