@@ -112,19 +112,21 @@ def crossed(columns, views, beyond_m, into, pulse_of, low, high):
 def landing(views, echoes, pulse, sample, meets, what):
     """Return where a ray falls in a profile: the first of two range cells, the share of the second, and a factor.
 
-    The cell is NOTHING outside the profile; the factor is that by which power falls with the range.
+    The cell is NOTHING outside the profile; the factor is that by which power falls with the range. Share and factor
+    are in single precision, as they are kept: what is taken away is what was added.
     """
+    nothing = NOTHING, np.float32(0.0), np.float32(0.0)
     if what == NOTHING:
-        return NOTHING, 0.0, 0.0
+        return nothing
     half = len(echoes.response) // 2
     dx, dy, dz = ray(views, pulse, sample)
     velocity = views.velocity[pulse]
     rate = velocity[0] * dx + velocity[1] * dy + velocity[2] * dz
     place = (meets - echoes.doppler * rate) / echoes.cell_m - echoes.first[pulse]
     if not -half < place < echoes.start[pulse + 1] - echoes.start[pulse] - 1 + half:
-        return NOTHING, 0.0, 0.0
+        return nothing
     below = int(np.floor(place))
-    return below + 2 * half + 1, place - below, (echoes.unit_m / meets) ** 2
+    return below + 2 * half + 1, np.float32(place - below), np.float32((echoes.unit_m / meets) ** 2)
 
 
 @compiled
