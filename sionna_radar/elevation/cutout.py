@@ -93,14 +93,27 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     """Return the error for a window without terrain, for the field that placed it there."""
     in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
     rows, columns = source.dataset.shape
-    extent = in_metres.format(*_extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0)))
+    covered = _extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0))
+    extent = in_metres.format(*covered)
     message = f"the flight sees {in_metres.format(*cutout.window_m)}, but {what}: the file covers {extent}"
-    if cutout.frame.centre_lonlat_deg is None:
+    authority = source.local.to_authority()
+    if authority and _given_on_the_map(source, cutout, covered):
+        system = ":".join(authority)
+        remedy = f"set coordinates = '{system}' if positions are on the map"
+        problem = Problem("terrain", f"{message} about the local origin; {remedy}")
+    elif cutout.frame.centre_lonlat_deg is None:
         problem = Problem("terrain", f"{message}; move the flight or set terrain.centre_lonlat_deg")
     else:
         lon, lat = cutout.frame.centre_lonlat_deg
         problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
     return ScenarioError([problem])
+
+
+def _given_on_the_map(source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]) -> bool:
+    """Return whether the window's middle would be within the file, were it eastings and northings of the map."""
+    west, south, east, north = cutout.window_m
+    x, y = (west + east) / 2 - source.origin[0], (south + north) / 2 - source.origin[1]
+    return covered_m[0] <= x <= covered_m[2] and covered_m[1] <= y <= covered_m[3]
 
 
 def _extent_m(source: PlacedRaster, pixels: tuple[float, float, float, float]) -> tuple[float, float, float, float]:

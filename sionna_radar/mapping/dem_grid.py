@@ -47,6 +47,9 @@ def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georef
     grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
     border = 2 * closing_cells(max_gap_m, spacing_m)
     if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
-        message = f"gaps of {max_gap_m:.3g} m are {border:,} cells of {spacing_m:g} m wide; give a smaller one"
+        message = (
+            f"gaps of {max_gap_m:.3g} m (without the key: as wide as the beams lie apart) are {border:,} cells of "
+            f"{spacing_m:g} m wide; give a smaller one, or raise dem.spacing_m"
+        )
         raise ScenarioError([Problem("dem.max_gap_m", message)])
     return grid

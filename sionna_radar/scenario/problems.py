@@ -54,9 +54,22 @@ def translate(errors: Sequence[Mapping[str, Any]], model: type[BaseModel]) -> li
     for error in errors:
         if error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]:
             continue  # it counts only the entries that are right; what is wrong with the others is said of them
+        if _other_than_a_list(error, errors):
+            continue
         problem = _problem(error, model)
         problems.setdefault(problem.field, problem)
     return list(problems.values())
+
+
+def _other_than_a_list(error: Mapping[str, Any], errors: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether an error only says that a list is no number, where a list may stand and its errors are told."""
+    place, kind = error["loc"][:-1], error["loc"][-1:]
+    if not isinstance(error["input"], list | tuple) or not kind or kind[0] not in KINDS_OF_VALUE:
+        return False
+    beside = (
+        other["loc"][len(place)] for other in errors if other["loc"][: len(place)] == place and other is not error
+    )
+    return any(str(part).startswith("tuple[") for part in beside)
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -13,14 +13,12 @@ from scipy.constants import speed_of_light
 from scipy.signal import fftconvolve
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import LeakageTable
 from sionna_radar.signal.beat import phase_polynomial
-from sionna_radar.signal.converter import build_converter
 from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.stages import StageInputs
+from sionna_radar.signal.rounding import rounding_step
 
 THERMAL, ROUNDING = "thermal noise", "rounding of the converter"
 # Of the window around a tone, in range cells.
@@ -40,7 +38,7 @@ def floors_of(
     out, since it depends on what is received. Stages of a plug-in are taken for ideal ones.
     """
     found = {THERMAL: np.full(len(analyser.range_m), receiver.noise_power_w * in_cell(analyser))}
-    step = _step(radar, receiver)
+    step = rounding_step(radar, receiver)
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
         # It comes behind the high-pass, whose response the calibration divides out.
@@ -129,12 +127,3 @@ def _leakage_noise(
             left += fftconvolve(density * gone[a] * np.conj(gone[b]), own[a] * np.conj(own[b])).real
     first = bins + 3 * reach
     return np.maximum(left[first : first + bins], 0.0)
-
-
-def _step(radar: RadarTable, receiver: Receiver) -> float | None:
-    """Return the step of the converter on the scale of the antenna; None for one without a fixed step."""
-    if "converter" in radar.receiver.stages:
-        return None
-    given = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
-    converter = build_converter(StageParameters(stage="converter"), given)
-    return converter.step(receiver.noise_power_w, receiver.chirp)

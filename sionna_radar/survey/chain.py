@@ -11,6 +11,7 @@ import numpy as np
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
+from sionna_radar.foundation.decibel import to_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
@@ -22,6 +23,7 @@ from sionna_radar.mapping.mapper import DemMethod
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.landscape import Landscape, TerrainInputs
+from sionna_radar.signal.rounding import rounding_over_noise
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
@@ -248,6 +250,16 @@ def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
     return burst_warnings(chirps, to_next * (chirps - 1) / chirps, prepared.antenna.beamwidths_rad)
 
 
+def _louder(prepared: Prepared) -> str:
+    """Return the keys that raise echoes over what hides them."""
+    radar = prepared.local.radar
+    rounding = rounding_over_noise(radar, prepared.receiver) if prepared.local.sensor == "radar" else None
+    if rounding is None or rounding <= 1:
+        return LOUDER.get(prepared.local.sensor, LOUDER["radar"])
+    key = "bits" if radar.receiver.converter.full_scale_dbm is None else "gain_db"
+    return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
+
+
 def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     """Return, and log, what degrades a survey's result."""
     warnings = prepared.flown.warnings + warnings_of(
@@ -258,7 +270,7 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
         prepared.local.weather.falling or "air",
         None if prepared.expected_ground is None else "processing.expected_ground",
         stepped_behind_volume=prepared.mapper.name == "stepped" and recording.behind_volume,
-        louder=LOUDER.get(prepared.local.sensor, LOUDER["radar"]),
+        louder=_louder(prepared),
     )
     found, sampled = len(recording.echoes), prepared.flight.sample(WARNED_PULSES).measured
     if prepared.angle is not None and found == 0:

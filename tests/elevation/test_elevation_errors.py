@@ -82,6 +82,14 @@ def test_windows_outside(tmp_path):
     assert "longitude and latitude" in str(refusal(path, centre_lonlat_deg=(8.0, 95.0)))
 
 
+def test_a_flight_given_in_eastings_and_northings(tmp_path):
+    path = write_plane(tmp_path / "a.tif")
+    east, north = WEST + 60.0, NORTH - 50.0
+    said = str(refusal(path, (east - 50.0, north - 50.0, east + 50.0, north + 50.0)))
+    assert f"set coordinates = '{UTM}'" in said
+    assert "coordinates" not in str(refusal(path, (500.0, 0.0, 900.0, 100.0)))
+
+
 def test_geographic_windows_outside(tmp_path):
     transform = from_origin(6.99, 45.01, 1 / 3600, 1 / 3600)
     path = write_heights(tmp_path / "a.tif", np.zeros((50, 50)), transform, crs=4326)

@@ -96,6 +96,10 @@ def test_what_would_cost_too_much_or_overflow_is_refused_before(keys, field):
     assert field in said_of(keys)
 
 
+def test_gaps_that_the_scan_leaves_are_said_to_be_its_own():
+    assert "without the key: as wide as the beams lie apart" in said_of({"radar.scan.rotation_rpm": 1e6})
+
+
 @pytest.mark.parametrize("keys", [{}, PERSISTENT, {"radar.samples_per_chirp": 2**15}, {"dem.max_gap_m": 300.0}])
 def test_what_a_survey_may_cost_passes(keys):
     assert said_of(keys) == ""

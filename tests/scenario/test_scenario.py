@@ -176,6 +176,20 @@ def test_a_wrong_entry_of_a_list_is_told_once():
     assert list(found) == ["vegetation.0.polygon_m.0.0"]
 
 
+@pytest.mark.parametrize(
+    ("widths", "field", "said"),
+    [
+        ([2.0, 90.0], "radar.antenna.beamwidth_deg.1", "at most 60"),
+        ([2.0, 3.0, 4.0], "radar.antenna.beamwidth_deg", "3 entries and may have at most 2"),
+        ("2 deg", "radar.antenna.beamwidth_deg", "give a number, without quotes"),
+    ],
+)
+def test_a_list_where_a_number_may_stand_too_is_told_what_is_wrong_with_it_alone(widths, field, said):
+    found = problems(changed(radar__antenna__beamwidth_deg=widths))
+    assert list(found) == [field]
+    assert said in found[field]
+
+
 def test_a_key_of_another_model_is_not_its_own_remedy():
     slab = {"model": "sionna_itu", "itu_type": "concrete", "scattering_coefficient": 0.3, "motion": "water"}
     found = problems(changed(materials={"slab": slab}))

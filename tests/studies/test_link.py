@@ -10,6 +10,7 @@ from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.report.link.table import print_link
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link import link_budget
 
@@ -131,6 +132,17 @@ def test_floors_are_those_of_the_chain():
     assert rulers[:2] == ["rounding of the converter", "leakage"]
     assert "phase noise of the leakage" in rulers
     assert budget.agrees
+
+
+def test_echoes_below_a_step_of_the_converter_are_told(capsys):
+    """A step of 2 A / 2^10, A of 10 dBm, over noise of -111 dBm: every sample is rounded to zero."""
+    coarse = {"radar.receiver.converter.bits": 10, "radar.receiver.converter.full_scale_dbm": 10.0}
+    budget = link_budget(load_scenario("hills", WEAK | coarse), incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=100)
+    print_link(budget)
+    said = capsys.readouterr().out
+    assert "rounding is no noise" in said
+    assert "were not compared" in said
+    assert "agree" not in said
 
 
 @pytest.mark.parametrize("keys", [{"radar.stagger": 1.0}, {"radar.snr_db": 200.0, "radar.transmit_power_dbm": None}])

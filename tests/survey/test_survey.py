@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.constants import Boltzmann
 
 from beams import make_antenna, plane_power
 from sionna_radar import parse_scenario, run
@@ -212,6 +213,20 @@ def test_rain_in_front_of_the_ground_makes_a_warning():
     weak = run(scenario_of(platform__length_m=5.0, radar__snr_db=-60.0, processing=strict))
     assert len(weak.points) == 0
     assert "no echo was detected" in weak.warnings[0]
+    assert "raise radar.snr_db" in weak.warnings[0]
+
+
+def test_echoes_below_a_step_of_the_converter_ask_for_gain():
+    """A converter that a sine of the power P fills has steps whose rounding has the power P / (1.5 * 4^bits)."""
+    converter = {"bits": 10, "full_scale_dbm": 10.0, "gain_db": 30.0}
+    keys = {"snr_db": None, "transmit_power_dbm": 10.0, "noise_figure_db": 12.0}
+    radar = HILLS["radar"] | keys | {"receiver": {"converter": converter}}
+    lost = run(scenario_of(platform__length_m=5.0, radar=radar))
+    assert len(lost.points) == 0
+    sampled_hz = 1024 * 360.0 / 2
+    noise_dbm = 30 + 10 * np.log10(Boltzmann * 290.0 * sampled_hz) + 12.0
+    over_db = 10.0 - 30.0 - 20 * np.log10(2**10) - 10 * np.log10(1.5) - noise_dbm
+    assert f"raise radar.receiver.converter.gain_db (its rounding lies {over_db:.0f} dB" in lost.warnings[0]
 
 
 FLAT = {"kind": "flat", "size_m": [300.0, 300.0]}

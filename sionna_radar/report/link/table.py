@@ -1,9 +1,11 @@
 """The table of a link budget, for the terminal: what the closed form expects, and what was found by simulation."""
 
+import numpy as np
 from rich.table import Table
 
 from sionna_radar.foundation.decibel import to_db
 from sionna_radar.report.terminal import console, number
+from sionna_radar.studies.link_floors import ROUNDING
 from sionna_radar.studies.link_result import SURE, TOLERANCE_DB, LinkBudget
 
 # Floors that take turns are all in the file.
@@ -14,14 +16,19 @@ def print_link(budget: LinkBudget) -> None:
     """Print a row for each range that was simulated, and whether closed form and simulation agree."""
     out = console()
     out.print(link_table(budget))
-    largest = number(budget.largest_difference_db, ".2f", " dB")
-    word = "agree" if budget.agrees else "DIFFER"
-    out.print(
-        f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)", soft_wrap=True
-    )
+    if np.isnan(budget.largest_difference_db):
+        said = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
+    else:
+        word, largest = "agree" if budget.agrees else "DIFFER", number(budget.largest_difference_db, ".2f", " dB")
+        said = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
+    out.print(said, soft_wrap=True)
     out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
     for name, start, end in budget.floors.rulers()[:MOST_RULERS]:
         out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
+    sound = budget.largest_difference_db <= TOLERANCE_DB  # false, too, where nothing was compared
+    if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):
+        coarse = "rounding is no noise where echoes and noise are smaller than a step of the converter"
+        out.print(f"{coarse}: raise radar.receiver.converter.gain_db, or bits", soft_wrap=True)
     for reason in dict.fromkeys(one.reason for link in budget.links for one in link.simulated if one.reason):
         out.print(f"not simulated: {reason}", soft_wrap=True)
 
