@@ -39,7 +39,8 @@ class Mixer:
         scale, paths, grid = self.oscillator.scale, received.paths, received.grid
         if scale != 1:
             paths = replace(paths, delay_s=paths.delay_s * scale, range_rate_mps=paths.range_rate_mps * scale)
-        if self.oscillator.ideal:
+        # A table of errors may be zero all over the samples: it bends nothing, and has no step of delays.
+        if self.oscillator.ideal or self.oscillator.fastest_hz(grid.wide) == 0:
             beat = analytic_beats(paths, received.pulses, grid.wide)
         else:
             beat = self._mixed(paths, received)

@@ -60,7 +60,7 @@ class GroundCase:
 
     @cached_property
     def weather(self) -> WeatherTable:
-        """The scenario's weather, with even rain of this self."""
+        """The scenario's weather, with even rain of this rate."""
         even = {"rain_rate_mm_per_h": self.rain_mm_per_h, "rain_field": None, "rain_cell": None}
         return self.prepared.local.weather.model_copy(update=even)
 

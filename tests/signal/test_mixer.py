@@ -178,6 +178,22 @@ def test_a_table_of_errors_is_integrated(tmp_path):
             receiver_of(radar)
 
 
+@pytest.mark.parametrize(
+    ("text", "used"),
+    [
+        ("time_s,error_hz\n0,0\n0.001,0\n", {}),
+        ("time_s,error_hz\n0,1e5\n0.0001,0\n0.001,0\n", {"used_window": [0.5, 1.0]}),
+    ],
+)
+def test_a_table_without_errors_over_the_samples_bends_nothing(text, used, tmp_path):
+    path = tmp_path / "sweep.csv"
+    path.write_text(text)
+    paths, pulses = points_at(30.0), make_pulses(1)
+    _, _, found = mixed(bent({"sweep_error": path, **used}), paths, pulses)
+    _, _, straight = mixed(bent(used), paths, pulses)
+    np.testing.assert_array_equal(found, straight)
+
+
 @pytest.mark.parametrize("kind", ["noise", "both"])
 @pytest.mark.parametrize("sweep", ["up", "triangular"])
 def test_a_pulse_is_the_same_in_any_block(kind, sweep, monkeypatch):
