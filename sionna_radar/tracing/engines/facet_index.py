@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter
 from scipy.spatial import KDTree
 
@@ -12,7 +12,7 @@ from sionna_radar.tracing.engines.facet_mesh import Facets
 
 # Two-way level down to which facets are included: side lobes of -20 dB, -40 dB both ways, count.
 FOOTPRINT_DB = -50.0
-GROUP = 64
+GROUP, TOP = 16, 64
 # Cells of direction cosines along an axis, in which the amplitude of a pattern is looked at.
 LEAST_CELLS, MOST_CELLS = 256, 2048
 
@@ -43,9 +43,7 @@ class Footprint:
         """Return which spheres reach into the footprint, given their centres in the antenna's frame."""
         x, left, up = ahead_m.T
         distance = np.maximum(np.sqrt(x * x + left * left + up * up), 1e-9)
-        sine = np.minimum(radius_m / distance, 1.0)
-        # Largest chord between a direction into the sphere and the direction to its centre.
-        reach = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
+        reach = _reach(radius_m, distance)
         voltage = _outside(self.azimuth, np.abs(left) / distance - reach)
         voltage *= _outside(self.elevation, np.abs(up) / distance - reach)
         inside = (voltage >= self.least_voltage) & (x / distance > -reach)
@@ -84,9 +82,7 @@ class TableFootprint:
         """Return which spheres reach into the footprint, given their centres in the antenna's frame."""
         distance = np.maximum(np.linalg.norm(ahead_m, axis=1), 1e-9)
         x, left, up = (ahead_m / distance[:, None]).T
-        sine = np.minimum(radius_m / distance, 1.0)
-        # Largest chord between a direction into the sphere and the direction to its centre.
-        reach = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
+        reach = _reach(radius_m, distance)
         found: Bool[np.ndarray, " n"] = np.zeros(len(distance), dtype=bool)
         found[np.asarray(distance <= radius_m)] = True
         for side, levels in zip((x, -x), self.levels, strict=True):
@@ -111,6 +107,15 @@ def _pyramid(counts: Bool[np.ndarray, "_ _"]) -> tuple[Bool[np.ndarray, "_ _"], 
     return tuple(levels)
 
 
+def _reach(radius_m: Float[np.ndarray, " n"] | float, distance_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the largest chord between a direction into each sphere and the direction to its centre."""
+    if not np.any(radius_m):
+        return np.zeros(len(distance_m))
+    sine = np.minimum(radius_m / distance_m, 1.0)
+    reach: Float[np.ndarray, " n"] = np.sqrt(2 - 2 * np.sqrt(1 - sine * sine))
+    return reach
+
+
 def _envelope(cut: Cut) -> Float[np.ndarray, " n"]:
     size = np.abs(cut.voltage)
     middle = len(size) // 2
@@ -119,24 +124,27 @@ def _envelope(cut: Cut) -> Float[np.ndarray, " n"]:
 
 
 def _outside(envelope: Float[np.ndarray, " m"], cosine: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    cell = (np.clip(cosine, 0.0, 1.0) * (len(envelope) - 1)).astype(np.int64)
+    cell = (np.maximum(cosine, 0.0) * (len(envelope) - 1)).astype(np.int64)
     return envelope[cell]
 
 
 class FacetIndex:
     """Bounding spheres of facets, of groups of them, of groups of groups, up to a handful at the top.
 
-    The facets are in the order of a KD-tree's leaves, so neighbours in the table are neighbours in space.
+    The facets are in the order of a KD-tree's leaves, so neighbours in the table are neighbours in space. What is asked
+    of each for every pulse is kept: its scatterer, its longest side and the radius of its sphere.
     """
 
     def __init__(self, facets: Facets) -> None:
         tree = KDTree(facets.centre_m, leafsize=GROUP)
         self.facets = facets.rows(tree.indices)
-        centre = self.facets.centre_m
-        radius = np.sqrt(((self.facets.corner_m - centre[:, None]) ** 2).sum(axis=2).max(axis=1))
-        self._centre, self._radius = [centre], [radius]
+        self.scatterers = self.facets.scatterers
+        self.side_m = np.sqrt(self.facets.squared_side_m2.max(axis=1))
+        from_centre = self.facets.corner_m - self.scatterers.place_m[:, None]
+        self.radius_m = np.sqrt((from_centre**2).sum(axis=2).max(axis=1))
+        self._centre, self._radius = [], []
         low, high = self.facets.corner_m.min(axis=1), self.facets.corner_m.max(axis=1)
-        while len(low) > GROUP:
+        while len(low) > TOP:
             start = np.arange(0, len(low), GROUP)
             low, high = np.minimum.reduceat(low, start), np.maximum.reduceat(high, start)
             self._centre.append((low + high) / 2)
@@ -147,13 +155,13 @@ class FacetIndex:
         footprint: Footprint | TableFootprint,
         position_m: Float[np.ndarray, " 3"],
         R_world_antenna: Float[np.ndarray, "3 3"],
-    ) -> Facets:
-        """Return the facets whose spheres reach into the footprint of a pose."""
-        place = np.arange(len(self._centre[-1]))
+    ) -> Int[np.ndarray, " facet"]:
+        """Return the facets of the groups whose spheres reach into the footprint of a pose."""
+        sizes = [len(self.facets), *(len(centre) for centre in self._centre)]
+        place = np.arange(sizes[-1])
         for level in range(len(self._centre) - 1, -1, -1):
             ahead = (self._centre[level][place] - position_m) @ R_world_antenna
             place = place[footprint.meets(ahead, self._radius[level][place])]
-            if level > 0:
-                place = (place[:, None] * GROUP + np.arange(GROUP)).ravel()
-                place = place[place < len(self._centre[level - 1])]
-        return self.facets.rows(place)
+            place = (place[:, None] * GROUP + np.arange(GROUP)).ravel()
+            place = place[place < sizes[level]]
+        return place

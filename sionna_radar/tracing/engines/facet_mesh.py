@@ -13,6 +13,16 @@ from sionna_radar.scene.model import Surface
 
 
 @dataclass(frozen=True, kw_only=True)
+class Scatterers(Columns):
+    """What a facet is to the radar: a place, a normal whose length is twice the area, an identity and a surface."""
+
+    place_m: Float[np.ndarray, "facet 3"]
+    normal_m2: Float[np.ndarray, "facet 3"]
+    identity: UInt64[np.ndarray, " facet"]
+    surface: Int[np.ndarray, " facet"]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Facets(Columns):
     """Triangles with the identities that determine their phases, and the surface of each."""
 
@@ -24,6 +34,17 @@ class Facets(Columns):
     def centre_m(self) -> Float[np.ndarray, "facet 3"]:
         """Centroids."""
         return (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
+
+    @property
+    def scatterers(self) -> "Scatterers":
+        """A scatterer at the centroid of each."""
+        corner = self.corner_m
+        return Scatterers(
+            place_m=self.centre_m,
+            normal_m2=np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]),
+            identity=self.identity,
+            surface=self.surface,
+        )
 
     @property
     def squared_side_m2(self) -> Float[np.ndarray, "facet 3"]:

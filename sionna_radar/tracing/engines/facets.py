@@ -37,7 +37,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.facet_index import FOOTPRINT_DB, FacetIndex, Footprint
-from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of
+from sionna_radar.tracing.engines.facet_mesh import Facets, Scatterers, facets_of
 from sionna_radar.tracing.engines.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.wander import wander_hz
@@ -59,8 +59,8 @@ MOST_FACETS = 5_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Scatterers(Columns):
-    """The facets of one pulse that would return an echo if not occluded.
+class _Echoes(Columns):
+    """The echoes of one pulse's facets if none were occluded.
 
     gain: amplitude of each echo, with only the phase of its scattering matrix.
     """
@@ -133,30 +133,30 @@ class GammaEngine:
         """Return the paths of a block of pulses, one for each facet seen."""
         return Paths.concatenate([self._visible(pulses, *batch) for batch in self._batches(pulses)])
 
-    def _batches(self, pulses: Pulses) -> Iterator[tuple[list[int], list[_Scatterers]]]:
-        """Yield rows of the block with their scatterers, few enough for one wavefront of rays."""
+    def _batches(self, pulses: Pulses) -> Iterator[tuple[list[int], list[_Echoes]]]:
+        """Yield rows of the block with their echoes, few enough for one wavefront of rays."""
         rows: list[int] = []
-        found: list[_Scatterers] = []
+        found: list[_Echoes] = []
+        count = 0
         for row in range(len(pulses)):
             rows.append(row)
-            found.append(self._scatterers(pulses.true, row))
-            if sum(len(f.gain) for f in found) > RAYS_AT_ONCE:
+            found.append(self._echoes(pulses.true, row))
+            count += len(found[-1])
+            if count > RAYS_AT_ONCE:
                 yield rows, found
-                rows, found = [], []
+                rows, found, count = [], [], 0
         if rows:
             yield rows, found
 
-    def _scatterers(self, pose: Pose, row: int) -> _Scatterers:
-        """Return the facets in the footprint of one pulse that face the radar.
+    def _echoes(self, pose: Pose, row: int) -> _Echoes:
+        """Return the echoes of the facets in the footprint of one pulse that face the radar.
 
         Their power is G^2 lambda^2 sigma0 A / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 4 and 5).
         """
         position, R_world_antenna = pose.position_m[row], pose.R_world_antenna[row]
-        facets = self._subdivided(position, R_world_antenna)
-        away = facets.centre_m - position
+        facets = self._in_footprint(position, R_world_antenna)
+        away, normal = facets.place_m - position, facets.normal_m2
         range_m = np.sqrt(np.einsum("fi,fi->f", away, away))
-        corner = facets.corner_m
-        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         twice_area = np.sqrt(np.einsum("fi,fi->f", normal, normal))
         toward = -np.einsum("fi,fi->f", normal, away)
         behind = (toward < 0) & self._two_sided[facets.surface]
@@ -173,7 +173,7 @@ class GammaEngine:
             R_world_antenna,
         )
         spread = antenna_gain * self._wavelength_m * np.sqrt(twice_area / 2) / ((4 * np.pi) ** 1.5 * range_m**2)
-        return _Scatterers(
+        return _Echoes(
             gain=spread * amplitude,
             away_m=away,
             cos_incidence=np.minimum(toward[facing] / (twice_area * range_m), 1.0),
@@ -181,10 +181,28 @@ class GammaEngine:
             surface=facets.surface[facing],
         )
 
-    def _subdivided(self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]) -> Facets:
+    def _in_footprint(
+        self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
+    ) -> Scatterers:
         """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine."""
-        facets = self._index.search(self._footprint, position_m, R_world_antenna)
-        fine: list[Facets] = []
+        place = self._index.search(self._footprint, position_m, R_world_antenna)
+        away = self._index.scatterers.place_m[place] - position_m
+        parts = self._parts(self._index.side_m[place], away)
+        radius = np.where(parts > 1, self._index.radius_m[place], 0.0)
+        met = self._footprint.meets(away @ R_world_antenna, radius)
+        whole = self._index.scatterers.rows(place[met & (parts == 1)])
+        coarse = place[met & (parts > 1)]
+        if not len(coarse):
+            return whole
+        return Scatterers.concatenate(
+            [whole, *self._divided(self._index.facets.rows(coarse), position_m, R_world_antenna)]
+        )
+
+    def _divided(
+        self, facets: Facets, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
+    ) -> list[Scatterers]:
+        """Return the parts of facets whose centres lie in the footprint, divided until they are fine."""
+        fine: list[Scatterers] = []
         while len(facets):
             if len(facets) + sum(len(part) for part in fine) > MOST_FACETS:
                 message = (
@@ -194,30 +212,34 @@ class GammaEngine:
                 raise ScenarioError([Problem("tracing.engine", message)])
             away = facets.centre_m - position_m
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
-            longest = np.minimum(self._side_per_metre * np.sqrt((away**2).sum(axis=1)), self._longest_side_m)
-            parts = np.ceil(side / np.maximum(longest, FINEST_M)).astype(np.int64)
+            parts = self._parts(side, away)
             # No point of a triangle lies farther from its centroid than two thirds of the longest side.
             radius = np.where(parts > 1, 2 / 3 * side, 0.0)
             met = self._footprint.meets(away @ R_world_antenna, radius)
-            fine.append(facets.rows(met & (parts == 1)))
+            fine.append(facets.rows(met & (parts == 1)).scatterers)
             few = met & (parts > 1) & (parts <= MOST_PARTS)
             for count in np.unique(parts[few]):
-                pieces = facets.rows(few & (parts == count)).divided(int(count))
-                fine.append(self._centred(pieces, position_m, R_world_antenna))
+                pieces = facets.rows(few & (parts == count)).divided(int(count)).scatterers
+                inside = self._footprint.meets((pieces.place_m - position_m) @ R_world_antenna, 0.0)
+                fine.append(pieces.rows(inside))
             # Parts of very long facets outside the beam are dropped before they are divided in one step.
             facets = facets.rows(met & (parts > MOST_PARTS)).halved()
-        return Facets.concatenate(fine) if fine else facets
+        return fine
 
-    def _centred(
-        self, facets: Facets, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
-    ) -> Facets:
-        """Return the facets whose centres lie in the footprint."""
-        return facets.rows(self._footprint.meets((facets.centre_m - position_m) @ R_world_antenna, 0.0))
+    def _parts(
+        self, side_m: Float[np.ndarray, " facet"], away_m: Float[np.ndarray, "facet 3"]
+    ) -> Int[np.ndarray, " facet"]:
+        """Return into how many parts the sides of facets are cut, by the longest and the distance of each."""
+        longest = np.minimum(
+            self._side_per_metre * np.sqrt(np.einsum("fi,fi->f", away_m, away_m)), self._longest_side_m
+        )
+        parts: Int[np.ndarray, " facet"] = np.ceil(side_m / np.maximum(longest, FINEST_M)).astype(np.int64)
+        return parts
 
-    def _visible(self, pulses: Pulses, rows: list[int], found: list[_Scatterers]) -> Paths:
+    def _visible(self, pulses: Pulses, rows: list[int], found: list[_Echoes]) -> Paths:
         """Return the paths of visible scatterers."""
         row = np.repeat(np.array(rows, dtype=np.int64), [len(f.gain) for f in found])
-        together = _Scatterers.concatenate(found)
+        together = _Echoes.concatenate(found)
         origin = pulses.true.position_m[row]
         point = origin + together.away_m
         seen = together.gain != 0
