@@ -25,6 +25,7 @@ from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.looks import Looks, looks_at, point_heights
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.speckle import STILL, SpeckleMemory
+from sionna_radar.mapping.tiles import EachPiece, Tiles, Tiling, pieces_here
 from sionna_radar.mapping.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.dem import DemTable
@@ -46,6 +47,7 @@ class MapInputs:
     shadow_incidence_rad: surfaces seen at a greater incidence count as shadow.
     progress: a method that takes long calls it with "mapping", the steps done and their number.
     look: returns `looks`, when a method first asks for them.
+    each_piece: has the pieces of a map in tiles made, by this process or others.
     """
 
     points: Points
@@ -55,6 +57,7 @@ class MapInputs:
     shadow_incidence_rad: float
     progress: Progress = silent
     look: Callable[[], Looks | None] = lambda: None
+    each_piece: EachPiece = pieces_here
 
     @cached_property
     def looks(self) -> Looks | None:
@@ -103,6 +106,16 @@ class DemMethod(Protocol):
 
     def __call__(self, given: MapInputs) -> "Raster | Estimate":
         """Return the DEM on `given.grid`, NaN where nothing was seen, or an `Estimate` with its uncertainty."""
+        ...
+
+
+@runtime_checkable
+class TiledMethod(DemMethod, Protocol):
+    """A method that maps whole echoes in tiles."""
+
+    @property
+    def tiling(self) -> Tiling:
+        """How the surface of a tile is made."""
         ...
 
 
@@ -186,6 +199,7 @@ class Mapper:
         profiles: Profiles | None,
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
         progress: Progress = silent,
+        each_piece: EachPiece = pieces_here,
     ) -> Estimate:
         """Return the DEM of a survey, with what its method knows of its errors.
 
@@ -199,6 +213,8 @@ class Mapper:
             Returns the measured poses of pulses by their indices.
         progress:
             Called with the method's steps, and at the end of the stage "mapping".
+        each_piece:
+            Has the pieces of a map in tiles made; without it, by this process.
 
         Raises
         ------
@@ -209,11 +225,9 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError([Problem("dem.method", message)])
-        sightings = None
-        if profiles is not None and self.keeps_profiles:
-            sightings = self.sightings(profiles, measured(profiles.pulse))
         overheard = Overheard(progress)
-        given = self.inputs(points, sightings, overheard, partial(self._looks, points, measured))
+        sightings = self._seen(profiles, measured)
+        given = self.inputs(points, sightings, overheard, partial(self._looks, points, measured), each_piece)
         made = self.method(given)
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
@@ -222,6 +236,20 @@ class Mapper:
             raise PluginError(message)
         overheard.complete("mapping")
         return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
+
+    def tiles(self, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Tiles | None:
+        """Return the tiles in which whole echoes are mapped; None if the method has none."""
+        sightings = self._seen(profiles, measured)
+        if sightings is None or not isinstance(self.method, TiledMethod):
+            return None
+        return Tiles(sightings, self.grid, self.method.tiling)
+
+    def _seen(
+        self, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
+    ) -> Sightings | None:
+        if profiles is None or not self.keeps_profiles:
+            return None
+        return self.sightings(profiles, measured(profiles.pulse))
 
     def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
         """Return how each point was looked at; None without a beam of radio waves."""
@@ -240,6 +268,7 @@ class Mapper:
         sightings: Sightings | None = None,
         progress: Progress = silent,
         look: Callable[[], Looks | None] = lambda: None,
+        each_piece: EachPiece = pieces_here,
     ) -> MapInputs:
         """Return the input of the method."""
         return MapInputs(
@@ -250,6 +279,7 @@ class Mapper:
             shadow_incidence_rad=self.shadow_incidence_rad,
             progress=progress,
             look=look,
+            each_piece=each_piece,
         )
 
     def sightings(self, profiles: Profiles, pose: Pose) -> Sightings:

@@ -29,8 +29,9 @@ from sionna_radar.mapping.map_parts import parts_of, raised_cells, to_border_m, 
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.refinement import FEWEST_PULSES, refine, refinement_steps
+from sionna_radar.mapping.refinement import refine, refinement_steps
 from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, moved_with, with_steps
+from sionna_radar.mapping.tiles import FEWEST_PULSES
 
 # A step is more than this many levels, and steeper than 45 deg.
 STEP_LEVELS = 4

@@ -23,6 +23,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.packing import columns_of, packed, table_of
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Workers, each_kept
 from sionna_radar.mapping.methods.linear import Linear
@@ -33,7 +34,6 @@ from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, fly, key_of, stretches_of
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.shared_flight import ready
-from sionna_radar.survey.stretches import columns_of, packed, table_of
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
 

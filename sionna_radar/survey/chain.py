@@ -31,6 +31,7 @@ from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, Sampl
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
+from sionna_radar.survey.shared_map import map_with
 from sionna_radar.survey.warnings import (
     burst_warnings,
     direction_warnings,
@@ -91,11 +92,11 @@ def run(
     sample_type:
         How recorded samples of beat signals are kept; those of "float64" give the same result again, bit for bit.
     parts:
-        Where finished stretches of the flight are kept as they come, and those that are there already are taken from;
-        see `kept_parts`. A survey that is recorded is flown as a whole.
+        Where finished stretches of the flight and tiles of the map are kept as they come, and those that are there
+        already are taken from; see `kept_parts`. A survey that is recorded is flown as a whole.
     workers:
-        What flies the stretches, from `open_workers`; without it this process. It never changes the result, and has no
-        custom parts. A survey that is recorded is flown by this process.
+        What flies the stretches and makes the tiles, from `open_workers`; without it this process. It never changes the
+        result, and has no custom parts. A survey that is recorded is flown by this process.
     progress:
         Called at the start of each stage and after each of its steps; see `Progress`. Without it a notebook shows a
         bar, and a script nothing.
@@ -196,7 +197,7 @@ def _run(
         progress("mapping", 0, 0)
         with watch("map"):
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
-            estimate = prepared.mapper.map(points, recording.profiles, prepared.measured, progress)
+            estimate = map_with(workers, prepared, recording, points, progress, parts)
         with watch("compare"):
             comparison = prepared.truth().compare(estimate.dem, points, recording.lit)
             chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))

@@ -13,13 +13,14 @@ from sionna_radar.detection.profiles import Profiles
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.packing import columns_of, packed
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.threads import cores
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
-from sionna_radar.survey.stretches import FinishedStretch, Stretch, columns_of, packed, stretch_of
+from sionna_radar.survey.stretches import FinishedStretch, Stretch, stretch_of
 
 BLOCK_SIZE = 256
 # Blocks that are kept together, so that a long survey has not too many parts, and a short one enough to share them.

@@ -1,18 +1,13 @@
 """What a sensor observed over a stretch of the flight, and its bytes, by which an interrupted survey goes on."""
 
-import io
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from sionna_radar.accuracy.truth import Counted
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.profiles import Profiles, VolumeInFront
-
-# Between the name of a table and that of its column.
-OF = "."
+from sionna_radar.foundation.packing import OF, columns_of, packed, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,21 +56,6 @@ class FinishedStretch:
         return FinishedStretch(seen=stretch_of(columns), counted=table_of(Counted, "counted", columns))
 
 
-def packed(**values: Any) -> bytes:
-    """Return the bytes of some tables, which may be nested, arrays and numbers by their names."""
-    content = io.BytesIO()
-    np.savez(
-        content, **{key: column for name, value in values.items() for key, column in _columns(name, value).items()}
-    )
-    return content.getvalue()
-
-
-def columns_of(content: bytes) -> dict[str, Any]:
-    """Return the arrays of some bytes, those of a table by its name, a dot and theirs."""
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
-
-
 def stretch_of(columns: dict[str, Any]) -> Stretch:
     """Return what was packed as `seen`."""
     profiles, of_profiles = None, f"seen{OF}profiles"
@@ -88,22 +68,3 @@ def stretch_of(columns: dict[str, Any]) -> Stretch:
         profiles=profiles,
         **{name: int(columns[f"seen{OF}{name}"]) for name in ("lost", "saturated_pulses", "saturated_samples")},
     )
-
-
-def _columns(name: str, value: Any) -> dict[str, Any]:
-    """Return the arrays and numbers of nested tables by their names; None has none."""
-    if value is None:
-        return {}
-    if not is_dataclass(value):
-        return {name: value}
-    found: dict[str, Any] = {}
-    for field in fields(value):
-        found |= _columns(f"{name}{OF}{field.name}" if name else field.name, getattr(value, field.name))
-    return found
-
-
-def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
-    """Return a table from its columns; a column without axes is a number, and one that may be left out None."""
-    kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
-    own = {key: columns[column] for key, column in kept.items() if column in columns}
-    return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)

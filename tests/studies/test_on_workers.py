@@ -76,6 +76,12 @@ def test_a_survey_is_the_same_on_workers(pair, tmp_path):
     assert everything(run(scenario, block_size=110, workers=pair)) == here
 
 
+def test_a_map_of_two_tiles_is_the_same_on_workers(pair):
+    wide = {"platform.length_m": 150.0, "platform.speed_mps": 60.0, "dem.method": "refined", "dem.spacing_m": 2.0}
+    scenario = load_scenario("hills", SHORT | wide)
+    assert everything(run(scenario, workers=pair)) == everything(run(scenario))
+
+
 @pytest.mark.parametrize("who", WHO)
 def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
     asked = {"errors": navigation_errors()[6:8], "grades": {"rtk": GRADES["rtk"]}, "repeat": 2}

@@ -7,9 +7,10 @@ import numpy as np
 from sionna_radar.foundation.progress import Steps
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
-from sionna_radar.mapping.refinement import FEWEST_PULSES, smooth_echoes, smoothing_steps
+from sionna_radar.mapping.refinement import SMOOTHING, smooth_echoes, smoothing_steps
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.smoothing import smooth
+from sionna_radar.mapping.tiles import FEWEST_PULSES, Tiling
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
 
 EVERYWHERE = (-np.inf, np.inf, -np.inf, np.inf)
@@ -24,6 +25,7 @@ class Smooth:
     """
 
     profiles: Literal["optional"] = "optional"
+    tiling: Tiling = SMOOTHING
 
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
@@ -32,7 +34,7 @@ class Smooth:
             return Estimate(dem=empty(given.grid))
         if given.sightings is not None:
             step = Steps(given.progress, "mapping", smoothing_steps(given.grid))
-            mapped = smooth_echoes(given.sightings, given.grid, step)
+            mapped = smooth_echoes(given.sightings, given.grid, step, given.each_piece)
             return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
         return self._through_points(given)
 

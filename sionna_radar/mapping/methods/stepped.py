@@ -3,9 +3,9 @@
 from typing import Literal
 
 from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
-from sionna_radar.mapping.refinement import FEWEST_PULSES
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.stepped import step_surface
+from sionna_radar.mapping.tiles import FEWEST_PULSES
 
 
 @register_dem_method("stepped")

@@ -1,0 +1,129 @@
+"""Maps in tiles: kept as they are finished, made by workers, and the same bits whoever makes them."""
+
+import json
+
+import pytest
+
+from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.kept_parts import kept_parts
+from sionna_radar.foundation.workers import SHARED, Failure, attempt, name_of, named
+from sionna_radar.mapping import tiles
+from sionna_radar.mapping.methods.smooth import Smooth
+from sionna_radar.mapping.tiles import Tiles
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey import shared_map
+from sionna_radar.survey.chain import run
+
+# Two tiles.
+WIDE = {
+    "platform.length_m": 150.0,
+    "platform.speed_mps": 60.0,
+    "terrain.spacing_m": 2.0,
+    "tracing.paths_per_pulse": 48,
+    "dem.spacing_m": 2.0,
+    "radar.antenna.beamwidth_deg": 4.0,
+}
+WINDOW_M = 20.0
+
+
+class Next:
+    """Does tasks as a worker would, the last first: functions by their names, tasks as JSON."""
+
+    count = 2
+
+    def __init__(self):
+        self.tasks = []
+
+    def each(self, work, tasks, progress=None, shared=None):
+        for number, task in reversed(list(enumerate(tasks))):
+            self.tasks.append(task)
+            yield number, attempt(named(name_of(work)), {**json.loads(json.dumps(task)), SHARED: shared})
+
+    @property
+    def made(self):
+        return [task["tile"] for task in self.tasks if "tile" in task]
+
+
+def known(survey):
+    """Return all that a map tells, as bytes."""
+    corner = survey.dem.grid.centres_m[:100]
+    mean = survey.uncertainty.mean_sigma_m(corner, WINDOW_M)
+    return survey.dem.height_m.tobytes(), survey.dem_sigma.height_m.tobytes(), mean
+
+
+@pytest.fixture(scope="module", params=["smooth", "refined"])
+def scenario(request):
+    return load_scenario("hills", WIDE | {"dem.method": request.param})
+
+
+@pytest.fixture(scope="module")
+def alone(scenario):
+    return run(scenario)
+
+
+def test_a_map_is_the_same_on_workers(scenario, alone):
+    workers = Next()
+    there = run(scenario, workers=workers)
+    assert workers.made == [1, 0]
+    assert known(there) == known(alone)
+
+
+def test_finished_tiles_are_not_made_again(scenario, alone, tmp_path, monkeypatch):
+    made = []
+    piece = Tiles.piece
+
+    def counted(self, number, step=lambda: None):
+        made.append(number)
+        if len(made) == 2:
+            raise KeyboardInterrupt
+        return piece(self, number, step)
+
+    monkeypatch.setattr(Tiles, "piece", counted)
+    monkeypatch.setenv("SIONNA_RADAR_THREADS", "1")
+    told = []
+    with pytest.raises(KeyboardInterrupt), kept_parts(tmp_path, {}, resume=False) as parts:
+        run(scenario, parts=parts)
+    with kept_parts(tmp_path, {}, resume=True) as parts:
+        again = run(scenario, parts=parts, progress=lambda *done: told.append(done))
+    assert made == [0, 1, 1]
+    assert known(again) == known(alone)
+    mapping = [(done, total) for stage, done, total in told if stage == "mapping" and total]
+    assert mapping[-1][0] == mapping[-1][1]
+
+
+def test_workers_take_tiles_that_are_kept(scenario, alone, tmp_path):
+    first, second = Next(), Next()
+    with kept_parts(tmp_path, {}, resume=False) as parts:
+        run(scenario, parts=parts, workers=first)
+        again = run(scenario, parts=parts, workers=second)
+    assert first.made == [1, 0]
+    assert second.tasks == []
+    assert known(again) == known(alone)
+
+
+def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
+    class Failing(Next):
+        def each(self, work, tasks, progress=None, shared=None):
+            if work is not shared_map.tile_task:
+                yield from super().each(work, tasks, progress, shared)
+                return
+            yield 0, Failure(kind="OutputError", text="no room")
+
+    with pytest.raises(OutputError, match="no room"):
+        run(scenario, workers=Failing())
+
+
+def test_a_single_tile_is_made_here(monkeypatch):
+    monkeypatch.setattr(tiles, "TILE_M", 1000.0)
+    workers = Next()
+    run(load_scenario("hills", WIDE | {"dem.method": "smooth"}), workers=workers)
+    assert workers.tasks
+    assert workers.made == []
+
+
+def test_parts_from_python_are_not_sent(monkeypatch, tmp_path):
+    """A survey that is recorded is flown here, with what was given from Python; so it is mapped here."""
+    workers = Next()
+    recordings = {"profiles": tmp_path / "profiles.nc"}
+    run(load_scenario("hills", WIDE), dem_method=Smooth(), workers=workers, recordings=recordings)
+    assert workers.tasks == []
