@@ -25,9 +25,10 @@ from sionna_radar.mapping.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.coverage import closed
 from sionna_radar.mapping.echo_heights import on_axis
 from sionna_radar.mapping.echo_model import Sightings
+from sionna_radar.mapping.filled import FilledBeams
 from sionna_radar.mapping.map_parts import parts_of, raised_cells, to_border_m, windows_of
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
-from sionna_radar.mapping.planes import plane_of_echoes, plane_of_points, spread
+from sionna_radar.mapping.planes import Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refinement import refine, refinement_steps
 from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty, moved_with, with_steps
@@ -73,16 +74,19 @@ def step_surface(
     step_m = max(STEP_LEVELS * coarse.level_m, grid.spacing_m)
     part = parts_of(coarse.height_m, step_m)
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
-    height, sigma = surfaces.of(part, progress)
+    height, sigma, roofs = surfaces.of(part, progress)
     filled = coarse.supported.copy()
     for number, window in enumerate(windows_of(part)):
         inside = part[window] == number
         filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
     bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
-    own_sigma = moved_with(sigma, part, bordered.part)
-    uncertainty = with_steps(own_sigma, bordered.height_m, bordered.margin)
-    doubtful = bordered.doubtful(nearer_elsewhere(bordered.height_m, points.position_m, step_m, grid))
-    return SteppedMap(Heightfield(grid=grid, height_m=bordered.height_m), filled & ~doubtful, uncertainty)
+    height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
+    doubtful = bordered.doubtful(nearer_elsewhere(height, points.position_m, step_m, grid))
+    beams = FilledBeams(points, sightings)
+    for number, plane in roofs.items():
+        _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
+    uncertainty = with_steps(own_sigma, height, bordered.margin)
+    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,8 @@ class _Surfaces:
 
     def of(
         self, part: Int[np.ndarray, "row column"], progress: Progress
-    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
-        """Return the heights of all cells, and their standard deviations."""
+    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
+        """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
         whole, grid = self._whole_part(part), self.grid
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = windows_of(part)
@@ -124,6 +128,7 @@ class _Surfaces:
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
         beam_rad = self.sightings.beam.spread[1]
+        planes: dict[int, Plane] = {}
         for number in np.flatnonzero(~alone):
             window = windows[number]
             inside, cells, coarse_m = part[window] == number, grid.cut(*window), self.coarse.height_m[window]
@@ -131,7 +136,8 @@ class _Surfaces:
             if plane is not None:
                 place = cells.centres_m[inside.ravel()]
                 height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
-        return height, np.where(np.isfinite(sigma), sigma, spread_m)
+                planes[int(number)] = plane
+        return height, np.where(np.isfinite(sigma), sigma, spread_m), planes
 
     def _from_echoes(
         self,
@@ -162,3 +168,23 @@ class _Surfaces:
         row, column, inside = self.grid.cell_of(on_axis(pose, range_m))
         within_one = inside & (to_border_m(part, self.grid.spacing_m)[row, column] > reach_m)
         return np.where(within_one, part[row, column], -1)
+
+
+def _refit(
+    plane: Plane,
+    cells: Bool[np.ndarray, "row column"],
+    beams: FilledBeams,
+    height_m: Float[np.ndarray, "row column"],
+    sigma_m: Float[np.ndarray, "row column"],
+    grid: Grid,
+    step_m: float,
+) -> None:
+    """Move the cells of a plane to where it is by the echoes from what it fills of their beams."""
+    if not cells.any():
+        return
+    window = windows_of(cells.astype(np.int64) - 1)[0]
+    inside, cut = cells[window], grid.cut(*window)
+    found = beams.refitted(plane, inside, cut, step_m)
+    place = cut.centres_m[inside.ravel()]
+    height_m[window][inside] += found.at(place) - plane.at(place)
+    sigma_m[window][inside] = found.sigma_m(place)

@@ -113,14 +113,15 @@ def test_linear_maps_hold_within_eight_points():
     assert np.abs(shares(found).mean(axis=0) - NOMINAL).max() < 0.08
 
 
-def test_stepped_maps_hold_the_wide_intervals_within_eight_points():
-    """35, 65, 96 and 97 % over three surveys of `buildings`, whose ground is a plane with one error for all cells.
+def test_stepped_maps_hold_within_eight_points():
+    """42.9, 75.3, 92.5 and 93.3 % over 24 surveys of `buildings`, two minutes.
 
-    So a narrow interval holds nearly all cells of a survey or nearly none: it would take some hundred surveys to tell.
+    Its ground is a plane with one error for all cells, so that a narrow interval holds nearly all cells of a survey or
+    nearly none: the means are uncertain by 9, 8, 4 and 4 points.
     """
     changes = {"processing.ranging": "centroid", "processing.echoes": "all"}
-    found = [checked("buildings", ("stepped",), changes | {"seed": s})["stepped"] for s in (1, 2, 3)]
-    assert np.abs(shares(found).mean(axis=0) - NOMINAL)[2:].max() < 0.08
+    found = [checked("buildings", ("stepped",), changes | {"seed": s})["stepped"] for s in range(1, 25)]
+    assert np.abs(shares(found).mean(axis=0) - NOMINAL).max() < 0.08
 
 
 @pytest.mark.parametrize("beam", [2.0, 8.0])
