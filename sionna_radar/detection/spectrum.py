@@ -52,12 +52,12 @@ class SpectrumAnalyser:
         """Return the power spectra of beat signals, on all cores; of pulses of several chirps their mean."""
         power = np.empty((len(beat), len(self.range_m)))
         if self.high_pass is not None:
-            _ = self._passed  # before several threads ask for it
+            _ = self.passed  # before several threads ask for it
 
         def transform(low: int, high: int) -> None:
             spectrum = self._transform(beat[low:high])
             if self.high_pass is not None:
-                power[low:high] = np.abs(spectrum / self._passed) ** 2
+                power[low:high] = np.abs(spectrum / self.passed) ** 2
             else:
                 power[low:high] = spectrum.real**2 + spectrum.imag**2
 
@@ -69,10 +69,10 @@ class SpectrumAnalyser:
         middle = self.chirp.samples // 2
         turns = np.arange(len(self.range_m)) * (middle / (self.chirp.samples * self.zero_padding))
         spectrum = self._transform(beat) * np.exp(2j * np.pi * np.mod(turns, 1.0))
-        return spectrum if self.high_pass is None else spectrum / self._passed
+        return spectrum if self.high_pass is None else spectrum / self.passed
 
     @cached_property
-    def _passed(self) -> Complex[np.ndarray, " bin"]:
+    def passed(self) -> Complex[np.ndarray, " bin"]:
         """Response of the high-pass in each bin, averaged over the window's main lobe and side lobes.
 
         Its square is the power response weighted by the window's: noise that is white before the filter is white in the
@@ -90,7 +90,7 @@ class SpectrumAnalyser:
     @property
     def passed_power(self) -> Float[np.ndarray, " bin"]:
         """What the calibration divides the powers of the bins by, for the high-pass."""
-        return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self._passed) ** 2
+        return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self.passed) ** 2
 
     def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding

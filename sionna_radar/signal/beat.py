@@ -74,8 +74,13 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
     return beat if chirp.sampling == "iq" else np.sqrt(2) * beat.real
 
 
-def analytic_beats(paths: Paths, pulses: Pulses, chirp: Chirp) -> Complex[np.ndarray, "pulse sample"]:
-    """Return what `synthesise` does as complex signals: a path of gain a is an exponential of magnitude |a|."""
+def analytic_beats(
+    paths: Paths, pulses: Pulses, chirp: Chirp, band_hz: tuple[float, float] | None = None
+) -> Complex[np.ndarray, "pulse sample"]:
+    """Return what `synthesise` does as complex signals: a path of gain a is an exponential of magnitude |a|.
+
+    band_hz: the lowest beat that passes, and that from which on none does; without it those of the sampled band.
+    """
     # Numba takes half a second to import.
     from sionna_radar.signal.beat_sum import exponential_sums, weigh
 
@@ -85,7 +90,7 @@ def analytic_beats(paths: Paths, pulses: Pulses, chirp: Chirp) -> Complex[np.nda
     mean, total, scattered = np.empty((3, len(pulses)))
     columns = (frequency, weight, excess, mean, total, scattered)
     sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
-    sampled = (*_band_hz(chirp), chirp.sampling_rate_hz, speed_of_light)
+    sampled = (*(band_hz or _band_hz(chirp)), chirp.sampling_rate_hz, speed_of_light)
     table = (paths.delay_s, paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
     over_rows(lambda low, high: weigh(low, high, first, last, *table), len(pulses))
     bend = mean / chirp.sampling_rate_hz**2

@@ -171,7 +171,7 @@ def weigh(low, high, first, last, delay_s, range_rate_mps, gain, sweep, columns)
             frequency[path] = f / rate_hz
             excess[path] = sign * (slope * stretch - slope * stretch * stretch / 2.0)
             cosine, sine = turned(sign * (carrier * delay - slope * delay * delay / 2.0))
-            passes = 1.0 if f > least_hz and f < most_hz else 0.0
+            passes = 1.0 if f >= least_hz and f < most_hz else 0.0
             a, b = passes * gain[path].real, -sign * passes * gain[path].imag
             weight[path] = complex(a * cosine - b * sine, a * sine + b * cosine)
         power = moment = 0.0

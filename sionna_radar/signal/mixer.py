@@ -41,7 +41,7 @@ class Mixer:
             paths = replace(paths, delay_s=paths.delay_s * scale, range_rate_mps=paths.range_rate_mps * scale)
         # A table of errors may be zero all over the samples: it bends nothing, and has no step of delays.
         if self.oscillator.ideal or self.oscillator.fastest_hz(grid.wide) == 0:
-            beat = analytic_beats(paths, received.pulses, grid.wide)
+            beat = analytic_beats(paths, received.pulses, grid.wide, grid.band_hz)
         else:
             beat = self._mixed(paths, received)
         amplitude = np.sqrt(received.transmit_power_w)
@@ -68,7 +68,7 @@ class Mixer:
             own = replace(own, gain=own.gain * shares(place[near] - node))
             rows = np.flatnonzero(np.isin(pulses.index, own.pulse))
             if len(rows):
-                clean = analytic_beats(own, pulses.rows(rows), wide)
+                clean = analytic_beats(own, pulses.rows(rows), wide, received.grid.band_hz)
                 over_rows(self._adding(beat, clean, rows, node * step_s, received.grid, waves), len(rows))
         return beat
 

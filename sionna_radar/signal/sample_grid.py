@@ -34,6 +34,14 @@ class SampleGrid:
         )
 
     @property
+    def band_hz(self) -> tuple[float, float]:
+        """The lowest beat that the points hold, and the end of their band, in whose middle that of the samples is."""
+        # Complex samples cover 0 to the sampling rate, real ones both signs of beats alike.
+        middle = self.chirp.sampling_rate_hz / 2 if self.chirp.sampling == "iq" else 0.0
+        half = self.oversampling * self.chirp.sampling_rate_hz / 2
+        return middle - half, middle + half
+
+    @property
     def first(self) -> int:
         """The point of the first sample."""
         return self.wide.samples // 2 - self.oversampling * (self.chirp.samples // 2)

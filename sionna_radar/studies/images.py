@@ -41,6 +41,7 @@ from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE
+from sionna_radar.survey.sensors.radar import Radar
 
 # Bins of the slant-range image in a range cell, and stretches of track in the width that it resolves at the near edge.
 BINS_PER_CELL = 4
@@ -133,9 +134,9 @@ def fly_images(
     _check(scenario)
     prepared = prepare(scenario, progress=progress)
     formation = _ImageFormation(prepared)
-    tracer = prepared.sensor_inputs().tracer()
+    radar = Radar(prepared.sensor_inputs())
     for pulses in prepared.flight.blocks(block_size):
-        formation.add(prepared.receiver.beat(tracer.trace(pulses), pulses), pulses.measured)
+        formation.add(radar.beat(pulses), pulses.measured)
         progress("imaging", int(pulses.index[-1]) + 1, len(prepared))
     return formation.imagery()
 

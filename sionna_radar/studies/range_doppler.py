@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
@@ -17,6 +17,7 @@ from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.sensors.radar import Radar
 
 # Cells beside the one under test, and beyond them, of the ring around it, in range rate and in range alike.
 GUARD, TRAINING = 3, 6
@@ -82,8 +83,8 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
     ----------
     scenario:
         The survey, with `tracing.speckle = "persistent"`: the phase of the ground must go on from chirp to chirp.
-        Windows, padding and the false-alarm rate are those of its `processing`; with `cfar.kind = "OS"` the ring takes
-        an order statistic, otherwise its mean.
+        Windows, padding, the false-alarm rate, and what is done about leakage and bursts are those of its `processing`;
+        with `cfar.kind = "OS"` the ring takes an order statistic, otherwise its mean.
     chirps, frames:
         Chirps of a frame, and how many frames.
     progress:
@@ -107,11 +108,11 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     first = _first(prepared, chirps, frames)
     cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
-    tracer = prepared.sensor_inputs().tracer()
+    radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     for number in range(frames):
         pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
-        beat = prepared.receiver.beat(tracer.trace(pulses), pulses)
+        beat = radar.beat(pulses)
         last = analyser.map(beat)
         changed = clutter.detected(last.power)
         total += last.power
@@ -152,6 +153,7 @@ def _analyser(prepared: Prepared, chirps: int) -> RangeDoppler | StaggeredRangeD
         rate_window=processing.window,
         zero_padding=processing.zero_padding,
         interval_s=(2 + radar.stagger) / radar.chirp_rate_hz if staggered else None,
+        high_pass=prepared.receiver.high_pass,
     )
     return StaggeredRangeDoppler(half=frames, first_s=1 / radar.chirp_rate_hz) if staggered else frames
 
@@ -177,23 +179,37 @@ def _first(prepared: Prepared, chirps: int, frames: int) -> int:
         message = f"{frames} frames of {chirps} chirps are not within the flight's {len(prepared):,} pulses; lower it"
         raise ScenarioError([Problem("frames", message)])
     first = (len(prepared) - chirps * frames) // 2
-    radar = prepared.local.radar
-    if radar.stagger > 0:
+    if prepared.local.radar.stagger > 0:
         first -= first % 2
-        index = first + np.arange(chirps * frames)
-        waits = np.diff(prepared.flight.time_s[index]) * radar.chirp_rate_hz
-        if not np.allclose(waits, np.where(index[:-1] % 2, 1 + radar.stagger, 1.0), atol=1e-6):
-            message = f"{radar.stagger:g}: the scan pauses within the frames; set radar.scan.mode = 'fixed'"
-            raise ScenarioError([Problem("radar.stagger", message)])
-    ends = prepared.flight.pulses(first + np.array([0, chirps - 1])).true.boresight
-    turned = float(np.arccos(np.clip(ends[0] @ ends[1], -1.0, 1.0)))
+    for frame in first + np.arange(chirps * frames).reshape(frames, chirps):
+        _check_turn(prepared, frame)
+        _check_intervals(prepared, frame)
+    return first
+
+
+def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
+    """Refuse a frame within which the beam looks elsewhere, if only to come back."""
+    boresight = prepared.flight.pulses(frame).true.boresight
+    turned = float(np.arccos(np.clip(boresight @ boresight[0], -1.0, 1.0)).max())
     if turned > MOST_TURN * min(prepared.antenna.beamwidths_rad):
         message = (
-            f"{chirps} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, raise "
-            "radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
+            f"{len(frame)} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, "
+            "raise radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"
         )
         raise ScenarioError([Problem("chirps", message)])
-    return first
+
+
+def _check_intervals(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
+    """Refuse a frame within which the scan pauses."""
+    radar = prepared.local.radar
+    waits = np.diff(prepared.flight.time_s[frame]) * radar.chirp_rate_hz
+    if np.allclose(waits, np.where(frame[:-1] % 2, 1 + radar.stagger, 1.0), atol=1e-6):
+        return
+    if radar.stagger > 0:
+        message = f"{radar.stagger:g}: the scan pauses within the frames; set radar.scan.mode = 'fixed'"
+        raise ScenarioError([Problem("radar.stagger", message)])
+    message = f"{len(frame)} go on while the scan pauses; take fewer, or set radar.scan.mode = 'fixed'"
+    raise ScenarioError([Problem("chirps", message)])
 
 
 def _smear_cells(prepared: Prepared, middle: Pose, analyser: RangeDoppler) -> float:

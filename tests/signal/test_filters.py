@@ -32,6 +32,23 @@ def test_what_lies_beyond_the_band_folds_into_it_weakened(sampling, order):
         assert found == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.parametrize(("cell", "folded"), [(-20, 236), (360, 104), (480, None)])
+def test_complex_samples_see_a_band_around_their_middle(cell, folded):
+    """Twice as many points as samples hold beats from -128 to 384 cells; what lies beyond them does not fold twice."""
+    corner_hz, order = 40 * 360.0, 4
+    radar = radar_with({"anti_alias_corner_hz": corner_hz, "anti_alias_order": order}, sampling="iq")
+    receiver = receiver_of(radar)
+    assert receiver.chain.oversampling == 2
+    chirp = receiver.chirp
+    # Negative beats are those of what comes nearer, fast.
+    rate_mps = min(cell, 0) * 360.0 * chirp.wavelength_m / 2
+    paths = points_at(max(cell, 0) * chirp.range_resolution_m + 1e-9, 1.0, rate_mps)
+    (beat,) = receiver.beats(paths, make_pulses(1))
+    expected = 0.0 if folded is None else 1 / (1 + (360.0 * (cell - 128) / corner_hz) ** (2 * order))
+    found = np.mean(np.abs(beat) ** 2) if folded is None else line(beat[0], folded)
+    assert found == pytest.approx(expected, rel=2e-2, abs=1e-12)
+
+
 @pytest.mark.parametrize("bent", [{}, {"sinusoidal_hz": 1e5, "sinusoidal_periods": 9.0}])
 def test_filters_do_what_they_do_in_time(bent):
     """The direct beat at 64 points a sample, through digital filters that hardly differ from the analogue ones."""

@@ -24,6 +24,14 @@ def test_leakage_is_the_beat_of_its_delays_in_every_pulse(sweep):
     np.testing.assert_allclose(beat, np.tile(expected, (4, 1)), atol=1e-8)
 
 
+@pytest.mark.parametrize(("sampling", "power"), [("iq", 0.1), ("real", 0.2)])
+def test_leakage_without_delay_is_a_constant(sampling, power):
+    """-10 dB at no delay: a beat of zero, whose cosine has all of its power twice."""
+    receiver = receiver_of(radar_with({"leakage": [{"delay_ns": 0.0, "level_db": -10.0}]}, sampling=sampling))
+    beat = receiver.beats(points_at(20.0, 0.0), make_pulses(2))[0]
+    np.testing.assert_allclose(np.abs(beat) ** 2, power, rtol=1e-6)
+
+
 def test_phase_noise_of_leakage_is_that_of_its_short_delay():
     """The residual grows with the square of the delay: 20 dB for ten times of it."""
     noise = {"phase_noise_dbc_hz": [[1e3, -60.0], [1e6, -60.0]]}

@@ -52,6 +52,17 @@ def folder(imagery, tmp_path_factory):
     return directory
 
 
+def test_what_leaks_is_taken_out_of_the_images(imagery):
+    """A still way of 36 m, its echo far over that of the ground there."""
+    receiver = {"leakage": [{"delay_ns": 240.0, "level_db": -70.0}]}
+    found = fly_images(scenario_of(radar=SMALL["radar"] | {"receiver": receiver}, processing={"leakage": "subtract"}))
+    cell = int(np.argmin(np.abs(imagery.slant.range_m - 240e-9 * 299_792_458.0 / 2)))
+    near = slice(cell - 2, cell + 3)
+    plain = np.nanmean(imagery.slant.power[:, near])
+    assert plain < 1e-2 * 10**-7.0
+    assert np.nanmean(found.slant.power[:, near]) == pytest.approx(plain, rel=0.3)
+
+
 def test_the_strip_is_what_the_half_power_beam_lights(imagery):
     strip = imagery.strip
     assert strip.near_m == pytest.approx(28.0 * np.tan(np.deg2rad(39.0)), rel=1e-3)

@@ -71,6 +71,23 @@ def test_files_and_table(flown, tmp_path, capsys):
     assert "3 frames of 128 chirps" in capsys.readouterr().out
 
 
+def test_maps_are_free_of_the_high_pass_and_of_what_leaks(flown):
+    """The same peak of the same power, and noise as even as without; a radome that would hide all of it."""
+    built = {
+        "radar.receiver.high_pass_corner_hz": 300e3,
+        "radar.receiver.leakage": [{"delay_ns": 30.0, "level_db": -60.0}],
+        "processing.leakage": "subtract",
+    }
+    found = fly_frames(load_scenario("slar", SPARSE | FAST | built), chirps=128, frames=1)
+    plain = fly_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=1)
+    assert found.movers.power[0] == pytest.approx(plain.movers.power[0], rel=0.1)
+    assert found.targets[1].found_range_m == pytest.approx(plain.targets[1].found_range_m, abs=0.02)
+    for low_m, high_m in ((3.0, 8.0), (10.0, 20.0)):
+        near = (found.last.range_m > low_m) & (found.last.range_m < high_m)
+        level = [np.mean(one.last.power[:, near]) for one in (found, plain)]
+        assert level[0] == pytest.approx(level[1], rel=0.3)
+
+
 @pytest.mark.parametrize(
     ("changes", "asked", "said"),
     [
@@ -88,6 +105,33 @@ def test_what_cannot_be_framed_is_refused(changes, asked, said):
 def test_a_beam_that_turns_is_refused():
     with pytest.raises(ScenarioError, match="chirps: 64 turn the beam by"):
         fly_frames(load_scenario("hills", {"platform.length_m": 20.0, "terrain.spacing_m": 4.0}), frames=1)
+
+
+ARRAY = {"kind": "array", "elements": [16, 16]}
+BACK_AGAIN = {"mode": "electronic", "beams": 5, "scans_per_s": 800.0, "half_swath_deg": 20.0}
+
+
+@pytest.mark.parametrize(
+    ("scan", "chirps", "said"),
+    [
+        ({"radar.scan.mode": "conical", "radar.scan.half_swath_deg": 180.0}, 181, "chirps: 181 turn the beam by 90"),
+        (
+            {"radar.scan": BACK_AGAIN, "radar.antenna": ARRAY, "radar.chirp_rate_hz": 4000.0},
+            31,
+            "31 turn the beam by 40",
+        ),
+        (
+            {"radar.scan.half_swath_deg": 0.3, "radar.chirp_rate_hz": 7200.0},
+            24,
+            "chirps: 24 go on while the scan pauses",
+        ),
+    ],
+)
+def test_a_beam_that_comes_back_within_a_frame_is_refused(scan, chirps, said):
+    """The first and the last chirp look the same way: after a whole turn, in the same beam, on either side of a gap."""
+    keys = {"platform.length_m": 40.0, "terrain.spacing_m": 4.0}
+    with pytest.raises(ScenarioError, match=said):
+        fly_frames(load_scenario("hills", keys | scan), chirps=chirps, frames=1)
 
 
 def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():

@@ -15,9 +15,11 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
+from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.signal.high_pass import HighPass
 
 FEWEST_CHIRPS = 4
 
@@ -51,6 +53,7 @@ class RangeDoppler:
     interval_s: from one to the next; without it they follow at the chirp's own rate.
     range_window, rate_window: of `scipy.signal.get_window`.
     zero_padding: bins of a range cell, and rows of a cell of range rate.
+    high_pass: of the receiver; the calibration divides by its response in each bin.
 
     Examples
     --------
@@ -70,6 +73,7 @@ class RangeDoppler:
     rate_window: str = "hann"
     zero_padding: int = 1
     interval_s: float | None = None
+    high_pass: HighPass | None = None
 
     def __post_init__(self) -> None:
         if self.chirps < FEWEST_CHIRPS:
@@ -178,7 +182,14 @@ class RangeDoppler:
         # A real beat of power P is a cosine, whose positive frequency carries half of it.
         gain = np.sqrt(2) if self.chirp.sampling == "real" else 1.0
         spectrum = gain * scipy.fft.fft(slow * self.range_weights, size, axis=1)[:, :bins]
+        if self.high_pass is not None:
+            spectrum = spectrum / self._passed
         return spectrum if self.chirp.direction > 0 else spectrum[::-1]
+
+    @cached_property
+    def _passed(self) -> Complex[np.ndarray, " bin"]:
+        """Response of the high-pass in each bin."""
+        return SpectrumAnalyser(self.chirp, self.range_window, self.zero_padding, self.high_pass).passed
 
     def _scaled_transform(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Complex[np.ndarray, "rate sample"]:
         """Return the transform over the chirps at Doppler frequencies scaled with the frequency of each sample."""

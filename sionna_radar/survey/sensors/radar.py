@@ -5,7 +5,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Inexact, Int
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.echoes import Echoes
@@ -97,6 +97,11 @@ class Radar:
             beats=tuple(reception.beats),
             saturated=self._counted(reception),
         )
+
+    def beat(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
+        """Return the beat signals of the first sweep of pulses, without what the processing takes out of them."""
+        received = self._receiver.beat(self._trace(pulses), self._sent(pulses))
+        return self.sweeps.cleaned([received], pulses)[0]
 
     def pairs(self, paths: Paths, pulses: Pulses) -> PairedEchoes:
         """Return the echoes of paths in pairs of sweeps, with their range rates."""
