@@ -65,7 +65,7 @@ class Sightings:
 
     def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
         """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
-        return speckle_reach(self.profiles.pulse, self.pose, range_m, self.beam, self.chirp, self.memory)
+        return speckle_reach(self.profiles.pulse, self.pose.rows, range_m, self.beam, self.chirp, self.memory)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
         """Return the beam's nodes in the world frame."""

@@ -13,13 +13,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay, KDTree, QhullError
 
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.threads import in_threads
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.wall_triangles import wall_triangles
+from sionna_radar.mapping.windows import Window, windows_of
 
 LONGEST_SIDE_GAPS = 3.0
+# Points that are triangulated at once, and the least width of their windows, relative to the longest side.
+MOST_POINTS, LEAST_SIDES = 25_000, 4.0
+# A point this near to a circle, relative to its radius, is on it.
+ON_CIRCLE = 1e-9
 # Triangles whose shadows are looked for at once: it bounds the memory.
 AT_ONCE = 50_000
+
+
+# Filled cells, by their numbers in the grid; the three points around each; and their weights.
+Filled = tuple[Int[np.ndarray, " filled"], Int[np.ndarray, "filled 3"], Float[np.ndarray, "filled 3"]]
 
 
 @dataclass(frozen=True)
@@ -50,47 +61,101 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
         A triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
 
     """
-    height = np.full(grid.rows * grid.columns, np.nan)
     highest = _highest(points)
-    place, z, origin = points.position_m[highest, :2], points.position_m[highest, 2], points.origin_m[highest]
-    try:
-        simplices = Delaunay(place).simplices
-    except (QhullError, ValueError):  # too few points, or all on one line
-        nothing = np.zeros((0, 3))
-        return Interpolated(
-            Raster(grid=grid, height_m=height.reshape(grid.shape)),
-            np.zeros(0, dtype=np.int64),
-            nothing.astype(np.int64),
-            nothing,
-        )
-    some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
-    kept = np.concatenate([_lit(each, place, z, origin, max_gap_m, shadow_incidence_rad) for each in some])
-    on_triangles = np.column_stack([place, z]), points.range_sigma_m[highest], simplices
-    kept &= ~wall_triangles(*on_triangles, max_gap_m, grid.spacing_m)
-    inside = _triangle_of_cells(place, simplices, kept, grid)
-    cell = grid.centres_m
-    use = inside >= 0
-    use[use] = KDTree(place).query(cell[use], distance_upper_bound=max_gap_m)[0] <= max_gap_m
-    corners = simplices[inside[use]]
-    share = _barycentric(place[corners], cell[use])
-    height[use] = np.einsum("ck,ck->c", share, z[corners])
+    known = _Known(
+        place=points.position_m[highest, :2],
+        z=points.position_m[highest, 2],
+        origin=points.origin_m[highest],
+        sigma_m=points.range_sigma_m[highest],
+    )
+    longest_m = LONGEST_SIDE_GAPS * max_gap_m
+    windows = windows_of(grid, known.place, MOST_POINTS, LEAST_SIDES * longest_m)
+    everywhere = KDTree(known.place)
+
+    def part(number: int, _: int) -> Filled:
+        near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)
+        return _interpolated(known, np.flatnonzero(near), windows[number], everywhere, max_gap_m, shadow_incidence_rad)
+
+    found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
+    height = np.full(grid.rows * grid.columns, np.nan)
+    for cell, corner, share in found:
+        height[cell] = np.einsum("ck,ck->c", share, known.z[corner])
+    cell, corner, share = (np.concatenate(each) for each in zip(*found, strict=True))
     dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
-    return Interpolated(dem, np.flatnonzero(use), highest[corners], share)
+    return Interpolated(dem, cell, highest[corner], share)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Known(Columns):
+    """Points of different horizontal positions: these, heights, where each was seen from, errors of the ranges."""
+
+    place: Float[np.ndarray, "n 2"]
+    z: Float[np.ndarray, " n"]
+    origin: Float[np.ndarray, "n 3"]
+    sigma_m: Float[np.ndarray, " n"]
+
+
+def _interpolated(
+    known: _Known,
+    near: Int[np.ndarray, " near"],
+    window: Window,
+    everywhere: KDTree,
+    gap_m: float,
+    incidence_rad: float,
+) -> Filled:
+    """Return the filled cells of a window, by their numbers in the grid, the three points around each, their weights.
+
+    Only points near it are triangulated. All triangles that may fill a cell are among theirs, for these have no long
+    sides; what is among them because farther points are not is sorted out.
+    """
+    own = known.rows(near)
+    try:
+        simplices = Delaunay(own.place).simplices
+    except (QhullError, ValueError):  # too few points, or all on one line
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
+    some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
+    kept = np.concatenate([_lit(each, own, gap_m, incidence_rad) for each in some])
+    kept &= ~wall_triangles(np.column_stack([own.place, own.z]), own.sigma_m, simplices, gap_m, window.grid.spacing_m)
+    if len(near) < len(known):
+        kept[kept] = _empty_around(own.place[simplices[kept]], everywhere)
+    inside = _triangle_of_cells(own.place, simplices, kept, window)
+    row, column = np.nonzero(inside >= 0)
+    triangle = inside[row, column]
+    row, column = row + window.rows.start, column + window.columns.start
+    cell_m = np.column_stack([window.grid.x_m[column], window.grid.y_m[row]])
+    use = everywhere.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
+    corner = simplices[triangle[use]]
+    share = _barycentric(own.place[corner], cell_m[use])
+    return (row * window.grid.columns + column)[use], near[corner], share
+
+
+def _empty_around(corner: Float[np.ndarray, "triangle 3 2"], everywhere: KDTree) -> Bool[np.ndarray, " triangle"]:
+    """Return which are Delaunay triangles: those whose circles through the corners hold no point."""
+    b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    bb, cc = np.sum(b**2, axis=1), np.sum(c**2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = (c[:, 1] * bb - b[:, 1] * cc) / twice, (b[:, 0] * cc - c[:, 0] * bb) / twice
+    centre, radius = corner[:, 0] + np.column_stack([x, y]), np.hypot(x, y)
+    found = np.isfinite(radius)
+    found[found] = everywhere.query(centre[found])[0] >= radius[found] * (1 - ON_CIRCLE)
+    return found
 
 
 def _triangle_of_cells(
     place: Float[np.ndarray, "n 2"],
     simplices: Int[np.ndarray, "triangle 3"],
     wanted: Bool[np.ndarray, " triangle"],
-    grid: Grid,
-) -> Int[np.ndarray, " cell"]:
-    """Return the wanted triangle that each cell lies in; -1 for none."""
+    window: Window,
+) -> Int[np.ndarray, "row column"]:
+    """Return the wanted triangle that each cell of a window lies in; -1 for none."""
     # Numba takes half a second to import.
     from sionna_radar.mapping.triangle_kernels import fill_triangles
 
-    inside = np.full(grid.shape, -1, dtype=np.int64)
-    fill_triangles(place, simplices, wanted, (grid.west_m, grid.south_m), grid.spacing_m, inside)
-    return inside.ravel()
+    inside = np.full((window.rows.stop - window.rows.start, window.columns.stop - window.columns.start), -1)
+    first = (float(window.low_m[0]), float(window.low_m[1]))
+    fill_triangles(place, simplices, wanted, first, window.grid.spacing_m, inside)
+    return inside
 
 
 def _highest(points: Points) -> Int[np.ndarray, " n"]:
@@ -103,18 +168,13 @@ def _highest(points: Points) -> Int[np.ndarray, " n"]:
 
 
 def _lit(
-    simplices: Int[np.ndarray, "triangle 3"],
-    place: Float[np.ndarray, "n 2"],
-    z: Float[np.ndarray, " n"],
-    origin: Float[np.ndarray, "n 3"],
-    gap_m: float,
-    incidence_rad: float,
+    simplices: Int[np.ndarray, "triangle 3"], known: _Known, gap_m: float, incidence_rad: float
 ) -> Bool[np.ndarray, " triangle"]:
-    corner = np.column_stack([place, z])[simplices]
+    corner = np.column_stack([known.place, known.z])[simplices]
     side = np.roll(corner, -1, axis=1) - corner
     normal = np.cross(side[:, 0], side[:, 1])
     normal *= np.sign(normal[:, 2:])
-    to_radar = origin[simplices].mean(axis=1) - corner.mean(axis=1)
+    to_radar = known.origin[simplices].mean(axis=1) - corner.mean(axis=1)
     cos = np.einsum("ti,ti->t", normal, to_radar)
     cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
     longest = np.linalg.norm(side, axis=2).max(axis=1)

@@ -17,7 +17,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.covariance import FittedCovariance, fit_covariance
+from sionna_radar.mapping.covariance_table import CovarianceTable
 from sionna_radar.mapping.gridding import Interpolated
 from sionna_radar.mapping.heights import Heights
 
@@ -25,6 +27,8 @@ TABLE = 3000
 # Standard deviation of the logarithm of the noise factor: the estimators of ranges know their errors to a factor.
 NOISE_FACTOR_SPREAD = 1.0
 FEWEST_POINTS = 20
+# Cells that are worked on at once: it bounds the memory.
+AT_ONCE = 50_000
 
 
 @dataclass(frozen=True)
@@ -37,25 +41,40 @@ class LinearUncertainty:
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
-        found, share = self.interpolated, self.interpolated.share
         covariance, spread = self.fitted.covariance, float(np.median(self.heights.spread_m))
-        corner = self.heights.place_m[found.corner]
-        away = np.linalg.norm(corner - grid.centres_m[found.cell][:, None], axis=2)
-        apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
-        farthest = float(max(away.max(initial=0.0), apart.max(initial=0.0))) + 1.0
-        to_place = covariance.table(farthest, spread / np.sqrt(2), TABLE).at(away)
-        between = covariance.table(farthest, spread, TABLE).at(apart)
+        some = [slice(*bounds) for bounds in parts(len(self.interpolated.cell), AT_ONCE)]
+        farthest = max(float(each.max(initial=0.0)) for part in some for each in self._distances(grid, part)) + 1.0
+        tables = covariance.table(farthest, spread / np.sqrt(2), TABLE), covariance.table(farthest, spread, TABLE)
         alone = float(covariance.at(np.zeros(1), spread)[0])
-        after = np.roll(found.corner, -1, axis=1)
-        noise = self.heights.noise_m2(found.corner, found.corner, self.fitted.noise_factor)
-        shared = self.heights.noise_m2(found.corner, after, self.fitted.noise_factor)
+        sigma = np.full(grid.rows * grid.columns, np.nan)
+        for part in some:
+            variance = self._variance_m2(grid, part, *tables, alone)
+            sigma[self.interpolated.cell[part]] = np.sqrt(np.maximum(variance, 0.0))
+        return np.where(wanted, sigma.reshape(grid.shape), np.nan)
+
+    def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
+        """Return how far the points around cells are from these, and each from the next."""
+        corner = self.heights.place_m[self.interpolated.corner[part]]
+        row, column = np.divmod(self.interpolated.cell[part], grid.columns)
+        cell = np.column_stack([grid.x_m[column], grid.y_m[row]])
+        apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
+        return np.linalg.norm(corner - cell[:, None], axis=2), apart
+
+    def _variance_m2(
+        self, grid: Grid, part: slice, to_place: CovarianceTable, between: CovarianceTable, alone: float
+    ) -> Float[np.ndarray, " cell"]:
+        """Return the variance of cells; tables are of heights and points, and of two points."""
+        away, apart = self._distances(grid, part)
+        share, corner = self.interpolated.share[part], self.interpolated.corner[part]
+        noise = self.heights.noise_m2(corner, corner, self.fitted.noise_factor)
+        shared = self.heights.noise_m2(corner, np.roll(corner, -1, axis=1), self.fitted.noise_factor)
         # Corner i and the next one are `apart[:, i]`.
         pair = share * np.roll(share, -1, axis=1)
-        both = np.sum(share**2 * (alone + noise), axis=1) + 2 * np.sum(pair * (between + shared), axis=1)
-        variance = covariance.variance_m2 - 2 * np.sum(share * to_place, axis=1) + both
-        sigma = np.full(grid.rows * grid.columns, np.nan)
-        sigma[found.cell] = np.sqrt(np.maximum(variance, 0.0))
-        return np.where(wanted, sigma.reshape(grid.shape), np.nan)
+        both = np.sum(share**2 * (alone + noise), axis=1) + 2 * np.sum(pair * (between.at(apart) + shared), axis=1)
+        variance: Float[np.ndarray, " cell"] = (
+            self.fitted.covariance.variance_m2 - 2 * np.sum(share * to_place.at(away), axis=1) + both
+        )
+        return variance
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
         """Return NaN: how far the errors of neighbouring triangles are alike is not worked out."""

@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.mapping.footprint import footprint_axes, strip_axes
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.speckle import SpeckleMemory, repeats, speckle_reach
+from sionna_radar.mapping.speckle import AT_ONCE, SpeckleMemory, repeats, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
 LEAST_DISTANCE_M = 1e-9
@@ -49,10 +50,19 @@ def looks_at(
 
     """
     pulse, first, row = np.unique(points.pulse, return_index=True, return_inverse=True)
-    pose = measured(pulse)
-    reach = speckle_reach(pulse, pose, points.range_m[first], beam, chirp, memory)
+
+    def pose_of(row: Int[np.ndarray, " row"]) -> Pose:
+        return measured(pulse[row])
+
+    reach = speckle_reach(pulse, pose_of, points.range_m[first], beam, chirp, memory)
     axes_of = footprint_axes if points.across_sigma_m is None else strip_axes
-    return Looks(footprint_m=axes_of(pose.rows(row), points.range_m, beam), reach=reach[row])
+
+    def footprints(low: int, high: int) -> Float[np.ndarray, "some 2 2"]:
+        own, back = np.unique(row[low:high], return_inverse=True)
+        return axes_of(pose_of(own).rows(back), points.range_m[low:high], beam)
+
+    footprint_m = np.concatenate([footprints(*bounds) for bounds in parts(len(points), AT_ONCE)])
+    return Looks(footprint_m=footprint_m, reach=reach[row])
 
 
 def point_heights(points: Points, looks: Looks | None) -> Heights:

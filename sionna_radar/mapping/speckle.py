@@ -13,6 +13,7 @@ correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of t
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
@@ -34,6 +36,10 @@ STILL_ALIKE, LONGEST_LAG = 0.7, 256
 LEAST_CORRELATION = 1e-2
 SHALLOWEST = 0.02
 LONG_REACH = 4.0
+# Pulses whose poses are held at once: it bounds the memory.
+AT_ONCE = 20_000
+
+PoseOf = Callable[[Int[np.ndarray, " row"]], Pose]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +82,7 @@ def _plants(scenario: Scenario) -> Windblown | None:
 
 def speckle_reach(
     pulse: Int[np.ndarray, " pulse"],
-    pose: Pose,
+    pose_of: PoseOf,
     range_m: Float[np.ndarray, " pulse"],
     beam: BeamNodes,
     chirp: Chirp,
@@ -86,8 +92,10 @@ def speckle_reach(
 
     Parameters
     ----------
-    pulse, pose:
-        Sorted indices of the pulses in the survey, and their measured poses.
+    pulse:
+        Sorted indices of the pulses in the survey.
+    pose_of:
+        Returns the measured poses of some of them, by their rows in `pulse`.
     range_m:
         Range of each echo on the axis of the beam.
     beam, chirp, memory:
@@ -98,11 +106,12 @@ def speckle_reach(
     if len(pulse) < 2 or memory.decorrelation_s == 0:
         return reach
     lag, alike = np.ones(len(pulse), dtype=np.int64), np.full(len(pulse), np.nan)
-    feature = _features(pulse, pose, range_m, beam, chirp)
+    some = [np.arange(*bounds) for bounds in parts(len(pulse), AT_ONCE)]
+    feature = np.concatenate([_features(pulse, pose_of, range_m, beam, chirp, rows) for rows in some])
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1
     while len(rest) and tried <= LONGEST_LAG:
-        found = _alike(pulse, pose, range_m, beam, chirp, rest, np.full(len(rest), tried))
+        found = _alike(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
         found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
         # A lag at which nothing is left says less than the one before it.
         better = np.isfinite(found) & ((found > LEAST_CORRELATION) | (tried == 1))
@@ -125,22 +134,28 @@ def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def _features(
-    pulse: Int[np.ndarray, " pulse"], pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes, chirp: Chirp
-) -> Float[np.ndarray, "pulse feature"]:
-    """Return what the correlation of a pulse with the next depends on: motion and turn in its antenna's frame."""
-    ahead = np.minimum(np.arange(len(pulse)) + 1, len(pulse) - 1)
-    ahead[-1] = len(pulse) - 1
-    turn = np.einsum("pji,pj->pi", pose.R_world_antenna, pose.boresight[ahead])[:, 1:]
-    turn[np.diff(pulse, append=pulse[-1] + 2) != 1] = 0.0
+    pulse: Int[np.ndarray, " pulse"],
+    pose_of: PoseOf,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    row: Int[np.ndarray, " row"],
+) -> Float[np.ndarray, "row feature"]:
+    """Return what the correlation of pulses with the next depends on: motion and turn in the antenna's frame."""
+    after = np.minimum(np.append(row, row[-1] + 1), len(pulse) - 1)
+    both = pose_of(after)
+    pose, ahead = both.rows(slice(0, -1)), both.boresight[1:]
+    turn = np.einsum("pji,pj->pi", pose.R_world_antenna, ahead)[:, 1:]
+    turn[np.diff(pulse[after]) != 1] = 0.0
     width = np.array([np.ptp(beam.azimuth), np.ptp(beam.elevation)])
     moved = np.einsum("pji,pj->pi", pose.R_world_antenna, pose.velocity_mps) / chirp.rate_hz
     phase = 4 * np.pi * chirp.carrier_hz / chirp.propagation_mps * moved * width.max()
-    return np.column_stack([turn / width, phase / 10, np.log(np.maximum(range_m, 1e-3)), pose.boresight[:, 2]])
+    return np.column_stack([turn / width, phase / 10, np.log(np.maximum(range_m[row], 1e-3)), pose.boresight[:, 2]])
 
 
 def _alike(
     pulse: Int[np.ndarray, " pulse"],
-    pose: Pose,
+    pose_of: PoseOf,
     range_m: Float[np.ndarray, " pulse"],
     beam: BeamNodes,
     chirp: Chirp,
@@ -157,16 +172,17 @@ def _alike(
     direction = np.column_stack([np.sqrt(1 - np.sum(across**2, axis=1)), across])
     gain = beam.two_way(direction)
     other = np.minimum(np.searchsorted(pulse, pulse[row] + lag), len(pulse) - 1)
+    pose, pose_later = pose_of(row), pose_of(other)
     for number, (p, q) in enumerate(zip(row, other, strict=True)):
         if pulse[q] != pulse[p] + lag[number]:
             continue
-        away = direction @ pose.R_world_antenna[p].T
-        drop = max(-range_m[p] * pose.boresight[p, 2], 1e-3)
+        away = direction @ pose.R_world_antenna[number].T
+        drop = max(-range_m[p] * pose.boresight[number, 2], 1e-3)
         near = drop / np.maximum(-away[:, 2], SHALLOWEST)
         # Position errors of a centimetre would hide the phases; the velocity is known better.
-        later = near[:, None] * away - pose.velocity_mps[p] * lag[number] / chirp.rate_hz
+        later = near[:, None] * away - pose.velocity_mps[number] * lag[number] / chirp.rate_hz
         far = np.linalg.norm(later, axis=1)
-        gain_later = beam.two_way(later / far[:, None] @ pose.R_world_antenna[q])
+        gain_later = beam.two_way(later / far[:, None] @ pose_later.R_world_antenna[number])
         result[number] = _overlap(near, far, gain / near**2, gain_later / far**2, chirp)
     return result
 

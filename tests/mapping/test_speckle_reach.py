@@ -63,7 +63,7 @@ def drawn_correlation(pose, beam, draws=500):
 def test_speckle_repeats_as_that_of_drawn_scatterers(beamwidth_deg, scan_deg):
     pose, beam = flight([scan_deg, scan_deg + 2.0]), nodes(beamwidth_deg)
     range_m = -pose.position_m[:, 2] / pose.boresight[:, 2]
-    reach = speckle_reach(np.arange(2), pose, range_m, beam, CHIRP, SpeckleMemory())
+    reach = speckle_reach(np.arange(2), pose.rows, range_m, beam, CHIRP, SpeckleMemory())
     # Errors one pulse apart are correlated by exp(-1 / reach^2).
     stated = np.exp(-1 / reach[0] ** 2) if reach[0] else 0.0
     assert stated == pytest.approx(drawn_correlation(pose, beam), abs=0.12)
@@ -72,12 +72,12 @@ def test_speckle_repeats_as_that_of_drawn_scatterers(beamwidth_deg, scan_deg):
 def test_a_beam_that_stands_still_repeats_its_speckle_until_the_ground_forgets():
     pose, beam = flight(np.zeros(60), speed_mps=0.0), nodes(2.0)
     range_m = np.full(60, 70.7)
-    still = speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, SpeckleMemory())
+    still = speckle_reach(np.arange(60), pose.rows, range_m, beam, CHIRP, SpeckleMemory())
     assert still.min() > 30
     memory = SpeckleMemory(decorrelation_s=5 / CHIRP.rate_hz)
-    moving = speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, memory)
+    moving = speckle_reach(np.arange(60), pose.rows, range_m, beam, CHIRP, memory)
     assert 2 < moving[0] < 6
-    assert not speckle_reach(np.arange(60), pose, range_m, beam, CHIRP, SpeckleMemory(decorrelation_s=0.0)).any()
+    assert not speckle_reach(np.arange(60), pose.rows, range_m, beam, CHIRP, SpeckleMemory(decorrelation_s=0.0)).any()
 
 
 def test_the_field_has_lost_all_but_a_part_in_e_after_its_time():
