@@ -21,8 +21,6 @@ SAME_WITHIN_S = 0.5
 
 _received: list[int] = []
 _last_at: list[float] = [0.0]
-# Number of signals received in each block that defers the first of them.
-_held_back: list[int] = []
 # What a program that ends early should tell.
 _how_to_go_on: list[str] = []
 
@@ -45,18 +43,6 @@ def say_how_to_go_on(text: str) -> None:
 def how_to_go_on() -> str:
     """Return what a program that ends early should tell after its own line; empty for nothing."""
     return f"; {_how_to_go_on[0]}" if _how_to_go_on else ""
-
-
-@contextmanager
-def held_back() -> Iterator[None]:
-    """Defer the first signal to the end of a block, such as the writing of results that took hours."""
-    _held_back.append(0)
-    try:
-        yield
-    finally:
-        came = _held_back.pop()
-    if came:
-        raise Interrupted
 
 
 @contextmanager
@@ -89,8 +75,4 @@ def _interrupt(number: int, _: FrameType | None) -> None:
         return
     _last_at[:] = [now]
     _received.append(number)
-    if _held_back:
-        _held_back[-1] += 1
-        if _held_back[-1] == 1:
-            return
     raise Interrupted

@@ -54,15 +54,6 @@ class KeptParts:
             message = f"a finished part cannot be kept in {self.folder} ({error.strerror}); free some space"
             raise OutputError(message) from error
 
-    def get_document(self, key: str) -> Any:
-        """Return a part that is a JSON document, its numbers exact; None if it is not finished."""
-        content = self.get(key)
-        return None if content is None else json.loads(content)
-
-    def put_document(self, key: str, document: Any) -> None:
-        """Keep a part that is a JSON document; see `put`."""
-        self.put(key, json.dumps(document).encode())
-
     def _path(self, key: str) -> Path:
         return self.folder / f"{sha256(key.encode()).hexdigest()[:32]}.part"
 

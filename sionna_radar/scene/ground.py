@@ -96,11 +96,6 @@ def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
     return ground
 
 
-def forget_ground() -> None:
-    """Let go of the ground that is kept."""
-    _last.clear()
-
-
 def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:
     datum_m = land.georeference.origin_m[2] if land.georeference else 0.0
     return build_objects(scenario.objects, land.ground_m, datum_m)

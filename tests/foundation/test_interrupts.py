@@ -100,27 +100,6 @@ main()
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
 
 
-# A second interrupt; one that comes at once is the first one, come by another way.
-LATER = "import time; time.sleep(0.6); strike()"
-HELD_BACK = """
-    from sionna_radar.foundation.interrupts import held_back
-
-    with held_back():
-        strike()
-        print("written")
-        {again}
-        print("printed")
-    print("went on")
-"""
-
-
-@pytest.mark.parametrize(("again", "printed"), [("pass", "written\nprinted\n"), (LATER, "written\n")])
-def test_what_hours_have_made_is_written_before_the_first_interrupt_ends_it(again: str, printed: str) -> None:
-    code = HEAD.format(number=int(signal.SIGINT)) + HELD_BACK.format(again=again)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr, done.stdout) == (130, "interrupted\n", printed)
-
-
 def test_an_ignored_interrupt_stays_ignored() -> None:
     code = HEAD.format(number=int(signal.SIGINT)).replace("signal.default_int_handler", "signal.SIG_IGN")
     done = subprocess.run([sys.executable, "-c", f"{code}    strike()\n"], capture_output=True, check=False)
