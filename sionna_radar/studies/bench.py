@@ -191,8 +191,7 @@ def _memory_growth(pulses: int) -> Ratio:
 
 def _peak_in_process(pulses: int) -> float:
     code = (
-        "from sionna_radar.studies.bench import memory_scenario\n"
-        f"print(run(memory_scenario({pulses})).peak_memory_mb)\n"
+        f"from sionna_radar.studies.bench_growth import long_survey\nprint(run(long_survey({pulses})).peak_memory_mb)\n"
     )
     return float(_said(code))
 
@@ -205,9 +204,3 @@ def _seconds_in_process() -> float:
 def _said(code: str) -> str:
     command = [sys.executable, "-c", "from sionna_radar import load_scenario, run\n" + code]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
-def memory_scenario(pulses: int) -> Scenario:
-    """Return a survey of about that many pulses over the same ground: the more pulses, the slower the flight."""
-    sector = 100 / 360
-    return load_scenario("hills", {"platform.speed_mps": 100.0 * 360 * sector / pulses})
