@@ -1,6 +1,6 @@
 """The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -47,7 +47,9 @@ class TileUncertainty:
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
         plausible = plausible_terrains(heights.above(heights.trend()), kriging.terrain)
-        return cls(bounds_m, kriging, information or information_of(heights), plausible)
+        told = information or information_of(heights)
+        as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
+        return cls(bounds_m, as_told, told, plausible)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return which places lie in the tile."""

@@ -4,9 +4,12 @@ On ground that looks alike everywhere, each wave of the terrain is known by itse
 observed with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as
 its footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised
 model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
-really, the information of the weights that are used is (f e)^4 / ((f e)^H C (f e)), e being the wave.
+really, the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave and the
+sums those over all echoes: the few that seem to tell most are weighted no better than others.
 
-What remains of all waves, or of those that a window averages, is the variance on ground that is covered evenly.
+Long waves are told of as by mean ranges of less noise, which holds beyond the last echoes, too, where the surface goes
+on as they say. What remains of all waves, or of those that a window averages, is the variance on ground that is
+covered evenly: by how much it differs from that of such mean ranges changes the variance of a place.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,6 +40,12 @@ class Information:
     by_means: Float[np.ndarray, " wave"]
     by_echoes: Float[np.ndarray, " wave"]
 
+    def gain(self, noise_factor: float) -> float:
+        """Return how much more whole echoes tell of the longest waves than mean ranges do; 1 if only these are used."""
+        longest = self.wavenumber == self.wavenumber.min()
+        told = float(self.by_means[longest].sum()) / noise_factor
+        return max(1.0, float(self.by_echoes[longest].sum()) / told)
+
     def after(
         self,
         variance_m2: Float[np.ndarray, "..."],
@@ -54,7 +63,7 @@ class Information:
         variance_m2:
             Of heights, or of means over a square of the side `window_m`, given mean ranges.
         taken:
-            The terrain that it was computed for.
+            The terrain that it was computed for, and the factor on the noise of mean ranges.
         plausible:
             Those that the echoes allow.
         window_m:
@@ -100,7 +109,7 @@ def information_of(
     wavenumber = np.repeat(radial, DIRECTIONS)
     pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
     variance = heights.variance_m2(1.0)
-    means, echoes = np.zeros(len(wave)), np.zeros(len(wave))
+    means, power, noise = np.zeros((3, len(wave)))
     linear = None if linearised is None else linearised(pulses)
     for row, pulse in enumerate(pulses):
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
@@ -109,28 +118,27 @@ def information_of(
         own = linear.rows_of(row)
         phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
         turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
-        echoes += _told(turned, linear.weight[own], looks_per_cell)
+        power += np.sum(np.abs(turned) ** 2, axis=0)
+        noise += _noise(turned, linear.weight[own], looks_per_cell)
     density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)
     return Information(
         wavenumber=wavenumber,
         # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
         weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
         by_means=density * means,
-        by_echoes=density * echoes,
+        by_echoes=density * power**2 / np.maximum(noise, np.finfo(float).tiny),
     )
 
 
-def _told(
+def _noise(
     turned: Complex[np.ndarray, "row wave"], weight: Float[np.ndarray, " row"], looks_per_cell: float
 ) -> Float[np.ndarray, " wave"]:
-    """Return the information about waves in the weighted residuals of an echo, whose neighbours are correlated."""
-    power = np.sum(np.abs(turned) ** 2, axis=0)
+    """Return the variance of an echo's score along waves, of weighted residuals whose neighbours are correlated."""
     # A residual of the weight w has the variance w, in units of that of a look: the faint cells, which count for
     # little, are known better than they count for.
     turned = np.sqrt(weight)[:, None] * turned
     beside = (1 / looks_per_cell - 1) / 2
     neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
     # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
-    noise = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
-    told: Float[np.ndarray, " wave"] = power**2 / np.maximum(noise, np.finfo(float).tiny)
-    return told
+    noise: Float[np.ndarray, " wave"] = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
+    return noise
