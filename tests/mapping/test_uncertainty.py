@@ -8,6 +8,7 @@ from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance, repeated
+from sionna_radar.mapping.echo_model import Linearised
 from sionna_radar.mapping.gridding import Interpolated
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
@@ -141,6 +142,48 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
     only = (Plausible(1.0, smooth),)
     narrow, wide = (information.after(np.array(1e-9), rough, only, window_m=w) for w in (0.0, 30.0))
     assert wide > 2 * narrow
+
+
+def test_echoes_tell_together_what_their_scores_do():
+    """Against the variance of their summed scores: an echo that seems to tell most is weighted as others are."""
+    rng = np.random.default_rng(6)
+    place, rows, looks = rng.uniform(0, 4, (3, 7, 2)), 5, 0.514
+    factor = rng.standard_normal((3 * rows, 7)).astype(np.float32)
+    factor[:rows] *= np.array([3.0, -3.0, 3.0, -3.0, 3.0])[:, None]
+    heights = replace(
+        Heights.at_places(place.mean(axis=1), np.zeros(3), np.full(3, 0.2)),
+        footprint_m=np.broadcast_to(np.eye(2), (3, 2, 2)),
+    )
+    weight = rng.uniform(0.2, 1.0, 3 * rows)
+    first = rows * np.arange(3)
+    nothing = np.zeros((3, 7)), factor, first, first + rows, np.zeros(3 * rows), weight
+    information = information_of(heights, lambda _: Linearised(place, *nothing), looks)
+    alike = (np.eye(rows) + (1 / looks - 1) / 2 * (np.eye(rows, k=1) + np.eye(rows, k=-1))) * looks
+    density = 3 / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / 3
+    for number in (0, 60, 150):
+        length, heading = np.geomspace(250.0, 0.5, 26)[number // 8], (number % 8 + 0.5) * np.pi / 8
+        wave = 2 * np.pi / length * np.array([np.cos(heading), np.sin(heading)])
+        power = noise = 0.0
+        for pulse in range(3):
+            own = slice(pulse * rows, (pulse + 1) * rows)
+            e = factor[own] @ np.exp(1j * (place[pulse] - heights.place_m[pulse]) @ wave)
+            spread = np.sqrt(weight[own]) * e
+            power += np.sum(np.abs(e) ** 2)
+            noise += np.real(spread.conj() @ alike @ spread)
+        assert information.by_echoes[number] == pytest.approx(density * power**2 / noise, rel=1e-5)
+
+
+def test_whole_echoes_tell_as_less_noise_would_beyond_the_last_of_them_too(heights):
+    """Told four times as much of all waves, heights are known as those of half the errors, far and near."""
+    near = heights.rows(heights.place_m[:, 0] < 6)
+    means = information_of(near)
+    whole = replace(means, by_echoes=4 * means.by_means)
+    told = TileUncertainty.of(EVERYWHERE, Kriging(TERRAIN, near, 1.0), whole)
+    wanted = np.ones(GRID.shape, dtype=bool)
+    halved = Kriging(TERRAIN, replace(near, sigma_m=near.sigma_m / 2), 1.0).sigma_m(GRID, wanted)
+    np.testing.assert_allclose(told.kriging.sigma_m(GRID, wanted), halved, rtol=1e-6)
+    assert means.gain(1.0) == 1.0
+    assert whole.gain(2.0) == pytest.approx(8.0)
 
 
 @pytest.mark.parametrize(("smoothness", "side"), [(0.4, np.less), (np.inf, np.greater)])
