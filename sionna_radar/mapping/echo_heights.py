@@ -132,7 +132,7 @@ def reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
     direction = sightings.direction()[:, sightings.beam.corners]
     down = np.minimum(direction[..., 2], -0.1)
     drop = echoes.range_m * -sightings.pose.boresight[:, 2]
-    reach = np.minimum(drop[:, None] / -down, sightings.reach_m)
+    reach = np.minimum(drop[:, None] / -down, sightings.followed_m)
     place = (sightings.pose.position_m[:, None, :2] + reach[..., None] * direction[..., :2]).reshape(-1, 2)
     (west, south), (east, north) = place.min(axis=0), place.max(axis=0)
     return Grid.covering(

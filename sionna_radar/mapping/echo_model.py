@@ -32,6 +32,8 @@ from sionna_radar.radar.chirp import Chirp
 PULSES_AT_ONCE = 64
 # Of the largest: what is left of the response of a window where samples leave off.
 LEAST_TAP = 1e-3
+# How far rays are followed, relative to the unambiguous range.
+FOLLOWED = 1.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +64,11 @@ class Sightings:
     def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
         """Return the sightings of some pulses."""
         return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
+
+    @property
+    def followed_m(self) -> float:
+        """How far rays are followed: between those in reach and the next ones there is ground that is."""
+        return FOLLOWED * self.reach_m
 
     def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
         """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
@@ -156,7 +163,7 @@ def footprints(
 
     def some(low: int, high: int) -> None:
         to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
-        meet(*on, *of, doppler, float(sightings.reach_m), guess, *to, low, high)
+        meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
 
     list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
     return feet
@@ -180,7 +187,8 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, mean
+        reach = self._sightings.reach_m / cell_m
+        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean
 

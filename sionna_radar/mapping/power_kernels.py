@@ -89,15 +89,15 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, share, lattice, cell_m, mean):
-    """Write the power-weighted mean range of the echoes from `low` to `high`; NaN without one."""
+def centroids(low, high, range_m, shift, share, lattice, cell_m, reach, mean):
+    """Write the power-weighted mean range, up to the cell `reach`, of the echoes from `low` to `high`; NaN without."""
     nodes, samples = range_m.shape[1], len(share)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
         total, moment = 0.0, 0.0
         for k in range(samples):
-            if not np.isnan(cell[k]):
+            if cell[k] <= reach:
                 power = share[k] * near[k] ** 2
                 total += power
                 moment += power * cell[k]
