@@ -187,7 +187,8 @@ class EchoModel:
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
-        reach = self._sightings.reach_m / cell_m
+        # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
+        reach = self._sightings.reach_m / cell_m - 0.5
         on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, reach, mean
         over_rows(lambda low, high: centroids(low, high, *on), len(mean))
         return mean

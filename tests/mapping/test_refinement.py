@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sightings import make_sightings
+from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.covariance import Covariance, fit_covariance
@@ -98,6 +98,20 @@ def test_the_score_vanishes_on_average_on_the_truth_and_points_back_from_elsewhe
     assert abs(truth.score.sum()) < 4 * np.sqrt(information)
     raised = EchoModel(hilly, over(WIDE, lambda x, y: hills(x, y) + 0.2)).linearise(np.ones(len(hilly)))
     assert -raised.score.sum() / information == pytest.approx(0.2, rel=0.3)
+
+
+def test_ground_on_both_sides_of_the_unambiguous_range_is_where_it_is(hilly):
+    """Profiles end within the echoes: what is predicted in front of that misses nothing, whatever lies beyond."""
+    cells = 245
+    power = hilly.profiles.power.reshape(len(hilly), CELLS)[:, :cells]
+    profiles = replace(hilly.profiles, power=power.ravel(), start=np.arange(len(hilly) + 1) * cells)
+    cut = replace(hilly, profiles=profiles, reach_m=cells * CELL_M)
+    model = EchoModel(cut, over(WIDE, hills))
+    assert np.mean(np.nanmax(model.footprints.range_m, axis=1) > cut.reach_m) > 0.9
+    truth = model.linearise(np.ones(len(cut)))
+    assert abs(truth.score.sum()) < 4 * np.sqrt(np.sum(truth.factor.sum(axis=1) ** 2))
+    error = mean_ranges(cut).range_m - model.centroid_m()
+    assert abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(len(error))
 
 
 def test_scores_vary_as_the_weights_of_their_cells_say(hilly):
