@@ -4,8 +4,10 @@ On ground that looks alike everywhere, each wave of the terrain is known by itse
 observed with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as
 its footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised
 model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
-really, the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave and the
-sums those over all echoes: the few that seem to tell most are weighted no better than others.
+really, the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave, over
+many echoes: the few that seem to tell most are weighted no better than others. In their place stands the median echo,
+as often as there are echoes: rugged profiles, of footprints with shadows in them, seem to tell a hundred times as much
+of a wave, but tell of many at once, and of waves that no model of cells holds.
 
 Long waves are told of as by mean ranges of less noise, which holds beyond the last echoes, too, where the surface goes
 on as they say. What remains of all waves, or of those that a window averages, is the variance on ground that is
@@ -109,7 +111,7 @@ def information_of(
     wavenumber = np.repeat(radial, DIRECTIONS)
     pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
     variance = heights.variance_m2(1.0)
-    means, power, noise = np.zeros((3, len(wave)))
+    means, (power, noise) = np.zeros(len(wave)), np.zeros((2, len(pulses), len(wave)))
     linear = None if linearised is None else linearised(pulses)
     for row, pulse in enumerate(pulses):
         means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
@@ -118,15 +120,16 @@ def information_of(
         own = linear.rows_of(row)
         phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
         turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
-        power += np.sum(np.abs(turned) ** 2, axis=0)
-        noise += _noise(turned, linear.weight[own], looks_per_cell)
-    density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)) / len(pulses)
+        power[row] = np.sum(np.abs(turned) ** 2, axis=0)
+        noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+    density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
+    power, noise = np.median(power, axis=0), np.maximum(np.median(noise, axis=0), np.finfo(float).tiny)
     return Information(
         wavenumber=wavenumber,
         # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
         weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
-        by_means=density * means,
-        by_echoes=density * power**2 / np.maximum(noise, np.finfo(float).tiny),
+        by_means=density / len(pulses) * means,
+        by_echoes=density * power**2 / noise,
     )
 
 
