@@ -26,8 +26,8 @@ from sionna_radar.mapping.heights import Heights
 BLOCK_CELLS, MARGIN_M, MOST_ECHOES = 32, 20.0, 600
 # Echoes that decide about a mean over a window.
 MOST_OF_A_WINDOW = 1500
-# Cells of a window that stand for all of them.
-CELLS_OF_A_WINDOW = 300
+# Squares that a window is divided into, where it has more cells.
+SQUARES_OF_A_WINDOW = 300
 TABLE = 6000
 JITTER = 1e-10
 
@@ -61,15 +61,15 @@ class Kriging:
         return sigma
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
-        """Return the standard deviation of the mean height over some places."""
-        step = -(-len(place_m) // CELLS_OF_A_WINDOW)
-        place_m = place_m[::step]
+        """Return the standard deviation of the mean height over some places, evenly spread over an area."""
         near = self._near(place_m, MOST_OF_A_WINDOW)
-        before = float(self.covariance.at(cdist(place_m, place_m)).mean())
+        place_m, share, side_m = _in_squares(place_m)
+        spread = side_m / np.sqrt(12)
+        before = float(share @ self.covariance.at(cdist(place_m, place_m), spread) @ share)
         if len(near) == 0:
             return float(np.sqrt(before))
-        root, between = self._known(near, place_m)
-        told = solve_lower(root, between.mean(axis=1))
+        root, between = self._known(near, place_m, spread)
+        told = solve_lower(root, between @ share)
         return float(np.sqrt(max(before - told @ told, 0.0)))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
@@ -89,18 +89,35 @@ class Kriging:
         return near if len(near) <= most else near[np.argpartition(outside[near], most)[:most]]
 
     def _known(
-        self, near: Int[np.ndarray, " near"], place_m: Float[np.ndarray, "cell 2"]
+        self, near: Int[np.ndarray, " near"], place_m: Float[np.ndarray, "cell 2"], around_m: float = 0.0
     ) -> tuple[Float[np.ndarray, "near near"], Float[np.ndarray, "near cell"]]:
-        """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places."""
+        """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places.
+
+        around_m: standard deviation, along each axis, of what is averaged around each place.
+        """
         heights = self.heights.rows(near)
         spread = float(np.median(heights.spread_m))
         farthest = float(np.hypot(*np.ptp(np.concatenate([heights.place_m, place_m]), axis=0))) + 1.0
         total = self.covariance.table(farthest, spread, TABLE).between(heights.place_m, heights.place_m)
         noise = heights.variance_m2(self.noise_factor)
         total[np.diag_indices_from(total)] += noise + JITTER * self.covariance.variance_m2
-        halved = self.covariance.table(farthest, spread / np.sqrt(2), TABLE)
+        halved = self.covariance.table(farthest, float(np.hypot(spread, around_m)) / np.sqrt(2), TABLE)
         between = halved.between(heights.place_m, place_m)
         return np.linalg.cholesky(total), between
+
+
+def _in_squares(
+    place_m: Float[np.ndarray, "cell 2"],
+) -> tuple[Float[np.ndarray, "square 2"], Float[np.ndarray, " square"], float]:
+    """Return the middles of squares that places lie in, the share of each, and their side; few places as they are."""
+    if len(place_m) <= SQUARES_OF_A_WINDOW:
+        return place_m, np.full(len(place_m), 1 / len(place_m)), 0.0
+    low, extent = place_m.min(axis=0), np.ptp(place_m, axis=0)
+    side = float(np.sqrt(extent.prod() / SQUARES_OF_A_WINDOW))
+    square = np.floor((place_m - low) / side)
+    _, own, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    middle = np.stack([np.bincount(own, column) for column in place_m.T], axis=1) / count[:, None]
+    return middle, count / len(place_m), side
 
 
 def _blocks(grid: Grid) -> Iterator[tuple[slice, slice]]:

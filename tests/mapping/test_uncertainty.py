@@ -144,6 +144,19 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
     assert wide > 2 * narrow
 
 
+def test_the_mean_over_a_wide_window_is_that_of_all_of_its_cells():
+    """Of rough terrain, many more cells than squares that stand for them; against the covariance of all of them."""
+    rng = np.random.default_rng(8)
+    rough, grid = Covariance(0.5, 15.0, 1.0), Grid(west_m=0.0, south_m=0.0, spacing_m=0.8, columns=40, rows=36)
+    heights = Heights.at_places(rng.uniform(-2, 38, (150, 2)), np.zeros(150), np.full(150, 0.05))
+    place = grid.centres_m
+    whole = rough.at(apart(heights.place_m, heights.place_m)) + np.diag(heights.variance_m2(1.0))
+    mean = np.array([rough.at(apart(one[None], place)).mean() for one in heights.place_m])
+    before = np.mean([rough.at(apart(one[None], place)).mean() for one in place])
+    expected = np.sqrt(before - mean @ np.linalg.solve(whole, mean))
+    assert Kriging(rough, heights, 1.0).mean_sigma_m(place) == pytest.approx(expected, rel=0.05)
+
+
 def test_echoes_tell_what_the_score_of_the_median_one_does():
     """Against the variance of scores with plain matrices; an echo that seems to tell most counts as others do."""
     rng = np.random.default_rng(6)
