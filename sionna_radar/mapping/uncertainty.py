@@ -1,12 +1,14 @@
 """The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.plausible import Plausible, plausible_terrains
 from sionna_radar.mapping.whole_echo import Information, information_of
@@ -83,5 +85,16 @@ class TiledUncertainty:
         x, y = np.median(place_m, axis=0)[:, None]
         for tile in self.tiles:
             if tile.contains(x, y).all():
-                return float(tile.after(np.asarray(tile.kriging.mean_sigma_m(place_m)), window_m))
+                # A window may reach beyond all echoes that the tile in its middle was mapped from.
+                kriging = replace(tile.kriging, heights=self._heights)
+                return float(tile.after(np.asarray(kriging.mean_sigma_m(place_m)), window_m))
         return float("nan")
+
+    @cached_property
+    def _heights(self) -> Heights:
+        """The heights of all tiles, each from the tile that it lies in."""
+        own = (tile.kriging.heights for tile in self.tiles)
+        inside = [
+            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, own, strict=True)
+        ]
+        return Heights.concatenate(inside)

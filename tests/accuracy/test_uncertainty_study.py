@@ -72,9 +72,9 @@ def grid():
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 def test_intervals_hold_what_they_say(grid, method):
-    """The mean over all cases within 3 points (`smooth`; 4 `refined`), and the cases, five seeds each, within 8 (10).
+    """The mean over all cases within 3 points, and every case, five seeds each, within 8.
 
-    With five seeds: 51.5, 69.7, 90.1, 94.7 % (`smooth`) and 53.5, 71.1, 90.1, 94.2 % (`refined`). Of one seed alone
+    With five seeds: 51.5, 69.5, 90.1, 94.7 % (`smooth`) and 51.8, 69.4, 89.7, 94.2 % (`refined`). Of one seed alone
     no more than 94 % of the cases could be within 8 (`docs/theory/uncertainty.md`), so that fewer seeds bind less.
     """
     cases = np.array([shares(case).mean(axis=0) for case in grid[method].values()])
@@ -84,19 +84,15 @@ def test_intervals_hold_what_they_say(grid, method):
     print(f"  cases beyond 8 points {np.mean(worst > 0.08):.0%}, the worst by {100 * worst.max():.0f}")
     for (scene, beam), case in grid[method].items():
         print(f"  {scene} {beam:g} deg: {np.round(100 * shares(case).mean(axis=0), 1)}")
-    wider = 0.01 * (method == "refined") + 0.03 * (len(SEEDS) < 3)
-    assert np.abs(mean - NOMINAL).max() < 0.03 + wider
-    assert worst.max() < 0.08 + 2 * wider if len(SEEDS) >= 5 else np.mean(worst < 0.12) > 0.8
+    assert np.abs(mean - NOMINAL).max() < 0.03 + 0.03 * (len(SEEDS) < 3)
+    assert worst.max() < 0.08 if len(SEEDS) >= 5 else np.mean(worst < 0.12) > 0.8
     assert 0.9 < spread < 1.1
 
 
 @pytest.mark.parametrize("method", ["smooth", "refined"])
 @pytest.mark.parametrize("window_m", [10.0, 30.0])
 def test_means_over_windows_scatter_as_stated(grid, method, window_m):
-    """Within 25 %: 0.93 and 0.98 for `smooth`, 0.85 and 0.91 for `refined`, over 78 surveys.
-
-    Windows of 100 m are one a survey, too few to tell.
-    """
+    """Within 25 %: 0.94 and 0.98 for `smooth`, 0.98 and 0.97 for `refined`, over 80 surveys."""
     means = [
         mean for case in grid[method].values() for check in case for mean in check.means if mean.window_m == window_m
     ]
@@ -155,10 +151,10 @@ def test_creases_are_not_stated_too_well(method, creased):
 def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
     """`dem.min_confidence_m` over a steep DEM of 25 m posts.
 
-    `refined`: 0.097 m RMS over 99.9 % of the lit cells, 0.081 over the 83 % known to 0.1 m, 0.047 over the 41 % known
+    `refined`: 0.097 m RMS over 99.9 % of the lit cells, 0.080 over the 83 % known to 0.08 m, 0.045 over the 34 % known
     to 0.05 m. `linear`: 0.144 m over 89 %, 0.122 over the 70 % known to 0.2 m, 0.076 over the 14 % known to 0.1 m.
     """
-    bounds_m = {"refined": (0.1, 0.05), "linear": (0.2, 0.1)}[method]
+    bounds_m = {"refined": (0.08, 0.05), "linear": (0.2, 0.1)}[method]
     scenario = {"terrain.path": str(creased), "dem.method": method}
     found = [
         run(load_scenario("own_dem", scenario | {"dem.min_confidence_m": b})).lit_error for b in (100.0, *bounds_m)
@@ -171,7 +167,7 @@ def test_what_is_left_out_as_badly_known_is_what_errs(method, creased):
 
 
 def test_a_city_is_not_stated_too_well():
-    """90 % intervals hold 80 % at least, as asked; not measured yet."""
+    """90 % intervals hold 80 % at least: 62.3, 73.9, 86.8 and 89.2 % were measured."""
     changes = {"processing.echoes": "all", "processing.ranging": "centroid"}
     check = checked("san_francisco", ("stepped",), changes)["stepped"]
     assert check.cells.coverage["90"] > 0.8

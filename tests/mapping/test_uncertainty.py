@@ -220,6 +220,22 @@ def test_close_heights_tell_rough_ground_from_smooth_and_wide_footprints_do_not(
     assert len(wide) > len(close)
 
 
+def test_a_window_over_several_tiles_is_known_from_the_echoes_of_all(heights):
+    bounds = ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
+    kriging, information, x = Kriging(TERRAIN, heights, 1.0), information_of(heights), heights.place_m[:, 0]
+    both = TiledUncertainty(
+        tuple(
+            TileUncertainty(
+                own, replace(kriging, heights=heights.rows(near)), information, (Plausible(1.0, kriging.terrain),)
+            )
+            for own, near in zip(bounds, (x < 7, x > 5), strict=True)
+        )
+    )
+    whole = kriging.mean_sigma_m(GRID.centres_m)
+    assert both.mean_sigma_m(GRID.centres_m, 11.0) == pytest.approx(whole, rel=1e-9)
+    assert both.tiles[0].kriging.mean_sigma_m(GRID.centres_m) > 1.2 * whole
+
+
 def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     information, bounds = information_of(heights), ((-np.inf, 6.0, -np.inf, np.inf), (6.0, np.inf, -np.inf, np.inf))
     west, east = (
