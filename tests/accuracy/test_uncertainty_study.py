@@ -142,7 +142,7 @@ def creased(tmp_path_factory):
 
 @pytest.mark.parametrize("method", ["smooth", "refined", "linear"])
 def test_creases_are_not_stated_too_well(method, creased):
-    """90 % intervals hold 80 % at least: 86, 86 and 94 % were measured."""
+    """90 % intervals hold 80 % at least: 86, 84 and 94 % were measured."""
     check = checked("own_dem", (method,), {"terrain.path": str(creased)})[method]
     assert check.cells.coverage["90"] > 0.8
 
