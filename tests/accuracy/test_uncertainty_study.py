@@ -1,7 +1,7 @@
 """Stated uncertainties against the errors of whole surveys: `pytest -m study -n 0 -s -k uncertainty_study`.
 
 Each case is flown once over still ground (its speckle stays), and mapped by each method. `SIONNA_RADAR_SEEDS=5` takes
-all seeds of the full table, an hour on two quiet cores; without it there is one, ten minutes.
+all seeds of the full table, half an hour on two quiet cores; without it there is one, ten minutes.
 """
 
 import os
@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, UncertaintyCheck, check_uncertainty
+from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, UncertaintyCheck, WindowMeans, check_uncertainty
 from sionna_radar.mapping.mapper import build_dem_method
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import place, record
@@ -101,6 +101,39 @@ def test_means_over_windows_scatter_as_stated(grid, method, window_m):
     ratio = np.sqrt(np.average([mean.ratio**2 for mean in means], weights=count))
     print(f"{method} {window_m:g} m: {ratio:.2f} over {count.sum()} windows of {len(means)} surveys")
     assert 0.75 < ratio < 1.25
+
+
+LONG_M = 600.0
+
+
+@pytest.fixture(scope="module")
+def wide():
+    """Means over windows of 100 m, six in each of some long and wide surveys."""
+    found: dict[str, list[WindowMeans]] = {"smooth": [], "refined": []}
+    for seed in SEEDS:
+        for scene in ("hills", "ridges", "fractal"):
+            for beam in (2.0, 4.0):
+                long = {
+                    "platform.start_m": [-LONG_M / 2 - 10, 0.0],
+                    "platform.length_m": LONG_M,
+                    "platform.altitude_m": 56.0,
+                    "terrain.size_m": [LONG_M + 340, 400.0],
+                    "terrain.seed": seed,
+                    "radar.antenna.beamwidth_deg": beam,
+                    "seed": seed,
+                }
+                for name, check in checked(scene, ("smooth", "refined"), long).items():
+                    found[name] += [mean for mean in check.means if mean.window_m == 100]
+    return found
+
+
+@pytest.mark.parametrize("method", ["smooth", "refined"])
+def test_means_over_windows_of_100_m_scatter_as_stated(wide, method):
+    """Within 25 %: with four seeds 0.88 for `smooth` and 0.98 for `refined`, over 142 windows of 24 surveys."""
+    count = np.array([mean.count for mean in wide[method]])
+    ratio = np.sqrt(np.average([mean.ratio**2 for mean in wide[method]], weights=count))
+    print(f"{method} 100 m: {ratio:.2f} over {count.sum()} windows of {len(count)} surveys")
+    assert 0.75 < ratio < 1.25 if len(SEEDS) >= 4 else 0.5 < ratio < 1.6
 
 
 def test_linear_maps_hold_within_eight_points():
