@@ -33,7 +33,7 @@ PULSES_AT_ONCE = 64
 # Of the largest: what is left of the response of a window where samples leave off.
 LEAST_TAP = 1e-3
 # How far rays are followed, relative to the unambiguous range.
-FOLLOWED = 1.25
+FOLLOWED = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.equation import PlaneEcho, plane_echo_parts
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.studies.link_filter import Folding, folding_of
 from sionna_radar.studies.link_floors import LEAKAGE, floors_of
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -93,13 +94,26 @@ class GroundCase:
         parts, height_m = self._from_one_metre, range_m * float(np.cos(np.deg2rad(self.incidence_deg)))
         part_m = parts.range_m * height_m
         passed = self._passed(part_m) * given.receiver.transmit_power_w / height_m**2
-        step_m = analyser.bin_m / STEPS_PER_BIN
-        steps = len(analyser.range_m) * STEPS_PER_BIN
-        at = np.minimum(np.round(part_m / step_m).astype(np.int64), steps)
-        ground = np.bincount(at, parts.power * passed, minlength=steps + 1)[:steps]
-        met = np.cumsum(np.bincount(at, parts.beam_share, minlength=steps + 1)[:steps])
-        air = self._in_air((np.arange(steps) + 0.5) * step_m, 1 - met) * given.receiver.transmit_power_w
+        step_m, steps = analyser.bin_m / STEPS_PER_BIN, len(analyser.range_m) * STEPS_PER_BIN
+        reach = steps * (1 if self._folding is None else self._folding.bands)
+        at = np.minimum(np.round(part_m * self._scale / step_m).astype(np.int64), reach)
+        ground = np.bincount(at, parts.power * passed, minlength=reach + 1)[:reach]
+        met = np.cumsum(np.bincount(at, parts.beam_share, minlength=reach + 1)[:reach])
+        air = self._in_air((np.arange(reach) + 0.5) * step_m, 1 - met) * given.receiver.transmit_power_w
+        if self._folding is not None:
+            step_hz = step_m * analyser.chirp.beat_per_metre_hz
+            ground, air = (self._folding.sampled(fine, steps, step_hz) for fine in (ground, air))
         return Expected(ground=self._in_bins(ground), clutter=self._in_bins(air))
+
+    @cached_property
+    def _folding(self) -> Folding | None:
+        return folding_of(self.prepared.local.radar, self.prepared.receiver)
+
+    @property
+    def _scale(self) -> float:
+        """Ranges that are read over true ones."""
+        table = self.prepared.local.radar.receiver
+        return 1.0 if "mixer" in table.stages else table.oscillator.scale
 
     @cached_property
     def _volume(self) -> tuple[VolumeEcho, Float[np.ndarray, " speed"]] | None:

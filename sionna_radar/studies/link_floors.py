@@ -19,6 +19,7 @@ from sionna_radar.signal.beat import phase_polynomial
 from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.rounding import rounding_step
+from sionna_radar.studies.link_filter import folding_of
 
 THERMAL, ROUNDING = "thermal noise", "rounding of the converter"
 # Of the window around a tone, in range cells.
@@ -37,7 +38,9 @@ def floors_of(
     Rounding is taken for white noise, which it is where signal or noise exceed a step; that of a gain control is left
     out, since it depends on what is received. Stages of a plug-in are taken for ideal ones.
     """
-    found = {THERMAL: np.full(len(analyser.range_m), receiver.noise_power_w * in_cell(analyser))}
+    folding, beat_hz = folding_of(radar, receiver), analyser.range_m * analyser.chirp.beat_per_metre_hz
+    left = np.ones(len(beat_hz)) if folding is None else folding.noise(beat_hz)
+    found = {THERMAL: receiver.noise_power_w * in_cell(analyser) * left}
     step = rounding_step(radar, receiver)
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
@@ -47,7 +50,8 @@ def floors_of(
     if ways and "leakage" not in radar.receiver.stages:
         found[LEAKAGE] = _still(ways, radar, receiver, analyser)
         if radar.receiver.oscillator.levels_dbc_hz:
-            found[LEAKAGE_NOISE] = _leakage_noise(ways, radar, receiver, analyser)
+            passed = 1.0 if folding is None else folding.passed(beat_hz)
+            found[LEAKAGE_NOISE] = passed * _leakage_noise(ways, radar, receiver, analyser)
     return found
 
 
@@ -81,9 +85,12 @@ def _still(
 ) -> Float[np.ndarray, " bin"]:
     """Return the spectrum of what leaks through an oscillator without phase noise: the same in every chirp."""
     delay_s, tone = _tones(ways, radar, receiver, analyser)
+    folding = folding_of(radar, receiver)
+    beat_hz = phase_polynomial(delay_s, np.zeros(len(ways)), analyser.chirp).frequency_hz
     if analyser.high_pass is not None:
-        beat_hz = phase_polynomial(delay_s, np.zeros(len(ways)), analyser.chirp).frequency_hz
         tone = tone * analyser.high_pass.response(beat_hz)[:, None]
+    if folding is not None:
+        tone = tone * folding.anti_alias.response(beat_hz)[:, None]
     beat = tone.sum(axis=0, keepdims=True)
     return analyser.power(beat if analyser.chirp.sampling == "iq" else np.sqrt(2) * beat.real)[0]
 
