@@ -27,10 +27,19 @@ class Imbalance:
 
     def __call__(self, samples: Complex[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse sample"]:
         """Return samples as they are received."""
-        turn = self.gain * np.exp(-1j * self.lag_rad)
-        mixed: Complex[np.ndarray, "pulse sample"] = samples * (1 + turn) / 2
-        mixed += np.conj(samples) * (1 - np.conj(turn)) / 2
+        mixed: Complex[np.ndarray, "pulse sample"] = samples * self.own
+        mixed += np.conj(samples) * self.image
         return mixed
+
+    @property
+    def own(self) -> complex:
+        """Amplitude of a tone over that before."""
+        return complex(1 + self.gain * np.exp(-1j * self.lag_rad)) / 2
+
+    @property
+    def image(self) -> complex:
+        """Amplitude of its image."""
+        return complex(1 - self.gain * np.exp(1j * self.lag_rad)) / 2
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -126,7 +126,7 @@ def _link(case: GroundCase, detected: Detected, pulses: int, step: Steps) -> Lin
     """Return the link budget of a case over range, with what was simulated."""
     chirp, training = case.prepared.receiver.chirp, case.prepared.detector.cfar
     beyond = training.guard + training.training + SPARE_CELLS
-    farthest_m = chirp.max_range_m - beyond * chirp.range_resolution_m
+    farthest_m = (chirp.max_range_m - beyond * chirp.range_resolution_m) / case.built.scale
     range_m = np.geomspace(min(NEAREST * chirp.max_range_m, farthest_m / 2), farthest_m, RANGES)
     expected = [case.expected(float(distance)) for distance in range_m]
     echo, clutter = np.array([each.strongest for each in expected]).T
@@ -152,8 +152,8 @@ def _floors(case: GroundCase, pulses: int) -> Floors:
     terms = dict(case.terms)
     if given.local.radar.receiver.oscillator.levels_dbc_hz:
         # Of ground and air: the spectrum, thinned to as many tones as leave it.
-        tones = (expected.ground + expected.clutter) / case.response[::STEPS_PER_BIN].sum()
-        terms[ECHO_NOISE] = phase_noise(given.local.radar, analyser, tones)
+        tones = expected.reaching / case.response[::STEPS_PER_BIN].sum()
+        terms[ECHO_NOISE] = phase_noise(given.local.radar, case.built, tones)
     try:
         found = _flown(case, range_m, pulses, expected)[0]
     except RadarError:

@@ -15,8 +15,8 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.radar.equation import PlaneEcho, plane_echo_parts
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.studies.link_filter import Folding, folding_of
 from sionna_radar.studies.link_floors import LEAKAGE, floors_of
+from sionna_radar.studies.link_receiver import BuiltReceiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.tracing.effects.atmosphere import build_atmosphere, build_weather
@@ -94,26 +94,23 @@ class GroundCase:
         parts, height_m = self._from_one_metre, range_m * float(np.cos(np.deg2rad(self.incidence_deg)))
         part_m = parts.range_m * height_m
         passed = self._passed(part_m) * given.receiver.transmit_power_w / height_m**2
-        step_m, steps = analyser.bin_m / STEPS_PER_BIN, len(analyser.range_m) * STEPS_PER_BIN
-        reach = steps * (1 if self._folding is None else self._folding.bands)
-        at = np.minimum(np.round(part_m * self._scale / step_m).astype(np.int64), reach)
-        ground = np.bincount(at, parts.power * passed, minlength=reach + 1)[:reach]
-        met = np.cumsum(np.bincount(at, parts.beam_share, minlength=reach + 1)[:reach])
-        air = self._in_air((np.arange(reach) + 0.5) * step_m, 1 - met) * given.receiver.transmit_power_w
-        if self._folding is not None:
-            step_hz = step_m * analyser.chirp.beat_per_metre_hz
-            ground, air = (self._folding.sampled(fine, steps, step_hz) for fine in (ground, air))
-        return Expected(ground=self._in_bins(ground), clutter=self._in_bins(air))
+        step_m, steps, scale = analyser.bin_m / STEPS_PER_BIN, self.built.reach * STEPS_PER_BIN, self.built.scale
+        at = np.minimum(np.round(part_m * scale / step_m).astype(np.int64), steps)
+        ground = np.bincount(at, parts.power * passed, minlength=steps + 1)[:steps]
+        met = np.cumsum(np.bincount(at, parts.beam_share, minlength=steps + 1)[:steps])
+        air = self._in_air((np.arange(steps) + 0.5) * step_m / scale, 1 - met) * given.receiver.transmit_power_w
+        reaching, floating = self._in_bins(ground), self._in_bins(air)
+        return Expected(ground=self._sampled(reaching), clutter=self._sampled(floating), reaching=reaching + floating)
 
     @cached_property
-    def _folding(self) -> Folding | None:
-        return folding_of(self.prepared.local.radar, self.prepared.receiver)
+    def built(self) -> BuiltReceiver:
+        """The receiver."""
+        return BuiltReceiver(self.prepared.receiver, self.prepared.detector.analyser)
 
-    @property
-    def _scale(self) -> float:
-        """Ranges that are read over true ones."""
-        table = self.prepared.local.radar.receiver
-        return 1.0 if "mixer" in table.stages else table.oscillator.scale
+    def _sampled(self, power: Float[np.ndarray, " reach"]) -> Float[np.ndarray, " bin"]:
+        """Return the spectrum that is read of echoes, which have no beats below zero."""
+        held = np.append(power, 0.0)
+        return self.built.sampled(lambda number: held[np.where((number >= 0) & (number < len(power)), number, -1)])
 
     @cached_property
     def _volume(self) -> tuple[VolumeEcho, Float[np.ndarray, " speed"]] | None:
@@ -151,7 +148,9 @@ class GroundCase:
             return shown
         echo, receding_mps = self._volume
         cell = np.minimum((range_m / echo.cell_m).astype(np.int64), len(echo.cell_power) - 1)
-        power = echo.cell_power[cell] * (step_m / echo.cell_m) * open_share * self._passed(range_m)
+        # Nothing in the air is traced beyond the greatest range.
+        traced = range_m < len(echo.cell_power) * echo.cell_m
+        power = traced * echo.cell_power[cell] * (step_m / echo.cell_m) * open_share * self._passed(range_m)
         for shift in np.round(self.prepared.receiver.chirp.doppler_range_m(receding_mps) / step_m).astype(np.int64):
             first, last = max(shift, 0), min(len(shown) + shift, len(shown))
             shown[first:last] += power[first - shift : last - shift] / FALL_SPEEDS
@@ -205,10 +204,14 @@ class GroundCase:
 
 @dataclass(frozen=True)
 class Expected:
-    """Mean spectra of the ground, and of what is in the air before it."""
+    """Mean spectra of the ground, and of what is in the air before it.
+
+    reaching: both together in front of the filters, beyond the sampled band too.
+    """
 
     ground: Float[np.ndarray, " bin"]
     clutter: Float[np.ndarray, " bin"]
+    reaching: Float[np.ndarray, " reach"]
 
     @property
     def peak(self) -> int:

@@ -8,7 +8,7 @@ meet in the same cells, and what is in phase with the leakage does not change it
 """
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 from scipy.signal import fftconvolve
 
@@ -19,14 +19,13 @@ from sionna_radar.signal.beat import phase_polynomial
 from sionna_radar.signal.oscillator import PhaseNoise
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.rounding import rounding_step
-from sionna_radar.studies.link_filter import folding_of
+from sionna_radar.studies.link_receiver import LEAST_PASSED, BuiltReceiver
 
 THERMAL, ROUNDING = "thermal noise", "rounding of the converter"
 # Of the window around a tone, in range cells.
 NEAR_CELLS = 32
 # Powers over the greatest one below which a tone's phase noise is left out.
 NO_TONE = 1e-6
-LEAST_PASSED = 1e-12
 LEAKAGE, LEAKAGE_NOISE = "leakage", "phase noise of the leakage"
 
 
@@ -38,9 +37,9 @@ def floors_of(
     Rounding is taken for white noise, which it is where signal or noise exceed a step; that of a gain control is left
     out, since it depends on what is received. Stages of a plug-in are taken for ideal ones.
     """
-    folding, beat_hz = folding_of(radar, receiver), analyser.range_m * analyser.chirp.beat_per_metre_hz
-    left = np.ones(len(beat_hz)) if folding is None else folding.noise(beat_hz)
-    found = {THERMAL: receiver.noise_power_w * in_cell(analyser) * left}
+    built = BuiltReceiver(receiver, analyser)
+    noise_w = receiver.noise_power_w * in_cell(analyser)
+    found = {THERMAL: built.sampled(lambda number: np.full(len(number), noise_w))}
     step = rounding_step(radar, receiver)
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
@@ -48,10 +47,9 @@ def floors_of(
         found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / np.maximum(analyser.passed_power, LEAST_PASSED)
     ways = radar.receiver.leakage
     if ways and "leakage" not in radar.receiver.stages:
-        found[LEAKAGE] = _still(ways, radar, receiver, analyser)
+        found[LEAKAGE] = _still(ways, radar, built)
         if radar.receiver.oscillator.levels_dbc_hz:
-            passed = 1.0 if folding is None else folding.passed(beat_hz)
-            found[LEAKAGE_NOISE] = passed * _leakage_noise(ways, radar, receiver, analyser)
+            found[LEAKAGE_NOISE] = _leakage_noise(ways, radar, built)
     return found
 
 
@@ -63,35 +61,36 @@ def in_cell(analyser: SpectrumAnalyser) -> float:
 
 
 def phase_noise(
-    radar: RadarTable, analyser: SpectrumAnalyser, power_w: Float[np.ndarray, " bin"]
+    radar: RadarTable, built: BuiltReceiver, power_w: Float[np.ndarray, " reach"]
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator leaves, in all bins, of tones of these powers at the ranges of the bins."""
-    levels, chirp = radar.receiver.oscillator.levels_dbc_hz, analyser.chirp
-    left = np.zeros(len(analyser.range_m))
+    """Return what the oscillator leaves, in all bins, of tones at the ranges of bins, those beyond the band too."""
+    levels, analyser = radar.receiver.oscillator.levels_dbc_hz, built.analyser
+    chirp = analyser.chirp
     if not levels:
+        return np.zeros(len(analyser.range_m))
+    noise, tone_m = PhaseNoise(levels), np.arange(len(power_w)) * analyser.bin_m
+    tone_hz, own = tone_m * chirp.beat_per_metre_hz, np.flatnonzero(power_w > NO_TONE * power_w.max())
+
+    def density(number: Int[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
+        beat_hz, left = number * analyser.bin_m * chirp.beat_per_metre_hz, np.zeros(len(number))
+        for tone in own:
+            delay_s = 2 * tone_m[tone] / speed_of_light
+            # A real beat's negative frequencies are folded onto positive ones.
+            for sign in (-1, 1) if chirp.sampling == "real" else (-1,):
+                offset_hz = np.abs(beat_hz + sign * tone_hz[tone])
+                left += power_w[tone] * 4 * np.sin(np.pi * offset_hz * delay_s) ** 2 * noise.density(offset_hz)
         return left
-    noise, beat_hz = PhaseNoise(levels), analyser.range_m * chirp.beat_per_metre_hz
-    for own in np.flatnonzero(power_w > NO_TONE * power_w.max()):
-        delay_s = 2 * analyser.range_m[own] / speed_of_light
-        # A real beat's negative frequencies are folded onto positive ones.
-        for away_hz in [beat_hz - beat_hz[own]] + ([beat_hz + beat_hz[own]] if chirp.sampling == "real" else []):
-            offset_hz = np.abs(away_hz)
-            left += power_w[own] * 4 * np.sin(np.pi * offset_hz * delay_s) ** 2 * noise.density(offset_hz)
-    return left * chirp.sampling_rate_hz * float(np.sum(analyser.window**2))
+
+    return built.sampled(density) * chirp.sampling_rate_hz * float(np.sum(analyser.window**2))
 
 
-def _still(
-    ways: tuple[LeakageTable, ...], radar: RadarTable, receiver: Receiver, analyser: SpectrumAnalyser
-) -> Float[np.ndarray, " bin"]:
+def _still(ways: tuple[LeakageTable, ...], radar: RadarTable, built: BuiltReceiver) -> Float[np.ndarray, " bin"]:
     """Return the spectrum of what leaks through an oscillator without phase noise: the same in every chirp."""
-    delay_s, tone = _tones(ways, radar, receiver, analyser)
-    folding = folding_of(radar, receiver)
+    analyser, (delay_s, tone) = built.analyser, _tones(ways, radar, built.receiver, built.analyser)
     beat_hz = phase_polynomial(delay_s, np.zeros(len(ways)), analyser.chirp).frequency_hz
-    if analyser.high_pass is not None:
-        tone = tone * analyser.high_pass.response(beat_hz)[:, None]
-    if folding is not None:
-        tone = tone * folding.anti_alias.response(beat_hz)[:, None]
-    beat = tone.sum(axis=0, keepdims=True)
+    beat = (tone * built.tones(beat_hz)[:, None]).sum(axis=0, keepdims=True)
+    if built.imbalance is not None:
+        beat = built.imbalance(beat)
     return analyser.power(beat if analyser.chirp.sampling == "iq" else np.sqrt(2) * beat.real)[0]
 
 
@@ -107,15 +106,16 @@ def _tones(
 
 
 def _leakage_noise(
-    ways: tuple[LeakageTable, ...], radar: RadarTable, receiver: Receiver, analyser: SpectrumAnalyser
+    ways: tuple[LeakageTable, ...], radar: RadarTable, built: BuiltReceiver
 ) -> Float[np.ndarray, " bin"]:
     """Return what the oscillator's noise leaves of the leakage.
 
     A wave of its phase at the offset f changes the tone of each way by j (1 - exp(-2 pi j f tau)) times the wave, and
     the spectrum by that times the tone's own, moved by f; waves of different offsets add up in power.
     """
+    analyser = built.analyser
     chirp, levels = analyser.chirp, radar.receiver.oscillator.levels_dbc_hz
-    delay_s, tone = _tones(ways, radar, receiver, analyser)
+    delay_s, tone = _tones(ways, radar, built.receiver, analyser)
     # A real beat is the cosine of its phase; the calibration makes up for its negative frequencies.
     change = 1j * tone if chirp.sampling == "iq" else -2 * tone.imag
     step_hz = chirp.sampling_rate_hz / (chirp.samples * analyser.zero_padding)
@@ -123,7 +123,7 @@ def _leakage_noise(
     moved = np.arange(-reach, reach + 1)
     waves = np.exp(-2j * np.pi * np.outer(moved * step_hz, chirp.sample_time_s)) * analyser.window
     own = np.einsum("ws,ms->wm", change, waves)
-    bins = len(analyser.range_m)
+    bins = max(int(np.abs(alias.number).max()) + 1 for alias in built.aliases)
     number = np.arange(-bins - 2 * reach, bins + 2 * reach + 1)
     offset_hz = number * step_hz
     density = PhaseNoise(levels).density(np.abs(offset_hz)) * step_hz
@@ -132,5 +132,4 @@ def _leakage_noise(
     for a in range(len(ways)):
         for b in range(len(ways)):
             left += fftconvolve(density * gone[a] * np.conj(gone[b]), own[a] * np.conj(own[b])).real
-    first = bins + 3 * reach
-    return np.maximum(left[first : first + bins], 0.0)
+    return built.sampled(lambda number: np.maximum(left[number + (bins + 3 * reach)], 0.0))

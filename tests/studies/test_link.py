@@ -64,31 +64,6 @@ def test_signal_to_noise_is_the_radar_equation(budget):
     assert 10 * np.log10(clear.echo[-1] / (in_cell / (noise_w * 2 * widening / 512))) == pytest.approx(0.0, abs=0.4)
 
 
-@pytest.mark.parametrize(("sampling", "order"), [("real", 1), ("real", 4), ("iq", 2)])
-def test_an_anti_alias_filter_weakens_far_echoes_and_folds_noise(sampling, order):
-    """A corner amid the band of the beats: the closed form is that of the receiver as it is built."""
-    corner_hz = 0.25 * 512 * 360.0
-    built = {"radar.receiver.anti_alias_corner_hz": corner_hz, "radar.receiver.anti_alias_order": order}
-    filtered, ideal = (
-        link_budget(
-            load_scenario("hills", WEAK | {"radar.sampling": sampling} | changes),
-            incidences_deg=[40.0],
-            rains_mm_per_h=[10.0],
-            pulses=800,
-        )
-        for changes in (built, {})
-    )
-    assert filtered.largest_difference_db < 0.3
-    assert ideal.largest_difference_db < 0.3
-    floor, even = (one.floors.terms["thermal noise"] for one in (filtered, ideal))
-    assert (floor / even).max() / (floor / even).min() > 1.5
-    # Noise that is found where there is no echo.
-    lonely = (filtered.floors.ground + filtered.floors.clutter) < 1e-3 * floor
-    assert lonely.sum() > 30
-    found = filtered.floors.found[lonely] / floor[lonely]
-    assert found.mean() == pytest.approx(1.0, abs=0.05)
-
-
 def test_rain_takes_and_adds(budget):
     clear, rain = budget.links
     assert np.all(clear.clutter == 0)
