@@ -88,7 +88,7 @@ def test_an_interrupted_flight_leaves_nothing_but_its_finished_parts(
     code = f"""
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.argv = ["sionna-radar", "run", {str(small)!r}, "-o", {str(tmp_path / "out")!r}]
+sys.argv = ["sionna-radar", "run", {str(small)!r}, "-q", "-o", {str(tmp_path / "out")!r}]
 from sionna_radar.report.survey import products
 products.draw_all = lambda survey, directory, coordinates: os.kill(os.getpid(), {int(number)})
 from sionna_radar.__main__ import main
@@ -96,7 +96,7 @@ main()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     said = "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
-    assert (done.returncode, done.stderr) == (128 + number, said)  # the numbers are printed before figures
+    assert (done.returncode, done.stderr) == (128 + number, said)
     assert [path.name for path in (tmp_path / "out").iterdir()] == [FOLDER]
 
 
