@@ -35,10 +35,10 @@ tools.add_to(app)
 
 def main() -> None:
     """Run the command line."""
-    from sionna_radar.foundation.memory import share_heaps
+    from sionna_radar.foundation.memory import tune_heaps
     from sionna_radar.report.terminal import print_on_any_encoding
 
-    share_heaps()
+    tune_heaps()
     print_on_any_encoding()
     with _errors_reported():
         app()

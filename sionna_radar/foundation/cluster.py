@@ -22,7 +22,7 @@ from uuid import uuid4
 
 from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError
 from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.memory import share_heaps
+from sionna_radar.foundation.memory import tune_heaps
 from sionna_radar.foundation.network import allow_network, network_allowed
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads
@@ -132,7 +132,7 @@ def _local_client(count: int) -> Iterator["Client"]:
 def dask_setup(_: Any) -> None:
     """Let a worker ignore Ctrl-C, which reaches all processes of a terminal: the one that started it ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    share_heaps()
+    tune_heaps()
 
 
 def _end(cluster: "LocalCluster") -> None:

@@ -2,15 +2,21 @@
 
 import sys
 
-# glibc's `mallopt` parameter of this name (malloc.h), and how many heaps threads share.
+# Parameters of glibc's `mallopt` (malloc.h), and what they are set to: how many heaps threads share, how much free
+# memory a heap keeps at its end, and from which size on an array is a mapping of its own; glibc allows no larger one.
 M_ARENA_MAX, ARENAS = -8, 2
+M_TRIM_THRESHOLD, KEPT_BYTES = -1, 256 << 20
+M_MMAP_THRESHOLD, LARGE_BYTES = -3, 32 << 20
 
 
-def share_heaps() -> None:
-    """Have all threads of this process allocate from few heaps; nothing where the C library has no such setting.
+def tune_heaps() -> None:
+    """Set how this process gets its memory for blocks of pulses; nothing where the C library has no such settings.
 
-    By default glibc gives each thread its own, up to eight a core. What one thread frees, the others cannot use: the
-    blocks of a long flight then hold tens of megabytes that are free.
+    All threads allocate from few heaps. By default glibc gives each thread its own, up to eight a core, and what one
+    thread frees, the others cannot use: the blocks of a long flight then hold tens of megabytes that are free.
+
+    What a block frees is kept for the next one. By default much of it goes back to the system, and fresh pages cost as
+    much as what is written into them: of a wavefront of a million rays, a third of the time.
     """
     import ctypes
 
@@ -19,6 +25,8 @@ def share_heaps() -> None:
     except (AttributeError, OSError, TypeError):  # another C library; Windows
         return
     setting(M_ARENA_MAX, ARENAS)
+    setting(M_TRIM_THRESHOLD, KEPT_BYTES)
+    setting(M_MMAP_THRESHOLD, LARGE_BYTES)
 
 
 def peak_memory_mb() -> float:

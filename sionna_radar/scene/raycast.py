@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Integer
 
 from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Grid, Raster
@@ -175,22 +175,30 @@ class RayCaster:
         return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
 
     def hides(
-        self, origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"], short: float
+        self,
+        origin_m: Float[np.ndarray, "origin 3"],
+        row: Integer[np.ndarray, " ray"],
+        point_m: Float[np.ndarray, "ray 3"],
+        short: float,
     ) -> Bool[np.ndarray, " ray"]:
-        """Return whether anything is between origins and points; the last share `short` of the way is not looked at."""
-        hidden = np.zeros(len(origin_m), dtype=bool)
-        if len(origin_m) == 0:
+        """Return whether anything is between points and the origins in given rows.
+
+        The last share `short` of the way is not looked at.
+        """
+        hidden = np.zeros(len(row), dtype=bool)
+        if len(row) == 0:
             return hidden
         if self._others is not None:
             mi = load_mitsuba()
 
-            away = point_m - origin_m
+            origin = origin_m[row]
+            away = point_m - origin
             distance = np.linalg.norm(away, axis=1)
-            ray = self.prepare(origin_m, away / distance[:, None])
+            ray = self.prepare(origin, away / distance[:, None])
             ray.maxt = mi.Float((distance * (1 - short)).astype(np.float32))
             hidden |= self._others.mi_scene.ray_test(ray).numpy()
         for relief in self._reliefs.values():
-            hidden |= relief.hides(origin_m, point_m, short)
+            hidden |= relief.hides(origin_m, row, point_m, short)
         return hidden
 
     def from_above(self, point_m: Float[np.ndarray, "n 2"], top_m: float) -> Float[np.ndarray, " n"]:

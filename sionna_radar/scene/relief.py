@@ -9,7 +9,7 @@ dynamic height field rendering"). In the cells that remain the ray is compared w
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Integer
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Raster
@@ -49,13 +49,20 @@ class Relief:
         return distance, face, cosine
 
     def hides(
-        self, origin_m: Float[np.ndarray, "ray 3"], point_m: Float[np.ndarray, "ray 3"], short: float
+        self,
+        origin_m: Float[np.ndarray, "origin 3"],
+        row: Integer[np.ndarray, " ray"],
+        point_m: Float[np.ndarray, "ray 3"],
+        short: float,
     ) -> Bool[np.ndarray, " ray"]:
-        """Return whether the ground is between origins and points, nearer than a share `short` of the way to these."""
-        hidden = np.empty(len(origin_m), dtype=np.bool_)
-        ends = (np.asarray(origin_m, dtype=np.float64), np.asarray(point_m, dtype=np.float64))
+        """Return whether the ground is between points and the origins in given rows.
+
+        The last share `short` of the way to the points is not looked at.
+        """
+        hidden = np.empty(len(row), dtype=np.bool_)
+        ends = (np.asarray(origin_m, dtype=np.float64), row, point_m)
         ground = (self._ground, self._steepest)
-        over_rows(lambda low, high: _hides(low, high, *ground, *ends, short, hidden), len(origin_m))
+        over_rows(lambda low, high: _hides(low, high, *ground, *ends, short, hidden), len(row))
         return hidden
 
 
@@ -111,23 +118,24 @@ def _steepest(height, step):
 
 @compiled
 @no_type_check
-def _hides(low, high, ground, steepest, origin, point, short, hidden):
+def _hides(low, high, ground, steepest, origin, row, point, short, hidden):
     height, _, _, _, west, south, step = ground
     rows, columns = height.shape[0] - 1, height.shape[1] - 1
     for ray in range(low, high):
         # From the point upward: a ray soon leaves the ground behind.
-        dx, dy, dz = origin[ray, 0] - point[ray, 0], origin[ray, 1] - point[ray, 1], origin[ray, 2] - point[ray, 2]
-        x, y = (point[ray, 0] - west) / step, (point[ray, 1] - south) / step
+        px, py, pz = float(point[ray, 0]), float(point[ray, 1]), float(point[ray, 2])
+        dx, dy, dz = origin[row[ray], 0] - px, origin[row[ray], 1] - py, origin[row[ray], 2] - pz
+        x, y = (px - west) / step, (py - south) / step
         if dz > STEEPER * steepest * np.sqrt(dx * dx + dy * dy):
             # It climbs faster than any ground: once above, it stays above.
             u, v = x + short * dx / step, y + short * dy / step
             i, j = int(v), int(u)
             if u >= 0.0 and v >= 0.0 and i < rows and j < columns:
                 half = 0 if u - j >= v - i else 1
-                if _gap(height, i, j, half, u, v, point[ray, 2] + short * dz) > 0.0:
+                if _gap(height, i, j, half, u, v, pz + short * dz) > 0.0:
                     hidden[ray] = False
                     continue
-        found = _meet(ground, x, y, point[ray, 2], dx / step, dy / step, dz, short, 1.0, 0)
+        found = _meet(ground, x, y, pz, dx / step, dy / step, dz, short, 1.0, 0)
         hidden[ray] = found[1] >= 0 or found[2] < 0
 
 

@@ -119,7 +119,7 @@ def _temporary_files() -> int:
 
 def _in_process(function: str, count: int) -> dict[str, Any]:
     says = "from sionna_radar.foundation.workers import document_bytes\nprint(document_bytes"
-    heaps = "from sionna_radar.foundation.memory import share_heaps\nshare_heaps()"
+    heaps = "from sionna_radar.foundation.memory import tune_heaps\ntune_heaps()"
     code = f"{heaps}\nfrom {__name__} import {function}\n{says}({function}({count})).decode())\n"
     # A place of its own for temporary files, so that only what it leaves there is counted.
     with tempfile.TemporaryDirectory() as own:

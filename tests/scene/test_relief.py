@@ -66,7 +66,7 @@ def test_places_are_hidden_alike(ground, steep, hidden):
     vertices, faces = mesh_of(ground)
     corner = vertices[faces[random.integers(0, len(faces), RAYS)]]
     point = np.einsum("nk,nki->ni", random.dirichlet([1, 1, 1], RAYS), corner)
-    mesh, relief = (caster.hides(origin, point, 1e-4) for caster in casters)
+    mesh, relief = (caster.hides(origin, np.arange(RAYS), point, 1e-4) for caster in casters)
     assert np.mean(mesh != relief) < 1e-3  # at the very edge of a shadow, in single precision
     assert hidden < mesh.mean() < 0.9
 

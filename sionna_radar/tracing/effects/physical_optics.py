@@ -62,7 +62,7 @@ class Scatterer:
         facing = np.einsum("pfi,fi->pf", radar_m[:, None] - self.middle_m, self.normal_m2)
         lit = np.where(self.body.two_sided, facing != 0, facing > 0)
         place, face = np.nonzero(lit)
-        lit[place, face] = ~self._caster.hides(radar_m[place], self.middle_m[face], SHORT)
+        lit[place, face] = ~self._caster.hides(radar_m, place, self.middle_m[face], SHORT)
         return lit
 
     @cached_property
@@ -73,7 +73,7 @@ class Scatterer:
 
     def hides(self, start_m: Float[np.ndarray, "n 3"], end_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether the body is between places, in its axes."""
-        return self._caster.hides(start_m, end_m, 0.0)
+        return self._caster.hides(start_m, np.arange(len(start_m)), end_m, 0.0)
 
     def amplitude(self, radar_m: Float[np.ndarray, "place 3"]) -> Complex[np.ndarray, "place face"]:
         """Return the square root of the cross-section of each face, complex relative to the phase of its middle.

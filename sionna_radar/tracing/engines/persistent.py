@@ -103,8 +103,8 @@ class PersistentEngine:
         if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
             return seen.paths(pulses, seen.factor, np.zeros(0, dtype=bool), (ends, ends))
         visible = np.ones(len(seen), dtype=bool)
-        apex = pulses.true.position_m[seen.row[:fixed]]
-        visible[:fixed] = ~self._sionna.caster.hides(apex, seen.hit_m[:, :fixed].T, SHORT_OF_SURFACE)
+        apex, seen_from, place = pulses.true.position_m, seen.row[:fixed], seen.hit_m[:, :fixed].T
+        visible[:fixed] = ~self._sionna.caster.hides(apex, seen_from, place, SHORT_OF_SURFACE)
         rows = fixed + np.searchsorted(outside.row, np.arange(len(pulses) + 1))
         paths = seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
         if self._mirrored is None:

@@ -115,13 +115,15 @@ class Scatterers:
         # Room that is not written to takes no memory.
         self._points = Points.room_for(min(int(self._count.sum()), KEPT))
         self._used = 0
+        self._room = SeenPlaces.room_for(0)
 
     def in_beams(
         self, pulses: Pulses, beam: FilledBeam, wander_hz: float, spare: int
     ) -> tuple[SeenPlaces, Int[np.ndarray, " beam_edge"]]:
         """Return a table that begins with what lies inside beams, beam by beam, and where in it each beam's begin.
 
-        Occlusion is ignored. It never calls Python's ray tracer, and may be called on any one thread.
+        Occlusion is ignored. It never calls Python's ray tracer, and may be called on any one thread. The table is good
+        until the next call, which writes into the same memory.
 
         Parameters
         ----------
@@ -138,9 +140,18 @@ class Scatterers:
         pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
         edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
         self._draw(np.unique(cell))
-        out = SeenPlaces.room_for(int(self._count[cell].sum()) + spare)
+        out = self._room_for(int(self._count[cell].sum()) + spare)
         beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
         return out, _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns)
+
+    def _room_for(self, count: int) -> SeenPlaces:
+        """Return a table to be written into, in the memory of the last one if that is enough.
+
+        Fresh pages from the system would cost as much as what is written into them.
+        """
+        if count > len(self._room):
+            self._room = SeenPlaces.room_for(count)
+        return self._room.first(count)
 
     def all(self) -> Points:
         """Return all scatterers, surface by surface."""

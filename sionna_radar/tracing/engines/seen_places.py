@@ -9,6 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.tracing.paths import Paths
 
 
@@ -52,12 +53,16 @@ class SeenPlaces:
             factor=np.empty(count, dtype=np.complex64),
         )
 
+    def first(self, count: int) -> "SeenPlaces":
+        """Return the first entries, in the memory of this table."""
+        return SeenPlaces(**{f.name: getattr(self, f.name)[..., :count] for f in fields(self)})
+
     def continued(self, count: int, other: "SeenPlaces") -> "SeenPlaces":
         """Write another table behind the first entries of this one, and return both."""
         end = count + len(other)
         for name in (f.name for f in fields(self)):
             getattr(self, name)[..., count:end] = getattr(other, name)
-        return SeenPlaces(**{f.name: getattr(self, f.name)[..., :end] for f in fields(self)})
+        return self.first(end)
 
     def only(self, kept: Bool[np.ndarray, " place"] | Int[np.ndarray, " some"]) -> "SeenPlaces":
         """Return some of the entries."""
@@ -90,8 +95,10 @@ class SeenPlaces:
             those of each pulse begin.
 
         """
-        count = int(np.count_nonzero(visible))
-        single = np.float32
+        counts = np.empty(len(pulses), dtype=np.int64)
+        over_rows(lambda low, high: _count(low, high, visible, *parts, counts), len(pulses))
+        begin = np.concatenate([[0], np.cumsum(counts)])
+        count, single = int(begin[-1]), np.float32
         out = Paths(
             pulse=np.empty(count, dtype=np.int64),
             delay_s=np.empty(count),
@@ -102,17 +109,30 @@ class SeenPlaces:
             surface=np.empty(count, dtype=np.int32),
         )
         written = tuple(getattr(out, f.name) for f in fields(out))
-        _join(self.columns, field, visible, *parts, pulses.index, 2 / speed_of_light, written)
+        table = (self.columns, field, visible, *parts, begin, pulses.index, 2 / speed_of_light, written)
+        over_rows(lambda low, high: _join(low, high, *table), len(pulses))
         return out
 
 
 @compiled
 @no_type_check
-def _join(columns, field, visible, one, other, index, delay_per_metre, out):
+def _count(low, high, visible, one, other, counts):
+    for beam in range(low, high):
+        count = 0
+        for i in range(one[beam], one[beam + 1]):
+            count += visible[i]
+        for i in range(other[beam], other[beam + 1]):
+            count += visible[i]
+        counts[beam] = count
+
+
+@compiled
+@no_type_check
+def _join(low, high, columns, field, visible, one, other, at, index, delay_per_metre, out):
     _, hit, range_m, rate, cosine, _, surface, _, factor = columns
     pulse, delay_s, gain, own_rate, incidence, own_hit, own_surface = out
-    n = 0
-    for beam in range(len(index)):
+    for beam in range(low, high):
+        n = at[beam]
         for part in range(2):
             begin, end = (one[beam], one[beam + 1]) if part == 0 else (other[beam], other[beam + 1])
             for i in range(begin, end):
