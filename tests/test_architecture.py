@@ -37,7 +37,7 @@ ROOMS = (
     "cli",
 )
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
-KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/models/sionna_slab.py", "scene", "tracing")
+KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/models/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
 
 
 def name_of(path: Path) -> str:
@@ -222,7 +222,8 @@ def test_a_first_survey_waits_for_no_library_that_it_does_not_use():
 
 def test_what_does_not_trace_loads_no_ray_tracer():
     """Nor do the engines' names: each engine loads what it needs when it is built."""
-    names = [n for n in MODULES if not n.startswith(("tracing.engines", "tracing.sionna")) and n != "__main__"]
+    trace = ("tracing.engines", "tracing.sionna", "signal.device_beats")
+    names = [n for n in MODULES if not n.startswith(trace) and n != "__main__"]
     modules = [f"sionna_radar.{name}" for name in [*names, "tracing.engines.ours"]]
     code = f"""
 import importlib, sys

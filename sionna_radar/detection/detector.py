@@ -69,7 +69,10 @@ class Detector:
 
     def spectra(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Spectra:
         """Return spectra, noise estimates and thresholds of beat signals."""
-        power = self.analyser.power(beat)
+        return self.tested(self.analyser.power(beat))
+
+    def tested(self, power: Float[np.ndarray, "pulse bin"]) -> Spectra:
+        """Return power spectra with their noise estimates and thresholds."""
         level, both = self.cfar.noise_level(power)
         factor = np.where(both, self.cfar.both_sides_factor, self.cfar.one_side_factor)
         mean = np.where(both, self.cfar.both_sides_mean, self.cfar.one_side_mean)
@@ -102,7 +105,16 @@ class Detector:
 
         window_m: nearest and farthest range searched in each pulse; None for all ranges.
         """
-        spans = self.spans(self.spectra(beat), window_m)
+        return self.find_in(self.analyser.power(beat), pulse, window_m)
+
+    def find_in(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        pulse: Int[np.ndarray, " pulse"],
+        window_m: Float[np.ndarray, "pulse 2"] | None = None,
+    ) -> Detections:
+        """Return what `find` does, of power spectra."""
+        spans = self.spans(self.tested(power), window_m)
         profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)
 

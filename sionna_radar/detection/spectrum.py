@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import scipy.fft
 from jaxtyping import Complex, Float, Inexact
 
+from sionna_radar.foundation.array_library import HOST, ArrayLibrary
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
@@ -64,6 +65,11 @@ class SpectrumAnalyser:
         over_rows(transform, len(beat))
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
+    def power_where_they_are(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
+        """Return what `power` does of beat signals that are arrays of another library, without a high-pass."""
+        spectrum = self._transform(beat, library)
+        return library.fetched(spectrum.real**2 + spectrum.imag**2).astype(np.float64)
+
     def amplitude(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
         """Return the complex spectra of beat signals; the phase is that in the middle of the sweep."""
         middle = self.chirp.samples // 2
@@ -92,12 +98,14 @@ class SpectrumAnalyser:
         """What the calibration divides the powers of the bins by, for the high-pass."""
         return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self.passed) ** 2
 
-    def _transform(self, beat: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
+    def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:
+        """Return the spectra of beat signals, pulse by bin, in the library's arrays."""
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
+        windowed = beat * library.given(self.window)
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive frequency carries half of it.
-            return np.sqrt(2) * scipy.fft.rfft(beat * self.window, size)[:, :bins]
-        return scipy.fft.fft(beat * self.window, size)[:, :bins]
+            return np.sqrt(2) * library.fft.rfft(windowed, size)[:, :bins]
+        return library.fft.fft(windowed, size)[:, :bins]
 
     def noise_correlation(self, cells: int) -> Float[np.ndarray, " lag"]:
         """Return the correlation of windowed white noise 0, 1, ... range cells apart."""

@@ -109,7 +109,7 @@ def chosen_backend() -> Literal["llvm", "cuda"]:
         raise BackendError(message)
     if wanted == "llvm":
         return "llvm"
-    usable = _cuda_usable()
+    usable = gpu_usable()
     if wanted == "cuda" and not usable:
         message = "backend = cuda has no usable GPU with a CUDA driver here; use llvm, or auto to take what there is"
         raise BackendError(message)
@@ -203,7 +203,7 @@ def _llvm_version(path: str) -> str | None:
 
 
 @functools.cache
-def _cuda_usable() -> bool:
+def gpu_usable() -> bool:
     """Return whether a CUDA driver with at least one device is present, without loading Dr.Jit."""
     library = "nvcuda.dll" if platform.system() == "Windows" else "libcuda.so.1"
     try:
@@ -242,5 +242,5 @@ def describe_backend() -> BackendReport:
         variant=mi.variant(),
         threads=dr.thread_count(),
         llvm=find_llvm() if on_cpu else None,
-        gpu="usable" if _cuda_usable() else "none usable",
+        gpu="usable" if gpu_usable() else "none usable",
     )

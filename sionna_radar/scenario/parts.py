@@ -60,7 +60,7 @@ NAVIGATIONS = Registry(
 )
 SENSORS = Registry(
     "sensor",
-    {"radar": "sionna_radar.survey.sensors.radar", "lidar": "sionna_radar.survey.sensors.lidar"},
+    {"radar": "sionna_radar.survey.sensors.device_radar", "lidar": "sionna_radar.survey.sensors.lidar"},
 )
 ENGINES = Registry(
     "tracing engine",

@@ -90,7 +90,7 @@ def analytic_beats(
     mean, total, scattered = np.empty((3, len(pulses)))
     columns = (frequency, weight, excess, mean, total, scattered)
     sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.centre_s)
-    sampled = (*(band_hz or _band_hz(chirp)), chirp.sampling_rate_hz, speed_of_light)
+    sampled = (*(band_hz or sampled_band_hz(chirp)), chirp.sampling_rate_hz, speed_of_light)
     table = (paths.delay_s, paths.range_rate_mps, paths.gain, (*sweep, *sampled), columns)
     over_rows(lambda low, high: weigh(low, high, first, last, *table), len(pulses))
     bend = mean / chirp.sampling_rate_hz**2
@@ -138,7 +138,7 @@ class _Drift:
         return out
 
 
-def _band_hz(chirp: Chirp) -> tuple[float, float]:
+def sampled_band_hz(chirp: Chirp) -> tuple[float, float]:
     """Return the lowest and the highest beat in the sampled band."""
     half = chirp.sampling_rate_hz / 2
     # Complex samples cover 0 to the sampling rate; a real signal folds negative frequencies onto positive.

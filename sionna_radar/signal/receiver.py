@@ -69,6 +69,12 @@ class Receiver:
             beats=[one.signal for one in swept], saturated=np.sum(saturated, axis=0) if saturated else None
         )
 
+    def noise(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
+        """Return the noise in the first sweep of a block's pulses, of a receiver without a high-pass."""
+        kind = np.complex128 if self.chirp.sampling == "iq" else np.float64
+        silence = np.zeros((len(pulses), self.chirp.samples), dtype=kind)
+        return add_noise(silence, self.noise_power_w, self.seed, pulses.index)
+
     def _receive(
         self, paths: Paths, pulses: Pulses, sweeps: tuple[Chirp, ...], channel: int
     ) -> list[Inexact[np.ndarray, "pulse sample"]]:

@@ -10,6 +10,7 @@ import numpy as np
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.bench_backends import backend_ratios, measure_backends
 from sionna_radar.studies.bench_engines import ENGINE_RATIOS, measure_engines
 from sionna_radar.studies.bench_reuse import REUSE_RATIOS, measure_reuse
 from sionna_radar.studies.bench_start import START_RATIOS, measure_start
@@ -32,7 +33,7 @@ METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("san_francisco", {"dem.method": "stepped"}, 1.0),
 )
 BEAMS_DEG = (1.0, 2.0, 4.0, 8.0)
-RATIOS = 8 + ENGINE_RATIOS + START_RATIOS + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
+RATIOS = 8 + backend_ratios() + ENGINE_RATIOS + START_RATIOS + REUSE_RATIOS + len(BEAMS_DEG) + len(METHODS)
 
 
 def measure(*, quick: bool = False) -> Iterator[Ratio]:
@@ -46,6 +47,7 @@ def measure(*, quick: bool = False) -> Iterator[Ratio]:
     yield from _methods({"platform.length_m": 20.0} if quick else {})
     yield from measure_reuse(*((8, 30.0) if quick else (20, 100.0)))
     yield from measure_start()
+    yield from measure_backends(256 if quick else 1024)
     yield _linear_in_length(*((100.0, 400.0) if quick else (200.0, 2000.0)))
     yield _memory_growth(1000 if quick else 5000)
 

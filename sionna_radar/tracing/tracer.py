@@ -12,6 +12,7 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.motion import Windblown
+from sionna_radar.tracing.device_paths import DeviceTracing
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
@@ -60,6 +61,15 @@ class Tracer:
         self._dihedrals = DihedralTracer(corners, antenna, chirp, caster)
         self._canopy = canopy
         self._hiding = [target for target in scene.targets if target.body is not None]
+        self._bounces = bounces
+
+    @property
+    def device_engine(self) -> DeviceTracing | None:
+        """The engine if its paths are all that there is and can stay in the memory of the ray tracer; else None."""
+        weather = self._atmosphere is not None and not self._atmosphere.clear
+        grown = self._moving is not None or self._canopy is not None
+        alone = not (weather or grown or len(self._mirrors) or self._scene.targets)
+        return self._engine if alone and self._bounces == 1 and isinstance(self._engine, DeviceTracing) else None
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses."""

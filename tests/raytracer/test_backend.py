@@ -107,7 +107,7 @@ def test_an_unknown_backend_is_refused():
     ],
 )
 def test_the_backend_is_what_was_asked_for_or_a_gpu_where_there_is_one(monkeypatch, wanted, gpu, chosen):
-    monkeypatch.setattr(backend, "_cuda_usable", lambda: gpu)
+    monkeypatch.setattr(backend, "gpu_usable", lambda: gpu)
     monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
     if wanted:
         monkeypatch.setenv(backend.BACKEND_VARIABLE, wanted)
@@ -115,7 +115,7 @@ def test_the_backend_is_what_was_asked_for_or_a_gpu_where_there_is_one(monkeypat
 
 
 def test_cuda_without_a_gpu_is_refused_and_leaves_the_choice_as_it_was(monkeypatch):
-    monkeypatch.setattr(backend, "_cuda_usable", lambda: False)
+    monkeypatch.setattr(backend, "gpu_usable", lambda: False)
     monkeypatch.setenv(backend.BACKEND_VARIABLE, "llvm")
     with pytest.raises(backend.BackendError, match="no usable GPU"):
         backend.use_backend("cuda")
@@ -123,7 +123,7 @@ def test_cuda_without_a_gpu_is_refused_and_leaves_the_choice_as_it_was(monkeypat
 
 
 def test_another_backend_than_the_loaded_one_comes_too_late(monkeypatch):
-    monkeypatch.setattr(backend, "_cuda_usable", lambda: True)
+    monkeypatch.setattr(backend, "gpu_usable", lambda: True)
     monkeypatch.setitem(sys.modules, "mitsuba", SimpleNamespace(variant=lambda: "llvm_ad_mono_polarized"))
     monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
     with pytest.raises(backend.BackendError, match="too late"):
@@ -147,7 +147,7 @@ os.environ.pop("DRJIT_LIBLLVM_PATH", None)
 from sionna_radar.raytracer import backend
 import sys, types
 sys.modules["drjit"] = types.ModuleType("drjit")
-backend._cuda_usable = lambda: False
+backend.gpu_usable = lambda: False
 backend.find_llvm = lambda: backend.LlvmLibrary("/some/libLLVM.so", "19.1", "wheel karellen-llvm-core")
 try:
     backend.load_mitsuba()
@@ -200,7 +200,7 @@ def test_one_core_is_given_two_threads():
 
 
 def test_a_command_takes_the_backend(cli, monkeypatch, tmp_path):
-    monkeypatch.setattr(backend, "_cuda_usable", lambda: False)
+    monkeypatch.setattr(backend, "gpu_usable", lambda: False)
     monkeypatch.delenv(backend.BACKEND_VARIABLE, raising=False)
     for name in ("cuda", "opencl"):
         refused = cli("run", "hills", "--backend", name, "-o", tmp_path / "out")

@@ -7,57 +7,10 @@ from hypothesis import strategies as st
 
 from beams import make_chirp
 from flights import make_pulses
+from plain_beats import SWEEPS, C, make_paths, plain_sum, random_paths, relative_error
 from sionna_radar.signal import beat as beat_module
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.tracing.paths import Paths
-
-C = 299_792_458.0
-SWEEPS = [(sweep, sampling) for sweep in ("up", "down") for sampling in ("real", "iq")]
-
-
-def make_paths(pulse, range_m, rate_mps, gain) -> Paths:
-    pulse, range_m, rate, gain = np.broadcast_arrays(pulse, np.asarray(range_m, dtype=float), rate_mps, gain)
-    count = len(range_m)
-    return Paths(
-        pulse=np.array(pulse, dtype=int),
-        delay_s=2 * range_m / C,
-        gain=np.array(gain, dtype=complex),
-        range_rate_mps=np.array(rate, dtype=float),
-        incidence_rad=np.zeros(count),
-        hit_m=np.zeros((count, 3)),
-        surface=np.zeros(count, dtype=int),
-    )
-
-
-def plain_sum(paths: Paths, index: np.ndarray, chirp) -> np.ndarray:
-    """The beat by its definition: the sent wave times the conjugate of each received one.
-
-    The phase between them is 2 pi (f0 tau + S t tau - S tau^2 / 2) with tau = 2 (r + v t) / c. A down-sweep is
-    mixed the other way round, so that a range reads as a positive frequency again.
-    """
-    t = (np.arange(chirp.samples) - chirp.samples // 2) / (chirp.samples * chirp.rate_hz)
-    sign = 1 if chirp.sweep == "up" else -1
-    slope = sign * chirp.bandwidth_hz * chirp.rate_hz
-    out = np.zeros((len(index), chirp.samples), dtype=complex)
-    for k in range(len(paths)):
-        tau = paths.delay_s[k] + 2 * paths.range_rate_mps[k] * t / C
-        phase = 2 * np.pi * (chirp.carrier_hz * tau + slope * t * tau - slope * tau**2 / 2)
-        between = np.conj(paths.gain[k]) * np.exp(1j * phase)
-        out[np.searchsorted(index, paths.pulse[k])] += between if sign > 0 else np.conj(between)
-    return out if chirp.sampling == "iq" else np.sqrt(2) * out.real
-
-
-def relative_error(measured: np.ndarray, expected: np.ndarray) -> float:
-    """Largest error of a sample over the root mean square of its pulse."""
-    level = np.sqrt(np.mean(np.abs(expected) ** 2, axis=1, keepdims=True))
-    return float(np.max(np.abs(measured - expected) / level))
-
-
-def random_paths(seed: int, count: int, pulses: int, rates: tuple[float, float]) -> Paths:
-    random = np.random.default_rng(seed)
-    gain = random.normal(size=count) + 1j * random.normal(size=count)
-    pulse = np.sort(random.integers(10, 10 + pulses, count))
-    return make_paths(pulse, random.uniform(25, 120, count), random.uniform(*rates, count), 1e-6 * gain)
 
 
 @pytest.mark.parametrize(("sweep", "sampling"), SWEEPS)

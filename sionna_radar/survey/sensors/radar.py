@@ -13,12 +13,11 @@ from sionna_radar.detection.triangular import PairedEchoes
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.signal.receiver import Reception
 from sionna_radar.signal.side_paths import side_paths
-from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
+from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
 
 
-@register_sensor("radar", provides_profiles=True)
 class Radar:
     """Traces the paths of pulses, receives them as beat signals, and finds the echoes in these.
 

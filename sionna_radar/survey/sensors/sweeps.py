@@ -125,15 +125,18 @@ class SweepDetector:
     def detect(self, beats: Beats, pulses: Pulses) -> Found:
         """Return the echoes in the beat signals of a block of pulses."""
         beats = self.cleaned(beats, pulses)
-        through = self.through[0]
         if self.paired:
-            return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through is not None)
-        sweep, (beat,) = self.sweeps[0], beats
-        window_m = self._window_m(pulses, sweep)
+            through_volume = self.through[0] is not None
+            return Found(echoes=self._pairs(beats, pulses).echoes, profiles=None, through_volume=through_volume)
+        return self.detect_in(self.detector.analyser.power(beats[0]), pulses)
+
+    def detect_in(self, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> Found:
+        """Return the echoes in the power spectra of single sweeps."""
+        through, window_m = self.through[0], self.window_m(pulses)
         if through is None:
-            found = self.detector.find(beat, pulses.index, window_m)
+            found = self.detector.find_in(power, pulses.index, window_m)
         else:
-            found = through.find(self.detector.analyser.power(beat), pulses, sweep, window_m)
+            found = through.find(power, pulses, self.sweeps[0], window_m)
         return Found(echoes=found.echoes, profiles=found.profiles, through_volume=through is not None)
 
     def pairs(self, beats: Beats, pulses: Pulses) -> PairedEchoes:

@@ -33,6 +33,11 @@ class Atmosphere:
         self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)
         self._polarization = None if volume is None else volume_polarization(weather, antenna)
 
+    @property
+    def clear(self) -> bool:
+        """Whether it takes nothing from paths and adds none."""
+        return self._weather.clear and self._echo is None
+
     def with_volume(self, paths: Paths, pulses: Pulses) -> Paths:
         """Return a block's diffuse paths together with the volume echo in front of them."""
         if self._echo is None:

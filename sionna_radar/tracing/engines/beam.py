@@ -6,7 +6,10 @@ probability stored with the path, so samples = 1 and probability = 4 pi K p expr
 returns along the same ray, so no second visibility test is needed.
 """
 
+from collections.abc import Iterator
 from copy import copy
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +20,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.device_paths import DevicePaths
 from sionna_radar.tracing.engines.beam_rays import beam_rays
 from sionna_radar.tracing.engines.beam_sampling import beam_sampler
 from sionna_radar.tracing.engines.mirrored_places import MirroredPlaces
@@ -33,6 +37,19 @@ from sionna_radar.tracing.sionna.scene import sionna_scene
 import drjit as dr
 
 RAYS_AT_ONCE = 4_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Columns:
+    """The paths of a wavefront in the memory of the ray tracer, sorted by pulse; shape: its pointer as an integer."""
+
+    row: Any
+    gain: Any
+    delay_s: Any
+    range_rate_mps: Any
+    incidence_rad: Any
+    hit_m: tuple[Any, Any, Any]
+    shape: Any
 
 
 class BeamEngine:
@@ -71,13 +88,35 @@ class BeamEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, traced in wavefronts of at most `RAYS_AT_ONCE` rays."""
-        step = max(1, RAYS_AT_ONCE // self._sampler.rays)
-        if len(pulses) <= step:
-            return self._wavefront(pulses)
-        starts = range(0, len(pulses), step)
-        return Paths.concatenate([self._wavefront(pulses.rows(slice(start, start + step))) for start in starts])
+        found = []
+        for part in self._wavefronts(pulses):
+            columns, places = self._traced(part)
+            found.append(self._table(part, columns))
+            if self._mirrored is not None and places is not None:
+                found.append(self._mirrored.over(part, places))
+        return found[0] if len(found) == 1 else Paths.concatenate(found)
 
-    def _wavefront(self, pulses: Pulses) -> Paths:
+    def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
+        """Yield the paths of each wavefront, without those that return by way of mirrors."""
+        for part in self._wavefronts(pulses):
+            columns, _ = self._traced(part)
+            bounds = np.searchsorted(columns.row.numpy(), np.arange(len(part) + 1))
+            yield DevicePaths(
+                pulses=part,
+                spans=((bounds[:-1], bounds[1:]),),
+                delay_s=mi.Float64(columns.delay_s),
+                range_rate_mps=columns.range_rate_mps,
+                gain=columns.gain,
+                paths=self._table(part, columns),
+            )
+
+    def _wavefronts(self, pulses: Pulses) -> Iterator[Pulses]:
+        step = max(1, RAYS_AT_ONCE // self._sampler.rays)
+        for start in range(0, len(pulses), step):
+            yield pulses if len(pulses) <= step else pulses.rows(slice(start, start + step))
+
+    def _traced(self, pulses: Pulses) -> tuple[_Columns, SeenPlaces | None]:
+        """Return the paths of a wavefront, and where its rays end if mirrors see that."""
         pose = pulses.true
         origin = _point(pose.position_m)
         angles = _point(sionna_angles(pose.R_world_antenna))
@@ -91,11 +130,10 @@ class BeamEngine:
         buffer = diffuse_buffer(row, hit.p, shape, hit.prim_index, probability, valid)
         dr.schedule(incidence, rate)
         buffer = calculate_fields(self._sionna, buffer, origin, angles)
-        paths = self._table(pulses, buffer, incidence, rate)
+        columns = self._columns(pulses, buffer, incidence, rate)
         if self._mirrored is None:
-            return paths
-        places = self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
-        return Paths.concatenate([paths, self._mirrored.over(pulses, places)])
+            return columns, None
+        return columns, self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
 
     def _places(self, pulses: Pulses, row, hit, shape, probability, rate) -> SeenPlaces:  # type: ignore[no-untyped-def]
         """Return where rays end, for what mirrors make of it; undefined for rays that meet nothing."""
@@ -138,7 +176,7 @@ class BeamEngine:
         axes = [dr.gather(mi.Vector3f, _vector(pulses.true.R_world_antenna[:, :, axis]), row) for axis in range(3)]
         return row, dr.normalize(axes[0] * ahead + axes[1] * left + axes[2] * up), probability
 
-    def _table(self, pulses: Pulses, buffer, incidence, rate) -> Paths:  # type: ignore[no-untyped-def]
+    def _columns(self, pulses: Pulses, buffer, incidence, rate) -> _Columns:  # type: ignore[no-untyped-def]
         phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays)
         gain = buffer.a[0][0] * dr.exp(mi.Complex2f(0, 2 * dr.pi * mi.Float(phase.astype(np.float32).ravel())))
         dr.eval(buffer.valid, gain, buffer.tau)
@@ -158,16 +196,27 @@ class BeamEngine:
             )
         )
         dr.eval(row, gain, tau, incidence, rate, x, y, z, shape)
-        complex_gain = np.empty(len(keep), dtype=np.complex64)
-        complex_gain.real, complex_gain.imag = gain.real.numpy(), gain.imag.numpy()
+        return _Columns(
+            row=row,
+            gain=gain,
+            delay_s=tau,
+            range_rate_mps=rate,
+            incidence_rad=incidence,
+            hit_m=(x, y, z),
+            shape=shape,
+        )
+
+    def _table(self, pulses: Pulses, columns: _Columns) -> Paths:
+        gain = np.empty(dr.width(columns.row), dtype=np.complex64)
+        gain.real, gain.imag = columns.gain.real.numpy(), columns.gain.imag.numpy()
         return Paths(
-            pulse=pulses.index[row.numpy()],
-            delay_s=tau.numpy().astype(np.float64),
-            gain=complex_gain,
-            range_rate_mps=rate.numpy(),
-            incidence_rad=incidence.numpy(),
-            hit_m=np.column_stack([x.numpy(), y.numpy(), z.numpy()]),
-            surface=self._sionna.surface_of_shape[shape.numpy()],
+            pulse=pulses.index[columns.row.numpy()],
+            delay_s=columns.delay_s.numpy().astype(np.float64),
+            gain=gain,
+            range_rate_mps=columns.range_rate_mps.numpy(),
+            incidence_rad=columns.incidence_rad.numpy(),
+            hit_m=np.column_stack([axis.numpy() for axis in columns.hit_m]),
+            surface=self._sionna.surface_of_shape[columns.shape.numpy()],
         )
 
 

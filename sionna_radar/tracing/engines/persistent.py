@@ -10,11 +10,13 @@ What the scatterers leave out, some thousandths of the echo, is traced by a few 
 On a surface that moves each scatterer has a Doppler shift of its own; see `wander`.
 """
 
+from collections.abc import Iterator
 from copy import copy
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
@@ -23,6 +25,7 @@ from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.tracing.device_paths import DevicePaths
 from sionna_radar.tracing.engines.density import DensityMap
 from sionna_radar.tracing.engines.filled_beam import filled_beam
 from sionna_radar.tracing.engines.mirrored_places import MirroredPlaces
@@ -94,22 +97,46 @@ class PersistentEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, sorted by pulse: those of its scatterers, then of its other rays."""
+        seen, visible, spans = self._seen(pulses)
+        if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
+            return seen.paths(pulses, seen.factor, visible, spans)
+        paths = seen.paths(pulses, _complex(self._fields(pulses, seen, visible)), visible, spans)
+        if self._mirrored is None:
+            return paths
+        return Paths.concatenate([paths, self._mirrored.over(pulses, seen.only(visible))])
+
+    def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
+        """Yield the paths of a block of pulses at once, without those that return by way of mirrors.
+
+        Scatterers are searched on the host; their fields stay in the memory of the ray tracer.
+        """
+        seen, visible, spans = self._seen(pulses)
+        field = self._fields(pulses, seen, visible)
+        factor = mi.Complex2f(*(np.ascontiguousarray(part) for part in (seen.factor.real, seen.factor.imag)))
+        yield DevicePaths(
+            pulses=pulses,
+            spans=tuple((bounds[:-1], bounds[1:]) for bounds in spans),
+            delay_s=mi.Float64(seen.range_m * (2 / speed_of_light)),
+            range_rate_mps=mi.Float(seen.range_rate_mps),
+            gain=dr.select(mi.Bool(visible), field * factor, mi.Complex2f(0.0)),
+            paths=seen.paths(pulses, _complex(field), visible, spans),
+        )
+
+    def _seen(
+        self, pulses: Pulses
+    ) -> tuple[SeenPlaces, Bool[np.ndarray, " place"], tuple[Int[np.ndarray, " edge"], Int[np.ndarray, " edge"]]]:
+        """Return the places in the beams, which are visible, and where those of each pulse begin in each part."""
         spare = len(pulses) * self._outer.rays
         searched = beside(lambda: self._scatterers.in_beams(pulses, self._beam, self._wander_hz, spare))
         outside = self._outside(pulses)
         table, ends = searched()
         fixed = int(ends[-1])
         seen = table.continued(fixed, outside)
-        if len(seen) == 0:  # Dr.Jit does not accept empty arrays together with scalars
-            return seen.paths(pulses, seen.factor, np.zeros(0, dtype=bool), (ends, ends))
         visible = np.ones(len(seen), dtype=bool)
         apex, seen_from, place = pulses.true.position_m, seen.row[:fixed], seen.hit_m[:, :fixed].T
         visible[:fixed] = ~self._sionna.caster.hides(apex, seen_from, place, SHORT_OF_SURFACE)
         rows = fixed + np.searchsorted(outside.row, np.arange(len(pulses) + 1))
-        paths = seen.paths(pulses, self._fields(pulses, seen, visible), visible, (ends, rows))
-        if self._mirrored is None:
-            return paths
-        return Paths.concatenate([paths, self._mirrored.over(pulses, seen.only(visible))])
+        return seen, visible, (ends, rows)
 
     def _outside(self, pulses: Pulses) -> SeenPlaces:
         """Return where the rays beside the scatterers meet a surface."""
@@ -143,10 +170,8 @@ class PersistentEngine:
             bears &= np.all((place_m >= self._region_m[0]) & (place_m <= self._region_m[1]), axis=1)
         return bears
 
-    def _fields(
-        self, pulses: Pulses, seen: SeenPlaces, visible: Bool[np.ndarray, " place"]
-    ) -> Complex[np.ndarray, " place"]:
-        """Return the field from each visible place for a factor of one."""
+    def _fields(self, pulses: Pulses, seen: SeenPlaces, visible: Bool[np.ndarray, " place"]) -> Any:
+        """Return the field from each visible place for a factor of one, in the memory of the ray tracer."""
         buffer = diffuse_buffer(
             mi.UInt32(seen.row),
             _points(seen.hit_m),
@@ -158,9 +183,13 @@ class PersistentEngine:
         apex, angles = pulses.true.position_m.T, sionna_angles(pulses.true.R_world_antenna).T
         gain = calculate_fields(self._sionna, buffer, _points(apex), _points(angles)).a[0][0]
         dr.eval(gain)
-        out = np.empty(len(seen), dtype=np.complex64)
-        out.real, out.imag = gain.real.numpy(), gain.imag.numpy()
-        return out
+        return gain
+
+
+def _complex(gain: Any) -> Complex[np.ndarray, " place"]:
+    out = np.empty(dr.width(gain), dtype=np.complex64)
+    out.real, out.imag = gain.real.numpy(), gain.imag.numpy()
+    return out
 
 
 def _points(columns: Float[np.ndarray, "3 n"]) -> Any:

@@ -1,0 +1,85 @@
+"""Beat signals summed in the memory of the ray tracer, sample by sample.
+
+The phase of a path is that of `signal.beat`, drift and all. Each sample of a pulse adds its paths in their order,
+without atomic operations: the result does not depend on how many samples are worked on at once. Phases are reduced to
+a turn in double precision, and turned in single precision.
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.signal.beat import sampled_band_hz
+from sionna_radar.tracing.device_paths import DevicePaths
+from sionna_radar.tracing.sionna.material import mi
+
+# isort: split
+# Loads libLLVM, which the import above has selected.
+import drjit as dr
+
+
+def device_beats(paths: DevicePaths, chirp: Chirp) -> Any:
+    """Return what `synthesise` does of the paths of a block, as a tensor of Dr.Jit: one row a pulse.
+
+    Of real samples it is a tensor of numbers, of I/Q samples one with a last axis of real and imaginary parts.
+    """
+    rows, samples = len(paths.pulses), chirp.samples
+    total = _sums(paths, chirp) if dr.width(paths.delay_s) else dr.zeros(mi.Complex2f, rows * samples)
+    if chirp.sampling == "real":
+        return mi.TensorXf(np.sqrt(2) * total.real, (rows, samples))
+    return mi.TensorXf(dr.ravel(total), (rows, samples, 2))
+
+
+def _sums(paths: DevicePaths, chirp: Chirp) -> Any:
+    """Return the sum over the paths of each pulse at each sample, pulse by pulse."""
+    frequency, drift, weight = _terms(paths, chirp)
+    samples = chirp.samples
+    lane = dr.arange(mi.UInt32, len(paths.pulses) * samples)
+    pulse = lane // samples
+    n = mi.Float64(mi.Int32(lane - pulse * samples) - samples // 2)
+    real, imaginary = dr.zeros(mi.Float64, dr.width(lane)), dr.zeros(mi.Float64, dr.width(lane))
+
+    def more(path: Any, last: Any, real: Any, imaginary: Any) -> Any:
+        return path < last
+
+    def add(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
+        turns = dr.gather(mi.Float64, frequency, path) * n + dr.gather(mi.Float64, drift, path) * n * n
+        sine, cosine = dr.sincos(mi.Float(turns - dr.floor(turns)) * dr.two_pi)
+        own = dr.gather(mi.Complex2f, weight, path)
+        real += mi.Float64(own.real * cosine - own.imag * sine)
+        imaginary += mi.Float64(own.real * sine + own.imag * cosine)
+        return path + 1, last, real, imaginary
+
+    for first, last in paths.spans:
+        start, end = (dr.gather(mi.UInt32, _counts(bounds), pulse) for bounds in (first, last))
+        _, _, real, imaginary = dr.while_loop(state=(start, end, real, imaginary), cond=more, body=add)
+    total = mi.Complex2f(mi.Float(real), mi.Float(imaginary))
+    dr.eval(total)
+    return total
+
+
+def _terms(paths: DevicePaths, chirp: Chirp) -> tuple[Any, Any, Any]:
+    """Return each path's cycles per sample, its cycles per square of a sample, and its weight."""
+    slope, sign, double = chirp.slope_hz_s, float(chirp.direction), mi.Float64
+    stretch = double(paths.range_rate_mps) * (2 / speed_of_light)
+    delay = paths.delay_s + chirp.centre_s * stretch
+    frequency = sign * (chirp.carrier_hz * stretch + slope * delay - slope * delay * stretch)
+    drift = sign * (slope * stretch - slope * stretch * stretch / 2)
+    turns = sign * (chirp.carrier_hz * delay - slope * delay * delay / 2)
+    sine, cosine = dr.sincos(mi.Float(turns - dr.floor(turns)) * dr.two_pi)
+    least_hz, most_hz = sampled_band_hz(chirp)
+    passes = dr.select((frequency >= least_hz) & (frequency < most_hz), mi.Float(1.0), mi.Float(0.0))
+    # An up-sweep's beat has the conjugate of a path's gain.
+    real, imaginary = passes * paths.gain.real, -sign * passes * paths.gain.imag
+    weight = mi.Complex2f(real * cosine - imaginary * sine, real * sine + imaginary * cosine)
+    frequency, drift = frequency / chirp.sampling_rate_hz, drift / chirp.sampling_rate_hz**2
+    # Evaluated now: the sums gather from each.
+    dr.eval(frequency, drift, weight)
+    return frequency, drift, weight
+
+
+def _counts(number: Int[np.ndarray, " pulse"]) -> Any:
+    return mi.UInt32(number.astype(np.uint32))

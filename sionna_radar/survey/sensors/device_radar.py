@@ -1,0 +1,132 @@
+"""The radar whose signals stay in the memory of the ray tracer, from the fields to range profiles.
+
+It serves where a GPU traces, for an engine that traces all that the radar sees, one sweep a pulse, and a receiver that
+is ideal but for its noise. What the processing looks at before the flight, and everything else, take the way of `Radar`
+by the host.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+from jaxtyping import Float, Inexact
+
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_library
+from sionna_radar.raytracer.backend import chosen_backend
+from sionna_radar.survey.sensors.radar import Radar
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
+from sionna_radar.tracing.device_paths import DevicePaths, DeviceTracing
+from sionna_radar.tracing.paths import Paths
+
+
+@register_sensor("radar", provides_profiles=True)
+def build_radar(given: SensorInputs) -> Sensor:
+    """Return the radar: on a GPU where that traces the rays. Without CuPy the host makes the spectra."""
+    return DeviceRadar(given, gpu_library() or HOST) if chosen_backend() == "cuda" else Radar(given)
+
+
+class DeviceRadar(Radar):
+    """A radar whose signals stay in the memory of the ray tracer; see the module docstring.
+
+    library: computes the spectra.
+    """
+
+    def __init__(self, given: SensorInputs, library: ArrayLibrary) -> None:
+        super().__init__(given)
+        self._engine, self._library = self._engine_for(given), library
+        self._analyser = given.detector.analyser
+        self._looks: deque[tuple[Pulses, Future[_Look]]] = deque()
+
+    @property
+    def on_device(self) -> bool:
+        """Whether signals stay there; otherwise this is any radar."""
+        return self._engine is not None
+
+    def expect(self, pulses: Pulses) -> None:
+        """Begin with a block of pulses before it is to be observed."""
+        if self._engine is None:
+            super().expect(pulses)
+        else:
+            self._looks.append((pulses, self._thread.submit(self._look, self._engine, pulses)))
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the echoes of a block of pulses."""
+        if self._engine is None:
+            return super().observe(pulses)
+        if not (self._looks and self._looks[0][0] is pulses):
+            self.expect(pulses)
+        with self._watch("trace"):
+            look = self._looks.popleft()[1].result()
+        with self._watch("detect"):
+            found = self.sweeps.detect_in(look.power, pulses)
+        return Observation(
+            paths=look.paths,
+            echoes=found.echoes,
+            profiles=found.profiles,
+            through_volume=found.through_volume,
+            beats=look.beats,
+        )
+
+    def _engine_for(self, given: SensorInputs) -> DeviceTracing | None:
+        """Return the engine if nothing stands between its paths and the spectra but noise."""
+        receiver, processing = given.receiver, given.detector.processing
+        if receiver.chain is not None or receiver.high_pass is not None or len(receiver.sweeps) > 1:
+            return None
+        if given.angle is not None or given.bursts is not None:
+            return None
+        if processing.leakage != "keep" or processing.interference != "keep":
+            return None
+        return getattr(self.tracer, "device_engine", None)
+
+    def _look(self, engine: DeviceTracing, pulses: Pulses) -> "_Look":
+        """Return paths, beat signals and spectra of a block; called in the thread that traces."""
+        beats, powers, tables = [], [], []
+        for paths in engine.on_device(pulses):
+            beats.append(self._beat(paths))
+            powers.append(self._analyser.power_where_they_are(beats[-1], self._library))
+            tables.append(paths.paths)
+        return _Look(
+            paths=Paths.concatenate(tables), power=np.concatenate(powers), beats=_Kept(tuple(beats), self._library)
+        )
+
+    def _beat(self, paths: DevicePaths) -> Any:
+        """Return the beat signals of a part of a block, with noise, as an array of the library."""
+        # It loads the ray tracer.
+        from sionna_radar.signal.device_beats import device_beats
+
+        receiver, library = self._receiver, self._library
+        clean = library.taken(device_beats(paths, receiver.chirp))
+        if receiver.chirp.sampling == "iq":
+            clean = clean[..., 0] + 1j * clean[..., 1]
+        return np.sqrt(receiver.transmit_power_w) * clean + library.given(receiver.noise(paths.pulses))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Look:
+    """What a block of pulses saw: its paths, the power spectra, the beat signals."""
+
+    paths: Paths
+    power: Float[np.ndarray, "pulse bin"]
+    beats: "_Kept"
+
+
+class _Kept(Sequence[Inexact[np.ndarray, "pulse sample"]]):
+    """The beat signals of the one sweep of a block, fetched by whoever records them."""
+
+    def __init__(self, parts: tuple[Any, ...], library: ArrayLibrary) -> None:
+        self._parts, self._library = parts, library
+
+    def __len__(self) -> int:
+        return 1
+
+    @overload
+    def __getitem__(self, sweep: int) -> Inexact[np.ndarray, "pulse sample"]: ...
+    @overload
+    def __getitem__(self, sweep: slice) -> Sequence[Inexact[np.ndarray, "pulse sample"]]: ...
+    def __getitem__(self, sweep: int | slice) -> Any:
+        """Return the samples of a sweep."""
+        return [np.concatenate([self._library.fetched(part) for part in self._parts])][sweep]
