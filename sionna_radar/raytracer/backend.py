@@ -19,9 +19,9 @@ from typing import Any, Literal
 
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import given_threads
+from sionna_radar.raytracer.denormals import can_flush
 
 OLDEST_LLVM = 17
-FEWEST_THREADS = 2
 VARIANTS = {"llvm": "llvm_ad_mono_polarized", "cuda": "cuda_ad_mono_polarized"}
 WHEEL = "karellen-llvm-core"
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -147,13 +147,13 @@ def load_mitsuba() -> Any:
 
 
 def _use_threads() -> None:
-    """Make Dr.Jit use as many threads as this process may, and at least two, even on a single core.
+    """Make Dr.Jit use as many threads as this process may.
 
-    With one, rays along the edge of two triangles give different hits; from two on, their number does not matter.
+    A single one is the thread that calls it, which must take denormal numbers for zero; where it cannot, two are used.
     """
     import drjit
 
-    wanted = max(given_threads() or drjit.thread_count(), FEWEST_THREADS)
+    wanted = max(given_threads() or drjit.thread_count(), 1 if can_flush() else 2)
     if drjit.thread_count() != wanted:
         drjit.set_thread_count(wanted)
 

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int, Integer
 from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.relief import Relief
 
@@ -57,6 +58,7 @@ class _Meshes:
     surface_of_shape: the number of the surface that each shape pointer, as an integer, stands for; -1 for none.
     """
 
+    @flushed_denormals()
     def __init__(self, surfaces: Mapping[int, Surface]) -> None:
         mi = load_mitsuba()
         import drjit as dr
@@ -125,6 +127,7 @@ class RayCaster:
             )
         return found
 
+    @flushed_denormals()
     def _cast_meshes(
         self, meshes: _Meshes, origin_m: Float[np.ndarray, "ray 3"], direction: Float[np.ndarray, "ray 3"]
     ) -> Hits:
@@ -154,6 +157,7 @@ class RayCaster:
         dr.eval(ray)
         return ray
 
+    @flushed_denormals()
     def intersect(self, ray: Any) -> Any:
         """Return Mitsuba's surface interactions of prepared rays, fully evaluated."""
         import drjit as dr
@@ -174,6 +178,7 @@ class RayCaster:
         distance = np.linalg.norm(away, axis=1)
         return self.cast(origin_m, away / distance[:, None]).distance_m >= distance - tolerance_m
 
+    @flushed_denormals()
     def hides(
         self,
         origin_m: Float[np.ndarray, "origin 3"],

@@ -12,6 +12,7 @@ from jaxtyping import Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.signal.beat import sampled_band_hz
 from sionna_radar.tracing.device_paths import DevicePaths
 from sionna_radar.tracing.sionna.material import mi
@@ -21,6 +22,7 @@ from sionna_radar.tracing.sionna.material import mi
 import drjit as dr
 
 
+@flushed_denormals()
 def device_beats(paths: DevicePaths, chirp: Chirp) -> Any:
     """Return what `synthesise` does of the paths of a block, as a tensor of Dr.Jit: one row a pulse.
 

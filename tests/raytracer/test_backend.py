@@ -186,7 +186,10 @@ def test_the_wheel_is_found_where_it_was_installed(monkeypatch, tmp_path):
     assert [path.name for path in backend._wheel_libraries()] == ["libLLVM.so.20.1", "libLLVM.so.18.1"]
 
 
-def test_one_core_is_given_two_threads():
+@pytest.mark.parametrize(("flushes", "threads"), [(True, 1), (False, 2)])
+def test_one_core_is_given_one_thread_if_denormal_numbers_can_be_zero_in_it(monkeypatch, flushes, threads):
+    monkeypatch.setattr(backend, "can_flush", lambda: flushes)
+    monkeypatch.delenv("SIONNA_RADAR_THREADS", raising=False)
     backend.load_mitsuba()
     import drjit as dr
 
@@ -194,7 +197,7 @@ def test_one_core_is_given_two_threads():
     dr.set_thread_count(1)
     try:
         backend._use_threads()
-        assert dr.thread_count() == 2
+        assert dr.thread_count() == threads
     finally:
         dr.set_thread_count(max(before, 2))
 

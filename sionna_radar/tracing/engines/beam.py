@@ -18,6 +18,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.device_paths import DevicePaths
@@ -115,6 +116,7 @@ class BeamEngine:
         for start in range(0, len(pulses), step):
             yield pulses if len(pulses) <= step else pulses.rows(slice(start, start + step))
 
+    @flushed_denormals()
     def _traced(self, pulses: Pulses) -> tuple[_Columns, SeenPlaces | None]:
         """Return the paths of a wavefront, and where its rays end if mirrors see that."""
         pose = pulses.true

@@ -23,6 +23,7 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.foundation.threads import beside
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.device_paths import DevicePaths
@@ -170,6 +171,7 @@ class PersistentEngine:
             bears &= np.all((place_m >= self._region_m[0]) & (place_m <= self._region_m[1]), axis=1)
         return bears
 
+    @flushed_denormals()
     def _fields(self, pulses: Pulses, seen: SeenPlaces, visible: Bool[np.ndarray, " place"]) -> Any:
         """Return the field from each visible place for a factor of one, in the memory of the ray tracer."""
         buffer = diffuse_buffer(

@@ -10,6 +10,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.material import mi
@@ -21,13 +22,13 @@ from sionna_radar.tracing.sionna.scene import SionnaScene
 import drjit as dr
 import sionna.rt as rt
 
-
 class PathSolverEngine:
     """Traces one pulse after another with `sionna.rt.PathSolver`.
 
     samples: rays per pulse, over the whole sphere.
     """
 
+    @flushed_denormals()
     def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, seed: int, samples: int) -> None:
         self._sionna = SionnaScene(scene, antenna, chirp.carrier_hz)
         self._seed, self._samples = seed, samples
@@ -45,6 +46,7 @@ class PathSolverEngine:
         """Return the paths of a block of pulses."""
         return Paths.concatenate([self._one(pulses, row) for row in range(len(pulses))])
 
+    @flushed_denormals()
     def _one(self, pulses: Pulses, row: int) -> Paths:
         pose, index = pulses.true, int(pulses.index[row])
         angles = sionna_angles(pose.R_world_antenna[row : row + 1])[0]
@@ -62,10 +64,12 @@ class PathSolverEngine:
             refraction=False,
             seed=(self._seed + index) % 2**31,
         )
-        # Padding, if there is any, has a negative delay.
-        real = found.tau.numpy().ravel() >= 0
+        # Padding, if there is any, has a negative delay. Threads find the paths in an order that differs each time.
+        delay_s, vertices = found.tau.numpy().ravel(), np.moveaxis(found.vertices.numpy(), -1, 0)
+        order = np.lexsort([column.ravel() for column in vertices])
+        real = order[delay_s[order] >= 0]
         gain = (found.a[0].numpy() + 1j * found.a[1].numpy()).ravel()[real]
-        hit = np.stack([c.ravel()[real] for c in np.moveaxis(found.vertices.numpy(), -1, 0)], axis=1)
+        hit = np.stack([column.ravel()[real] for column in vertices], axis=1)
         shape = found.objects.numpy().ravel()[real]
         primitive = found.primitives.numpy().ravel()[real]
         direction = hit - pose.position_m[row]

@@ -11,6 +11,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.kept_values import Same
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import load_mitsuba
+from sionna_radar.raytracer.denormals import flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster, mitsuba_mesh
 from sionna_radar.tracing.sionna.material import sionna_material
@@ -32,6 +33,7 @@ class SionnaScene:
         tracing thousands of pulses.
     """
 
+    @flushed_denormals()
     def __init__(self, scene: Scene, antenna: Antenna, carrier_hz: float, caster: RayCaster | None = None) -> None:
         self.caster = caster or RayCaster(scene.surfaces)
         # Sionna keeps materials and objects in one list of names: the user's names stay out of it.
