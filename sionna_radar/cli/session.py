@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 # Begins, or goes on with, the finished parts of a run that a document describes.
 Keep = Callable[[Mapping[str, Any]], KeptParts]
+# What workers need whatever they are given, and take seconds to load.
+FLYING = ("sionna_radar.survey.shared_flight", "sionna_radar.tracing.engines.persistent")
 # The key under which a run says which files it writes; parts do not depend on it.
 PRODUCTS = "choice of products"
 
@@ -83,7 +85,7 @@ class Session:
         """Return the context of the workers that share the work: this process alone, unless the user has others."""
         from sionna_radar.foundation.cluster import open_workers
 
-        return open_workers(self.workers, self.scheduler)
+        return open_workers(self.workers, self.scheduler, FLYING)
 
     def load(self) -> "Scenario":
         """Return the scenario."""

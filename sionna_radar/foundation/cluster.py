@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -38,6 +39,8 @@ logger = logging.getLogger("sionna_radar")
 ATTEMPTS = 3
 CONNECT_S = 10.0
 FIRST_WORKER_S = 30.0
+# Names what the processes load ahead.
+AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
 # How often an interrupt is looked for, and a cluster without workers told of.
 TICK_S, LONELY_S = 0.2, 30.0
 CLOSING_S = 2.0
@@ -46,7 +49,9 @@ _one_at_a_time = threading.Lock()
 
 
 @contextmanager
-def open_workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
+def open_workers(
+    count: int | None = None, scheduler: str | None = None, ahead: Sequence[str] = ()
+) -> Iterator[Workers]:
     """Yield workers: processes of this machine, those of a cluster that is there, or this process itself.
 
     Parameters
@@ -55,6 +60,8 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
         Processes to start; the cores are shared among them.
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
+    ahead:
+        Modules that processes load as soon as they start, before they are given anything to do.
 
     Raises
     ------
@@ -84,7 +91,7 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
         raise WorkerError(message) from error
     # What it tells of its connections is for those who run a cluster; some comes when all is over.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    opened = _local_client(count) if count is not None else _remote_client(str(scheduler))
+    opened = _local_client(count, ahead) if count is not None else _remote_client(str(scheduler))
     with opened as client:
         workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
         workers.check()
@@ -92,7 +99,7 @@ def open_workers(count: int | None = None, scheduler: str | None = None) -> Iter
 
 
 @contextmanager
-def _local_client(count: int) -> Iterator["Client"]:
+def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
@@ -119,7 +126,7 @@ def _local_client(count: int) -> Iterator["Client"]:
                     "dashboard": False,
                     "dashboard_address": "127.0.0.1:0",
                 },
-                env={THREADS_VARIABLE: str(threads)},
+                env={THREADS_VARIABLE: str(threads), AHEAD_VARIABLE: " ".join(ahead)},
                 preload=[__name__],
             )
         try:
@@ -133,6 +140,17 @@ def dask_setup(_: Any) -> None:
     """Let a worker ignore Ctrl-C, which reaches all processes of a terminal: the one that started it ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     tune_heaps()
+    if os.environ.get(AHEAD_VARIABLE):
+        threading.Thread(target=_load_ahead, args=(os.environ[AHEAD_VARIABLE].split(),), daemon=True).start()
+
+
+def _load_ahead(modules: Sequence[str]) -> None:
+    """Import modules while nothing is to be done; the first task waits for it, as it needs them."""
+    with _one_at_a_time:
+        for module in modules:
+            # Whatever is wrong with one, a task will say.
+            with suppress(Exception):
+                import_module(module)
 
 
 def _end(cluster: "LocalCluster") -> None:

@@ -22,17 +22,19 @@ from sionna_radar.foundation.network import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
 from sionna_radar.foundation.workers import Failure, InProcess, each_kept, name_of, named
 
+# The first is loaded before there is anything to do; what is wrong with the second is for tasks to say.
+AHEAD = ("wave", "no_such_module")
 TASKS = [{"do": "look", "x": 0.1}, {"do": "refuse"}, {"do": "look", "x": math.nan}, {"do": "fail"}]
 
 
 @pytest.fixture(scope="module")
 def pair():
-    with open_workers(2) as workers:
+    with open_workers(2, ahead=AHEAD) as workers:
         yield workers
 
 
 def seen(found):
-    return found if isinstance(found, Failure) else {**json.loads(found), "pid": 0, "cores": 0}
+    return found if isinstance(found, Failure) else {**json.loads(found), "pid": 0, "cores": 0, "ahead": False}
 
 
 def test_nobody_but_this_process_needs_no_dask():
@@ -68,6 +70,11 @@ def test_the_cores_are_shared_and_the_work_is_done_elsewhere(pair):
     assert {one["cores"] for one in found} == {max(cores() // 2, 1)}
     assert {one["x"] for one in found} == set(range(6))
     assert os.getpid() not in {one["pid"] for one in found}
+
+
+def test_what_is_needed_is_loaded_before_the_first_task(pair):
+    assert all(json.loads(found)["ahead"] for _, found in pair.each(look, TASKS[:1] * 4))
+    assert not json.loads(look(TASKS[0], lambda *_: None))["ahead"]
 
 
 def test_warnings_and_the_leave_to_reach_the_network_travel(pair, caplog):

@@ -22,6 +22,7 @@ from sionna_radar.tracing.sionna.scene import SionnaScene
 import drjit as dr
 import sionna.rt as rt
 
+
 class PathSolverEngine:
     """Traces one pulse after another with `sionna.rt.PathSolver`.
 
