@@ -29,6 +29,20 @@ def tune_heaps() -> None:
     setting(M_MMAP_THRESHOLD, LARGE_BYTES)
 
 
+def release_memory() -> None:
+    """Give memory that is free back to the system; nothing where the C library cannot.
+
+    What many small blocks have left lies in pieces, in which large arrays find no room.
+    """
+    import ctypes
+
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library; Windows
+        return
+    trim(0)
+
+
 def peak_memory_mb() -> float:
     """Return the largest resident memory of this process so far; NaN where the system does not report it."""
     try:

@@ -11,20 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import Delaunay, KDTree, QhullError
+from scipy.spatial import KDTree
 
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.threads import in_threads
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.triangulation import circles_hold_none, delaunay_triangles
 from sionna_radar.mapping.wall_triangles import wall_triangles
 from sionna_radar.mapping.windows import Window, windows_of
 
 LONGEST_SIDE_GAPS = 3.0
 # Points that are triangulated at once, and the least width of their windows, relative to the longest side.
 MOST_POINTS, LEAST_SIDES = 25_000, 4.0
-# A point this near to a circle, relative to its radius, is on it.
-ON_CIRCLE = 1e-9
 # Triangles whose shadows are looked for at once: it bounds the memory.
 AT_ONCE = 50_000
 
@@ -109,15 +108,14 @@ def _interpolated(
     sides; what is among them because farther points are not is sorted out.
     """
     own = known.rows(near)
-    try:
-        simplices = Delaunay(own.place).simplices
-    except (QhullError, ValueError):  # too few points, or all on one line
+    simplices = delaunay_triangles(own.place)
+    if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
     some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
     kept = np.concatenate([_lit(each, own, gap_m, incidence_rad) for each in some])
     kept &= ~wall_triangles(np.column_stack([own.place, own.z]), own.sigma_m, simplices, gap_m, window.grid.spacing_m)
     if len(near) < len(known):
-        kept[kept] = _empty_around(own.place[simplices[kept]], everywhere)
+        kept[kept] = circles_hold_none(own.place[simplices[kept]], everywhere)
     inside = _triangle_of_cells(own.place, simplices, kept, window)
     row, column = np.nonzero(inside >= 0)
     triangle = inside[row, column]
@@ -127,19 +125,6 @@ def _interpolated(
     corner = simplices[triangle[use]]
     share = _barycentric(own.place[corner], cell_m[use])
     return (row * window.grid.columns + column)[use], near[corner], share
-
-
-def _empty_around(corner: Float[np.ndarray, "triangle 3 2"], everywhere: KDTree) -> Bool[np.ndarray, " triangle"]:
-    """Return which are Delaunay triangles: those whose circles through the corners hold no point."""
-    b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    bb, cc = np.sum(b**2, axis=1), np.sum(c**2, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = (c[:, 1] * bb - b[:, 1] * cc) / twice, (b[:, 0] * cc - c[:, 0] * bb) / twice
-    centre, radius = corner[:, 0] + np.column_stack([x, y]), np.hypot(x, y)
-    found = np.isfinite(radius)
-    found[found] = everywhere.query(centre[found])[0] >= radius[found] * (1 - ON_CIRCLE)
-    return found
 
 
 def _triangle_of_cells(

@@ -8,8 +8,13 @@ nothing that was seen tells from a wall. Along sides longer than the diagonal of
 are missing: there any jump is a shadow's.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.threads import parts
 
 # Slope of a wall, and how much steeper it is than the ground at both of its ends.
 STEEP, STEEPER = 1.0, 2.0
@@ -22,6 +27,8 @@ NARROW = 0.1
 ROUNDS = 3
 # Triangles with less area, in plan view, have no slope.
 NO_AREA_M2 = 1e-9
+# Triangles that are looked at at once: it bounds the memory.
+AT_ONCE = 20_000
 
 
 def wall_triangles(
@@ -47,26 +54,65 @@ def wall_triangles(
         Least height of a wall.
 
     """
-    gradient, area_m2 = _gradients(point_m, corner)
+    if not len(corner):
+        return np.zeros(0, dtype=bool)
+    bounds = parts(len(corner), AT_ONCE)
+    gradient, broad = (
+        np.concatenate(each) for each in zip(*(_slopes(point_m, corner[low:high]) for low, high in bounds), strict=True)
+    )
     slope = np.hypot(*gradient.T)
     steep = _steep(point_m, sigma_m, corner, slope, least_m)
-    start, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
+    side = _Sides.concatenate(
+        [_high_sides(point_m, sigma_m, corner, slice(low, high), gap_m, least_m) for low, high in bounds]
+    )
+    if not len(side):
+        return steep
+    jump = slope > STEEP
+    for _ in range(ROUNDS):
+        ground = broad & ~jump
+        beyond = _slopes_beyond(point_m, corner[ground], gradient[ground], side.start, side.end)
+        # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
+        more_m = (side.rise_m - beyond * side.way_m) * np.sign(side.rise_m)
+        jump = np.zeros(len(corner), dtype=bool)
+        jump[side.triangle[np.fmin(*more_m) > side.most_m]] = True
+    return steep | jump
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Sides(Columns):
+    """Sides of triangles: which triangle, its corners, from one to the other on the ground and in height, the most."""
+
+    triangle: Int[np.ndarray, " side"]
+    start: Int[np.ndarray, " side"]
+    end: Int[np.ndarray, " side"]
+    way_m: Float[np.ndarray, " side"]
+    rise_m: Float[np.ndarray, " side"]
+    most_m: Float[np.ndarray, " side"]
+
+
+def _high_sides(
+    point_m: Float[np.ndarray, "n 3"],
+    sigma_m: Float[np.ndarray, " n"],
+    corner: Int[np.ndarray, "triangle 3"],
+    part: slice,
+    gap_m: float,
+    least_m: float,
+) -> _Sides:
+    """Return the sides of some triangles that rise by more than a bank, noise or the least wall."""
+    start, end = corner[part].ravel(), np.roll(corner[part], -1, axis=1).ravel()
     side = point_m[end] - point_m[start]
     way_m, least = np.linalg.norm(side[:, :2], axis=1), SURE_SIGMAS * np.hypot(sigma_m[start], sigma_m[end])
     bank_m = np.where(way_m > DIAGONAL * gap_m, 0.0, STEEP / 2 * way_m)
     most_m = np.maximum(bank_m, np.maximum(least, least_m))
     high = np.flatnonzero((np.abs(side[:, 2]) > most_m) & (way_m > 0))
-    longest_m = way_m.reshape(-1, 3).max(axis=1)
-    broad, jump = 2 * area_m2 > NARROW * longest_m**2, slope > STEEP
-    for _ in range(ROUNDS if len(high) else 0):
-        ground = broad & ~jump
-        beyond = _slopes_beyond(point_m, corner[ground], gradient[ground], start[high], end[high])
-        # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
-        more_m = (side[high, 2] - beyond * way_m[high]) * np.sign(side[high, 2])
-        jumps = np.fmin(*more_m) > most_m[high]
-        jump = np.zeros(len(corner), dtype=bool)
-        jump[high[jumps] // 3] = True
-    return steep | (jump if len(high) else False)
+    return _Sides(
+        triangle=part.start + high // 3,
+        start=start[high],
+        end=end[high],
+        way_m=way_m[high],
+        rise_m=side[high, 2],
+        most_m=most_m[high],
+    )
 
 
 def _steep(
@@ -133,11 +179,13 @@ def _medians(
     return np.where(many > 0, ordered[np.minimum(middle, len(ordered) - 1)], np.nan)
 
 
-def _gradients(
+def _slopes(
     point_m: Float[np.ndarray, "n 3"], corner: Int[np.ndarray, "triangle 3"]
-) -> tuple[Float[np.ndarray, "triangle 2"], Float[np.ndarray, " triangle"]]:
-    """Return the slopes of triangles toward east and north, and their areas in plan view."""
+) -> tuple[Float[np.ndarray, "triangle 2"], Bool[np.ndarray, " triangle"]]:
+    """Return the slopes of triangles toward east and north, and which are broad enough in plan view to have one."""
     at = point_m[corner]
+    side = np.roll(at, -1, axis=1) - at
+    longest_m2 = np.max(side[..., 0] ** 2 + side[..., 1] ** 2, axis=1)
     normal = np.cross(at[:, 1] - at[:, 0], at[:, 2] - at[:, 0])
     normal *= np.where(normal[:, 2:] < 0, -1.0, 1.0)
-    return -normal[:, :2] / np.maximum(normal[:, 2:], NO_AREA_M2), normal[:, 2] / 2
+    return -normal[:, :2] / np.maximum(normal[:, 2:], NO_AREA_M2), normal[:, 2] > NARROW * longest_m2

@@ -15,7 +15,7 @@ from sionna_radar.foundation.decibel import to_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.memory import peak_memory_mb
+from sionna_radar.foundation.memory import peak_memory_mb, release_memory
 from sionna_radar.foundation.progress import Progress, default_progress
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.workers import Workers
@@ -49,6 +49,8 @@ LOUDER = {
     "radar": "radar.snr_db or radar.transmit_power_dbm",
     "lidar": "lidar.clear_range_m, lidar.ground_reflectivity or lidar.reflectivities",
 }
+# A map of more takes as much memory as the flight: what that leaves free goes back first, in hundredths of a second.
+MANY_ECHOES = 50_000
 # Spread over the survey, by which warnings know how the antenna looks at the ground.
 WARNED_PULSES = 200
 
@@ -196,6 +198,8 @@ def _run(
         )
         progress("mapping", 0, 0)
         with watch("map"):
+            if len(recording.echoes) > MANY_ECHOES:
+                release_memory()
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
             estimate = map_with(workers, prepared, recording, points, progress, parts)
         with watch("compare"):

@@ -1,0 +1,131 @@
+"""The Delaunay triangles of many points, piece by piece: the whole takes over half a kilobyte of memory a point.
+
+A triangle is a Delaunay triangle if the circle through its corners holds no point. So points are triangulated in pieces
+with those around them: a circle that lies within the box around a piece is empty for good. A point all of whose
+triangles are so has all of its triangles. What is missing in the end are triangles between points that do not have all
+of theirs, which are those at the outline: these few are triangulated together, and their circles compared with all
+points.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import Delaunay, KDTree, QhullError
+
+from sionna_radar.foundation.threads import in_threads
+
+# Points of a piece, and the width of what is triangulated around it, relative to the mean distance of points.
+PIECE_POINTS, AROUND = 12_500, 8.0
+# The width is doubled while more points than this share lack some of their triangles.
+MOST_MISSING = 0.1
+# A point this near to a circle, relative to its radius, is on it.
+ON_CIRCLE = 1e-9
+
+NONE = np.zeros((0, 3), dtype=np.int32)
+
+
+def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "triangle 3"]:
+    """Return the corners of the Delaunay triangles of points; none of points that are too few or all on one line."""
+    if len(place) <= 2 * PIECE_POINTS:
+        return _triangles(place)
+    pieces = list(_pieces(place, np.arange(len(place))))
+    around = AROUND
+    while True:
+
+        def of_piece(number: int, _: int, around: float = around) -> tuple[np.ndarray, np.ndarray]:
+            return _piece(place, pieces[number], around)
+
+        found = list(in_threads(of_piece, [(number, number + 1) for number in range(len(pieces))]))
+        missing = np.concatenate([own for _, own in found])
+        if len(missing) <= MOST_MISSING * len(place):
+            break
+        around *= 2
+        if around > np.sqrt(len(place)):
+            return _triangles(place)
+    missing.sort()
+    outer = missing[_triangles(place[missing])].astype(np.int32)
+    outer = outer[circles_hold_none(place[outer], KDTree(place))]
+    return np.concatenate([_each_once([triangles for triangles, _ in found], pieces, len(place)), outer])
+
+
+def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree) -> Bool[np.ndarray, " triangle"]:
+    """Return which triangles are Delaunay triangles of points: those whose circles through the corners hold none."""
+    centre, radius = _circles(corner)
+    found = np.isfinite(radius)
+    found[found] = points.query(centre[found])[0] >= radius[found] * (1 - ON_CIRCLE)
+    return found
+
+
+def _triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "triangle 3"]:
+    try:
+        return np.asarray(Delaunay(place).simplices)
+    except (QhullError, ValueError):  # too few points, or all on one line
+        return NONE
+
+
+def _pieces(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"]) -> Iterator[Int[np.ndarray, " piece"]]:
+    """Yield the points of each piece, halved across the longer side as long as they are too many."""
+    if len(own) <= PIECE_POINTS:
+        yield own
+        return
+    axis = int(np.argmax(np.ptp(place[own], axis=0)))
+    half = len(own) // 2
+    order = np.argpartition(place[own, axis], half)
+    yield from _pieces(place, np.sort(own[order[:half]]))
+    yield from _pieces(place, np.sort(own[order[half:]]))
+
+
+def _piece(
+    place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"], around: float
+) -> tuple[Int[np.ndarray, "triangle 3"], Int[np.ndarray, " missing"]]:
+    """Return triangles at the points of a piece that have all of theirs, and the points that do not."""
+    low, high = place[own].min(axis=0), place[own].max(axis=0)
+    wide_m = around * np.sqrt(np.prod(np.maximum(high - low, 1e-9)) / len(own))
+    low, high = low - wide_m, high + wide_m
+    near = np.flatnonzero(np.all((place >= low) & (place <= high), axis=1))
+    if len(near) < 4:
+        return NONE, own
+    inner = np.isin(near, own, assume_unique=True)
+    triangles = _triangles(place[near])
+    triangles = triangles[inner[triangles].any(axis=1)]
+    centre, radius = _circles(place[near[triangles]])
+    with np.errstate(invalid="ignore"):
+        sure = np.all((centre - radius[:, None] > low) & (centre + radius[:, None] < high), axis=1)
+    whole = inner & _surrounded(triangles, len(near))
+    whole[triangles[~sure]] = False
+    kept = triangles[whole[triangles].any(axis=1)]
+    return near[kept].astype(np.int32), near[inner & ~whole]
+
+
+def _surrounded(triangles: Int[np.ndarray, "triangle 3"], points: int) -> Bool[np.ndarray, " point"]:
+    """Return the points around which triangles close: as many neighbours as triangles, and at least one."""
+    following, before = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, 1, axis=1).ravel()
+    at = triangles.ravel().astype(np.int64)
+    neighbours = np.unique(np.concatenate([at * points + following, at * points + before]))
+    count = np.bincount(at, minlength=points)
+    return (count > 0) & (np.bincount(neighbours // points, minlength=points) == count)
+
+
+def _each_once(found: Sequence[np.ndarray], pieces: Sequence[np.ndarray], points: int) -> Int[np.ndarray, "triangle 3"]:
+    """Return all triangles once: several pieces have those between them."""
+    piece = np.empty(points, dtype=np.int32)
+    for number, own in enumerate(pieces):
+        piece[own] = number
+    together = np.concatenate(found)
+    of = piece[together]
+    shared = (of != of[:, :1]).any(axis=1)
+    between = np.unique(np.sort(together[shared], axis=1), axis=0)
+    return np.concatenate([together[~shared], between])
+
+
+def _circles(
+    corner: Float[np.ndarray, "triangle 3 2"],
+) -> tuple[Float[np.ndarray, "triangle 2"], Float[np.ndarray, " triangle"]]:
+    """Return centres and radii of the circles through corners; not finite where these are on one line."""
+    b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    twice = 2 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+    bb, cc = np.sum(b**2, axis=1), np.sum(c**2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = (c[:, 1] * bb - b[:, 1] * cc) / twice, (b[:, 0] * cc - c[:, 0] * bb) / twice
+    return corner[:, 0] + np.column_stack([x, y]), np.hypot(x, y)
