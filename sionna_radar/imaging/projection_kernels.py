@@ -3,6 +3,7 @@
 import math
 from typing import no_type_check
 
+import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy import ndarray
 from scipy.constants import speed_of_light
@@ -21,7 +22,7 @@ def project(
     high: int,
     pixel_m: Float[ndarray, "pixel 3"],
     row: Int[ndarray, " lit"],
-    pose: tuple[Float[ndarray, "pulse 3"], Float[ndarray, "pulse 3"], Float[ndarray, "pulse 3 3"]],
+    pose: tuple[Float[ndarray, "3 lit"], Float[ndarray, "3 lit"], Float[ndarray, "3 lit"], Float[ndarray, "3 lit"]],
     spectra: Complex[ndarray, "pulse bin"],
     sweep: tuple[float, float, float, float],
     weighting: tuple[float, Float[ndarray, " node"], Float[ndarray, " n"], bool],
@@ -38,7 +39,7 @@ def project(
     row:
         Pulses that light some of them.
     pose:
-        Measured positions, velocities and R_world_antenna of all pulses.
+        Measured positions and velocities of these, and the directions ahead and to the left of their antennas.
     spectra:
         Range spectra of all pulses.
     sweep:
@@ -50,43 +51,69 @@ def project(
         Sums of weighted values, sums of weights times two-way beam, and numbers of pulses.
 
     """
-    position_m, velocity_mps, R_world_antenna = pose
     total, weight_sum, count = image
-    carrier_hz, slope_hz_s, direction, bins_per_hz = sweep
     reach, taper, voltage, flat = weighting
-    bins = spectra.shape[1]
+    last = spectra.shape[1] - 1
+    # By pulse: place in the spectrum, -1 where the pixel is not lit; cosine and sine of its phase; direction cosine.
+    seen = np.empty((4, len(row)))
     for pixel in range(low, high):
-        for k in row:
-            x = pixel_m[pixel, 0] - position_m[k, 0]
-            y = pixel_m[pixel, 1] - position_m[k, 1]
-            z = pixel_m[pixel, 2] - position_m[k, 2]
-            R = R_world_antenna[k]
-            left = x * R[0, 1] + y * R[1, 1] + z * R[2, 1]
-            range_m = math.sqrt(x * x + y * y + z * z)
-            ahead = x * R[0, 0] + y * R[1, 0] + z * R[2, 0]
-            if abs(left) > reach * range_m or ahead <= 0:
-                continue
-            v = velocity_mps[k]
-            per_range = 1 / range_m
-            # As `phase_polynomial`.
-            delay_s, stretch = S_PER_M * range_m, -S_PER_M * per_range * (x * v[0] + y * v[1] + z * v[2])
-            turns = direction * (carrier_hz * delay_s - slope_hz_s * delay_s**2 / 2)
-            shift_hz = carrier_hz * stretch - slope_hz_s * delay_s * stretch
-            place = direction * (shift_hz + slope_hz_s * delay_s) * bins_per_hz
-            if place < 0 or place >= bins - 1:
+        _look(pixel_m[pixel], pose, sweep, reach, seen[0], seen[1], seen[2], seen[3])
+        # The sums go on where they were, so that they do not depend on how many pulses are added at once.
+        real, imaginary, weights = total[pixel].real, total[pixel].imag, weight_sum[pixel]
+        for n in range(len(row)):
+            place = seen[0, n]
+            if place < 0 or place >= last:
                 continue
             below = int(place)
             share = place - below
-            value = spectra[k, below] * (1 - share) + spectra[k, below + 1] * share
-            u = left * per_range
+            spectrum = spectra[row[n]]
+            value = spectrum[below] * (1 - share) + spectrum[below + 1] * share
+            u = seen[3, n]
             two_way = _on_equal_steps(voltage, 1.0, u) ** 2
             weight = _on_equal_steps(taper, reach, u)
             if flat:
                 weight /= two_way
-            cosine, sine = turned(turns)
-            total[pixel] += weight * value * complex(cosine, -sine)
-            weight_sum[pixel] += weight * two_way
+            cosine, sine = weight * seen[1, n], weight * seen[2, n]
+            real += value.real * cosine + value.imag * sine
+            imaginary += value.imag * cosine - value.real * sine
+            weights += weight * two_way
             count[pixel] += 1
+        total[pixel], weight_sum[pixel] = complex(real, imaginary), weights
+
+
+@compiled
+@no_type_check
+def _look(
+    pixel_m: Float[ndarray, " 3"],
+    pose: tuple[Float[ndarray, "3 lit"], Float[ndarray, "3 lit"], Float[ndarray, "3 lit"], Float[ndarray, "3 lit"]],
+    sweep: tuple[float, float, float, float],
+    reach: float,
+    place: Float[ndarray, " lit"],
+    cosine: Float[ndarray, " lit"],
+    sine: Float[ndarray, " lit"],
+    u: Float[ndarray, " lit"],
+) -> None:
+    """Write where the echo of a pixel lies in the spectra of pulses, -1 for those that do not light it, and its phase.
+
+    Without a branch and pulse after pulse in memory, so that several are worked out at once.
+    """
+    position_m, velocity_mps, axis, side = pose
+    carrier_hz, slope_hz_s, direction, bins_per_hz = sweep
+    px, py, pz = pixel_m[0], pixel_m[1], pixel_m[2]
+    for n in range(len(place)):
+        x, y, z = px - position_m[0, n], py - position_m[1, n], pz - position_m[2, n]
+        left = x * side[0, n] + y * side[1, n] + z * side[2, n]
+        ahead = x * axis[0, n] + y * axis[1, n] + z * axis[2, n]
+        range_m = math.sqrt(x * x + y * y + z * z)
+        per_range = 1 / range_m
+        approach = x * velocity_mps[0, n] + y * velocity_mps[1, n] + z * velocity_mps[2, n]
+        # As `phase_polynomial`.
+        delay_s, stretch = S_PER_M * range_m, -S_PER_M * per_range * approach
+        shift_hz = carrier_hz * stretch - slope_hz_s * delay_s * stretch
+        at = direction * (shift_hz + slope_hz_s * delay_s) * bins_per_hz
+        place[n] = at if (abs(left) <= reach * range_m) & (ahead > 0) else -1.0
+        cosine[n], sine[n] = turned(direction * (carrier_hz * delay_s - slope_hz_s * delay_s**2 / 2))
+        u[n] = left * per_range
 
 
 @compiled

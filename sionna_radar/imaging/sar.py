@@ -56,8 +56,7 @@ class SarImage:
 class BackProjection:
     """An image accumulated block by block of pulses.
 
-    Memory holds the image and `PULSES_AT_ONCE` spectra; the block size does not change the image beyond
-    rounding.
+    Memory holds the image and `PULSES_AT_ONCE` spectra; the block size does not change the image.
     """
 
     def __init__(
@@ -146,7 +145,9 @@ class BackProjection:
         chirp, aperture = self._chirp, self._aperture
         sweep = (chirp.carrier_hz, chirp.slope_hz_s, float(chirp.direction), chirp.duration_s * ZERO_PADDING)
         weighting = (aperture.reach, aperture.taper, aperture.azimuth.voltage, aperture.weighting == "flat")
-        poses = (pose.position_m, pose.velocity_mps, pose.R_world_antenna)
+        R_world_antenna = pose.R_world_antenna[lit]
+        vectors = (pose.position_m[lit], pose.velocity_mps[lit], R_world_antenna[:, :, 0], R_world_antenna[:, :, 1])
+        poses = tuple(np.ascontiguousarray(vector.T) for vector in vectors)
         image = (self._sum[chunk], self._weight[chunk], self._pulses[chunk])
 
         def part(low: int, high: int) -> None:

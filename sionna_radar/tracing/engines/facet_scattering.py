@@ -36,7 +36,7 @@ class FacetScattering:
         normal: Float[np.ndarray, "facet 3"],
         surface: Int[np.ndarray, " facet"],
         identity: UInt64[np.ndarray, " facet"],
-        R_world_antenna: Float[np.ndarray, "3 3"],
+        R_world_antenna: Float[np.ndarray, "facet 3 3"],
     ) -> Complex[np.ndarray, " facet"]:
         """Return amplitudes whose squares are cross-sections per unit area.
 
@@ -47,7 +47,7 @@ class FacetScattering:
         surface, identity:
             The surface of each facet, and its unique identity.
         R_world_antenna:
-            Orientation of the antenna.
+            Orientation of the antenna that sees each.
 
         """
         cosine = np.minimum(-np.einsum("fi,fi->f", direction, normal), 1.0)
@@ -62,7 +62,7 @@ class FacetScattering:
                 if kept != 0:
                     amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
                 continue
-            fields = self._fields(direction[own], normal[own], R_world_antenna)
+            fields = self._fields(direction[own], normal[own], R_world_antenna[own])
             amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
         return amplitude
 
@@ -70,7 +70,7 @@ class FacetScattering:
         self,
         direction: Float[np.ndarray, "facet 3"],
         normal: Float[np.ndarray, "facet 3"],
-        R_world_antenna: Float[np.ndarray, "3 3"],
+        R_world_antenna: Float[np.ndarray, "facet 3 3"],
     ) -> tuple[Inexact[np.ndarray, "facet 2"], Inexact[np.ndarray, "facet 2"]]:
         """Return the transmitted and the received field along v and h of each facet."""
         across = np.cross(direction, normal)
@@ -80,8 +80,10 @@ class FacetScattering:
         across[level] = np.cross(direction[level], np.eye(3)[np.argmin(np.abs(direction[level]), axis=1)])
         across /= np.linalg.norm(across, axis=1)[:, None]
         axes = np.stack([np.cross(across, direction), across], axis=1)
-        ahead = direction @ R_world_antenna
-        transmitted, received = (field @ R_world_antenna.T for field in self._antenna.fields(ahead))
+        ahead = np.einsum("fi,fij->fj", direction, R_world_antenna)
+        transmitted, received = (
+            np.einsum("fi,fji->fj", field, R_world_antenna) for field in self._antenna.fields(ahead)
+        )
         return np.einsum("fai,fi->fa", axes, transmitted), np.einsum("fai,fi->fa", axes, received)
 
 

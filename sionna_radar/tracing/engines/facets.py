@@ -2,7 +2,7 @@
 
 Rouveure et al. 2017, section 3: the surface is a set of facets; each facet visible to the radar inside the
 antenna's footprint is one scatterer of cross-section sigma0 A, and the echo is their coherent sum. Geometry,
-index, amplitudes and phases use NumPy and SciPy, not Sionna. Only the shadow test is shared:
+index, amplitudes and phases use NumPy, SciPy and machine code of their own, not Sionna. Only the shadow test is shared:
 the scene's `RayCaster` (Mitsuba's ray casting) determines whether a facet's centre is visible.
 
 Footprint: the directions where the outer envelope of the two-way pattern is above `FOOTPRINT_DB` of its peak.
@@ -22,7 +22,8 @@ division changes gets new phases there, like a different surface.
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -32,11 +33,12 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.mixing import FIRST_STEP, split_mix, unit_of
+from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.facet_index import FOOTPRINT_DB, FacetIndex, Footprint
+from sionna_radar.tracing.engines.facet_index import FOOTPRINT_DB, FacetIndex, Fineness, Footprint
 from sionna_radar.tracing.engines.facet_mesh import Facets, Scatterers, facets_of
 from sionna_radar.tracing.engines.facet_scattering import FacetScattering
 from sionna_radar.tracing.paths import Paths
@@ -46,12 +48,15 @@ from sionna_radar.tracing.wander import wander_hz
 # where the footprint is smallest, the echo of a plane is then within 0.03 dB of the integral.
 BEAM_SHARE = 1 / 3
 RANGE_CELLS = 2.5
-FINEST_M = 1e-3
 # Facets up to this many times too long are divided in one step.
 MOST_PARTS = 4
 # A facet's centre lies on the mesh it is tested against, to within the float32 precision of the ray caster.
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
+# A wavefront is of at most this many times as many pulses as the one before it.
+GROWTH = 8
+# Of one thread: few enough for its cache.
+PULSES_AT_ONCE, ROWS_AT_ONCE = 16, 16384
 # Draws a facet's Doppler shift apart from its phases, whose steps are the numbers of pulses.
 WANDER_STEP = np.array([2**63], dtype=np.uint64)
 # Of one pulse: a gigabyte.
@@ -60,13 +65,15 @@ MOST_FACETS = 5_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class _Echoes(Columns):
-    """The echoes of one pulse's facets if none were occluded.
+    """The echoes of facets if none were occluded, sorted by pulse.
 
+    row: of the pulse in its block.
     gain: amplitude of each echo, with only the phase of its scattering matrix.
     """
 
+    row: Int[np.ndarray, " facet"]
     gain: Complex[np.ndarray, " facet"]
-    away_m: Float[np.ndarray, "facet 3"]
+    place_m: Float[np.ndarray, "facet 3"]
     cos_incidence: Float[np.ndarray, " facet"]
     identity: UInt64[np.ndarray, " facet"]
     surface: Int[np.ndarray, " facet"]
@@ -113,8 +120,9 @@ class GammaEngine:
         self._two_sided = np.array([surface.two_sided for surface in scene.surfaces])
         self._footprint = Footprint.of(antenna, footprint_db)
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        self._side_per_metre = beam_share * min(antenna.beamwidths_rad)
-        self._longest_side_m = range_cells * chirp.range_resolution_m
+        self._fineness = Fineness(
+            per_metre=beam_share * min(antenna.beamwidths_rad), longest_m=range_cells * chirp.range_resolution_m
+        )
         self._scattering = FacetScattering(scene, antenna)
         self._speckle = speckle
         self._wander_hz = 0.0 if decorrelation_time_s is None else wander_hz(decorrelation_time_s)
@@ -125,139 +133,133 @@ class GammaEngine:
         other = copy(self)
         other._antenna = antenna
         other._footprint = Footprint.of(antenna, self._footprint_db)
-        other._side_per_metre = self._beam_share * min(antenna.beamwidths_rad)
+        other._fineness = replace(self._fineness, per_metre=self._beam_share * min(antenna.beamwidths_rad))
         other._scattering = FacetScattering(self._scene, antenna)
         return other
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, one for each facet seen."""
-        return Paths.concatenate([self._visible(pulses, *batch) for batch in self._batches(pulses)])
+        return Paths.concatenate([self._visible(pulses, echoes) for echoes in self._wavefronts(pulses.true)])
 
-    def _batches(self, pulses: Pulses) -> Iterator[tuple[list[int], list[_Echoes]]]:
-        """Yield rows of the block with their echoes, few enough for one wavefront of rays."""
-        rows: list[int] = []
-        found: list[_Echoes] = []
-        count = 0
-        for row in range(len(pulses)):
-            rows.append(row)
-            found.append(self._echoes(pulses.true, row))
-            count += len(found[-1])
-            if count > RAYS_AT_ONCE:
-                yield rows, found
-                rows, found, count = [], [], 0
-        if rows:
-            yield rows, found
+    def _wavefronts(self, pose: Pose) -> Iterator[_Echoes]:
+        """Yield the echoes of consecutive poses, some `RAYS_AT_ONCE` at a time; their number changes no result."""
+        low, count = 0, 1
+        while low < len(pose):
+            count = min(count, len(pose) - low)
+            bounds = [(low + first, low + last) for first, last in parts(count, PULSES_AT_ONCE)]
+            echoes = _Echoes.concatenate(list(in_threads(partial(self._echoes, pose), bounds)))
+            yield echoes
+            low += count
+            # As many as before may come of each, or of the first of all, which may see little, some more.
+            count = min(GROWTH * count, max(1, RAYS_AT_ONCE * count // max(len(echoes), 1)))
 
-    def _echoes(self, pose: Pose, row: int) -> _Echoes:
-        """Return the echoes of the facets in the footprint of one pulse that face the radar.
+    def _echoes(self, pose: Pose, low: int, high: int) -> _Echoes:
+        """Return the echoes of the facets that face the radar in the footprints of poses from low to high.
 
         Their power is G^2 lambda^2 sigma0 A / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 4 and 5).
         """
-        position, R_world_antenna = pose.position_m[row], pose.R_world_antenna[row]
-        facets = self._in_footprint(position, R_world_antenna)
-        away, normal = facets.place_m - position, facets.normal_m2
-        range_m = np.sqrt(np.einsum("fi,fi->f", away, away))
-        twice_area = np.sqrt(np.einsum("fi,fi->f", normal, normal))
+        row, facets = self._in_footprints(pose, low, high)
+        away, normal = facets.place_m - pose.position_m[row], facets.normal_m2
         toward = -np.einsum("fi,fi->f", normal, away)
         behind = (toward < 0) & self._two_sided[facets.surface]
         normal[behind], toward[behind] = -normal[behind], -toward[behind]
         facing = np.flatnonzero(toward > 0)
-        away, range_m, twice_area = away[facing], range_m[facing], twice_area[facing]
+        row, facets, away, normal, toward = (
+            row[facing],
+            facets.rows(facing),
+            away[facing],
+            normal[facing],
+            toward[facing],
+        )
+        range_m, twice_area = (np.sqrt(np.einsum("fi,fi->f", vector, vector)) for vector in (away, normal))
         direction = away / range_m[:, None]
-        antenna_gain = self._antenna.gain(direction @ R_world_antenna)
+        R_world_antenna = pose.R_world_antenna[row]
+        antenna_gain = self._antenna.gain(_seen_along(direction, R_world_antenna))
         amplitude = self._scattering.amplitude(
-            direction,
-            normal[facing] / twice_area[:, None],
-            facets.surface[facing],
-            facets.identity[facing],
-            R_world_antenna,
+            direction, normal / twice_area[:, None], facets.surface, facets.identity, R_world_antenna
         )
         spread = antenna_gain * self._wavelength_m * np.sqrt(twice_area / 2) / ((4 * np.pi) ** 1.5 * range_m**2)
         return _Echoes(
+            row=row,
             gain=spread * amplitude,
-            away_m=away,
-            cos_incidence=np.minimum(toward[facing] / (twice_area * range_m), 1.0),
-            identity=facets.identity[facing],
-            surface=facets.surface[facing],
+            place_m=facets.place_m,
+            cos_incidence=np.minimum(toward / (twice_area * range_m), 1.0),
+            identity=facets.identity,
+            surface=facets.surface,
         )
 
-    def _in_footprint(
-        self, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
-    ) -> Scatterers:
-        """Return the facets whose centres lie in the footprint, the coarse ones divided until they are fine."""
-        place = self._index.search(self._footprint, position_m, R_world_antenna)
-        away = self._index.scatterers.place_m[place] - position_m
-        parts = self._parts(self._index.side_m[place], away)
-        radius = np.where(parts > 1, self._index.radius_m[place], 0.0)
-        met = self._footprint.meets(away @ R_world_antenna, radius)
-        whole = self._index.scatterers.rows(place[met & (parts == 1)])
-        coarse = place[met & (parts > 1)]
-        if not len(coarse):
-            return whole
-        return Scatterers.concatenate(
-            [whole, *self._divided(self._index.facets.rows(coarse), position_m, R_world_antenna)]
-        )
+    def _in_footprints(self, pose: Pose, low: int, high: int) -> tuple[Int[np.ndarray, " facet"], Scatterers]:
+        """Return the facets whose centres lie in the footprints of poses, the coarse ones divided until they are fine.
+
+        The row of the pose of each is returned with them; they are sorted by it.
+        """
+        row, place, coarse = self._index.search(self._footprint, self._fineness, pose, low, high)
+        if not coarse.any():
+            return row, self._index.scatterers.rows(place)
+        found = [(row[~coarse], self._index.scatterers.rows(place[~coarse]))]
+        found += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
+        row = np.concatenate([rows for rows, _ in found])
+        order = np.argsort(row, kind="stable")
+        return row[order], Scatterers.concatenate([facets for _, facets in found]).rows(order)
 
     def _divided(
-        self, facets: Facets, position_m: Float[np.ndarray, " 3"], R_world_antenna: Float[np.ndarray, "3 3"]
-    ) -> list[Scatterers]:
-        """Return the parts of facets whose centres lie in the footprint, divided until they are fine."""
-        fine: list[Scatterers] = []
+        self, facets: Facets, row: Int[np.ndarray, " facet"], pose: Pose
+    ) -> list[tuple[Int[np.ndarray, " _"], Scatterers]]:
+        """Return the parts of facets whose centres lie in the footprints of their poses, divided until fine."""
+        fine: list[tuple[Int[np.ndarray, " _"], Scatterers]] = []
         while len(facets):
-            if len(facets) + sum(len(part) for part in fine) > MOST_FACETS:
+            if np.bincount(np.concatenate([row, *(rows for rows, _ in fine)])).max() > MOST_FACETS:
                 message = (
                     f"'gamma' divides the ground in one beam into more than {MOST_FACETS:,} facets; set 'sionna', or "
                     "give an antenna that sends less beside its beam"
                 )
                 raise ScenarioError([Problem("tracing.engine", message)])
-            away = facets.centre_m - position_m
+            away = facets.centre_m - pose.position_m[row]
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
-            parts = self._parts(side, away)
+            cuts = self._fineness.parts(side, np.sqrt(np.einsum("fi,fi->f", away, away)))
             # No point of a triangle lies farther from its centroid than two thirds of the longest side.
-            radius = np.where(parts > 1, 2 / 3 * side, 0.0)
-            met = self._footprint.meets(away @ R_world_antenna, radius)
-            fine.append(facets.rows(met & (parts == 1)).scatterers)
-            few = met & (parts > 1) & (parts <= MOST_PARTS)
-            for count in np.unique(parts[few]):
-                pieces = facets.rows(few & (parts == count)).divided(int(count)).scatterers
-                inside = self._footprint.meets((pieces.place_m - position_m) @ R_world_antenna, 0.0)
-                fine.append(pieces.rows(inside))
+            radius = np.where(cuts > 1, 2 / 3 * side, 0.0)
+            met = self._footprint.meets(_seen_along(away, pose.R_world_antenna[row]), radius)
+            whole = met & (cuts == 1)
+            fine.append((row[whole], facets.rows(whole).scatterers))
+            few = met & (cuts > 1) & (cuts <= MOST_PARTS)
+            for count in np.unique(cuts[few]):
+                own = few & (cuts == count)
+                pieces = facets.rows(own).divided(int(count)).scatterers
+                rows = np.tile(row[own], int(count) ** 2)
+                away = pieces.place_m - pose.position_m[rows]
+                inside = self._footprint.meets(_seen_along(away, pose.R_world_antenna[rows]), 0.0)
+                fine.append((rows[inside], pieces.rows(inside)))
             # Parts of very long facets outside the beam are dropped before they are divided in one step.
-            facets = facets.rows(met & (parts > MOST_PARTS)).halved()
+            many = met & (cuts > MOST_PARTS)
+            facets, row = facets.rows(many).halved(), np.tile(row[many], 2)
         return fine
 
-    def _parts(
-        self, side_m: Float[np.ndarray, " facet"], away_m: Float[np.ndarray, "facet 3"]
-    ) -> Int[np.ndarray, " facet"]:
-        """Return into how many parts the sides of facets are cut, by the longest and the distance of each."""
-        longest = np.minimum(
-            self._side_per_metre * np.sqrt(np.einsum("fi,fi->f", away_m, away_m)), self._longest_side_m
-        )
-        parts: Int[np.ndarray, " facet"] = np.ceil(side_m / np.maximum(longest, FINEST_M)).astype(np.int64)
-        return parts
-
-    def _visible(self, pulses: Pulses, rows: list[int], found: list[_Echoes]) -> Paths:
+    def _visible(self, pulses: Pulses, echoes: _Echoes) -> Paths:
         """Return the paths of visible scatterers."""
-        row = np.repeat(np.array(rows, dtype=np.int64), [len(f.gain) for f in found])
-        together = _Echoes.concatenate(found)
-        origin = pulses.true.position_m[row]
-        point = origin + together.away_m
-        seen = together.gain != 0
-        if seen.any():
-            seen[seen] = self._caster.visible(origin[seen], point[seen], SHADOW_TOLERANCE_M)
-        turns = self._turn(together.identity[seen], pulses.index[row[seen]])
+        origin = pulses.true.position_m[echoes.row]
+        visible = self._caster.visible(origin, echoes.place_m, SHADOW_TOLERANCE_M)
+        seen = np.flatnonzero(visible & (echoes.gain != 0))
+        bounds = parts(len(seen), ROWS_AT_ONCE) or [(0, 0)]
+        return Paths.concatenate(
+            list(in_threads(lambda low, high: self._paths(pulses, echoes.rows(seen[low:high])), bounds))
+        )
+
+    def _paths(self, pulses: Pulses, echoes: _Echoes) -> Paths:
+        """Return the paths of scatterers with their phases."""
+        turns = self._turn(echoes.identity, pulses.index[echoes.row])
         if self._wander_hz:
-            turns = turns + self._wander_hz * self._wander(together.identity[seen]) * pulses.time_s[row[seen]]
+            turns = turns + self._wander_hz * self._wander(echoes.identity) * pulses.time_s[echoes.row]
         phase = 2 * np.pi * np.mod(turns, 1.0)
         turn = np.empty(len(phase), dtype=np.complex128)
         turn.real, turn.imag = np.cos(phase), np.sin(phase)
         return Paths.to_points(
             pulses,
-            row[seen],
-            point[seen],
-            gain=together.gain[seen] * turn,
-            incidence_rad=np.arccos(together.cos_incidence[seen]),
-            surface=together.surface[seen],
+            echoes.row,
+            echoes.place_m,
+            gain=echoes.gain * turn,
+            incidence_rad=np.arccos(echoes.cos_incidence),
+            surface=echoes.surface,
         )
 
     def _turn(
@@ -273,3 +275,10 @@ class GammaEngine:
         """Return a number of the two-sided exponential distribution of mean size one for each facet."""
         share = 2 * unit_of(split_mix(identity ^ self._key, WANDER_STEP)) - 1
         return np.sign(share) * -np.log(np.maximum(1 - np.abs(share), 2.0**-60))
+
+
+def _seen_along(
+    vector: Float[np.ndarray, "facet 3"], R_world_antenna: Float[np.ndarray, "facet 3 3"]
+) -> Float[np.ndarray, "facet 3"]:
+    """Return vectors, each in the frame of an antenna of its own."""
+    return np.einsum("fi,fij->fj", vector, R_world_antenna)

@@ -18,7 +18,8 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines import facets
-from sionna_radar.tracing.engines.facet_index import Footprint
+from sionna_radar.tracing.engines.facet_index import FacetIndex, Fineness, Footprint
+from sionna_radar.tracing.engines.facet_kernels import LEAST_ROOM
 from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.facets import GammaEngine
 from worlds import make_scene, make_surface
@@ -246,3 +247,18 @@ def test_each_surface_scatters_with_its_own_material(pencil):
     paths = engine_over(scene, pencil, make_chirp()).trace(make_pulses(1, incidence_deg=30.0))
     power = np.bincount(paths.surface, np.abs(paths.gain) ** 2)
     assert db(power[1] / power[0]) == pytest.approx(10.0, abs=0.05)
+
+
+def test_the_search_finds_what_a_look_at_every_facet_does(rough, pencil):
+    index, footprint = FacetIndex(facets_of(rough.surfaces)), Footprint.of(pencil, -50.0)
+    fineness = Fineness(per_metre=0.012, longest_m=0.75)
+    pose = make_pulses(40, incidence_deg=45.0, scan_deg=np.linspace(-30, 30, 40)).true
+    row, place, coarse = index.search(footprint, fineness, pose, 3, 40)
+    for pulse in range(3, 40):
+        away = index.scatterers.place_m - pose.position_m[pulse]
+        divided = fineness.parts(index.side_m, np.linalg.norm(away, axis=1)) > 1
+        met = footprint.meets(away @ pose.R_world_antenna[pulse], np.where(divided, index.radius_m, 0.0))
+        np.testing.assert_array_equal(place[row == pulse], np.flatnonzero(met))
+        np.testing.assert_array_equal(coarse[row == pulse], divided[met])
+    # More than there is room for at first.
+    assert len(place) > LEAST_ROOM
