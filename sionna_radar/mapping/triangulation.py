@@ -28,7 +28,7 @@ NONE = np.zeros((0, 3), dtype=np.int32)
 def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "triangle 3"]:
     """Return the corners of the Delaunay triangles of points; none of points that are too few or all on one line."""
     if len(place) <= 2 * PIECE_POINTS:
-        return _triangles(place)
+        return _triangles(place)[0]
     pieces = list(_pieces(place, np.arange(len(place))))
     around = AROUND
     while True:
@@ -42,9 +42,9 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
             break
         around *= 2
         if around > np.sqrt(len(place)):
-            return _triangles(place)
+            return _triangles(place)[0]
     missing.sort()
-    outer = missing[_triangles(place[missing])].astype(np.int32)
+    outer = missing[_triangles(place[missing])[0]].astype(np.int32)
     outer = outer[circles_hold_none(place[outer], KDTree(place))]
     return np.concatenate([_each_once([triangles for triangles, _ in found], pieces, len(place)), outer])
 
@@ -57,11 +57,17 @@ def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree)
     return found
 
 
-def _triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "triangle 3"]:
+def _triangles(place: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "triangle 3"], Bool[np.ndarray, " n"]]:
+    """Return the triangles of points, and the points that these surround."""
     try:
-        return np.asarray(Delaunay(place).simplices)
+        found = Delaunay(place)
     except (QhullError, ValueError):  # too few points, or all on one line
-        return NONE
+        return NONE, np.zeros(len(place), dtype=bool)
+    triangle, opposite = np.nonzero(found.neighbors < 0)
+    outline = found.simplices[triangle[:, None], (opposite[:, None] + [1, 2]) % 3]
+    surrounded = np.bincount(found.simplices.ravel(), minlength=len(place)) > 0
+    surrounded[outline] = False
+    return found.simplices, surrounded
 
 
 def _pieces(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"]) -> Iterator[Int[np.ndarray, " piece"]]:
@@ -87,24 +93,15 @@ def _piece(
     if len(near) < 4:
         return NONE, own
     inner = np.isin(near, own, assume_unique=True)
-    triangles = _triangles(place[near])
+    triangles, surrounded = _triangles(place[near])
     triangles = triangles[inner[triangles].any(axis=1)]
     centre, radius = _circles(place[near[triangles]])
     with np.errstate(invalid="ignore"):
         sure = np.all((centre - radius[:, None] > low) & (centre + radius[:, None] < high), axis=1)
-    whole = inner & _surrounded(triangles, len(near))
+    whole = inner & surrounded
     whole[triangles[~sure]] = False
     kept = triangles[whole[triangles].any(axis=1)]
     return near[kept].astype(np.int32), near[inner & ~whole]
-
-
-def _surrounded(triangles: Int[np.ndarray, "triangle 3"], points: int) -> Bool[np.ndarray, " point"]:
-    """Return the points around which triangles close: as many neighbours as triangles, and at least one."""
-    following, before = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, 1, axis=1).ravel()
-    at = triangles.ravel().astype(np.int64)
-    neighbours = np.unique(np.concatenate([at * points + following, at * points + before]))
-    count = np.bincount(at, minlength=points)
-    return (count > 0) & (np.bincount(neighbours // points, minlength=points) == count)
 
 
 def _each_once(found: Sequence[np.ndarray], pieces: Sequence[np.ndarray], points: int) -> Int[np.ndarray, "triangle 3"]:
