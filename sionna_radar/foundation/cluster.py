@@ -26,7 +26,7 @@ from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.memory import tune_heaps
 from sionna_radar.foundation.network import allow_network, network_allowed
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads
+from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
 from sionna_radar.foundation.versions import versions
 from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, name_of, named
 
@@ -57,7 +57,8 @@ def open_workers(
     Parameters
     ----------
     count:
-        Processes to start; the cores are shared among them.
+        Processes to start; the cores are shared among them. While they have nothing to do, this process may use as many
+        threads as all of them.
     scheduler:
         Address of a dask scheduler, tcp://HOST:PORT.
     ahead:
@@ -103,7 +104,8 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
-    threads = given_threads() or max(cores() // count, 1)
+    given = given_threads()
+    threads = given or max(cores() // count, 1)
     settings = {
         # What dask would set there, the threads of BLAS among it, is ours to choose.
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
@@ -130,7 +132,7 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
                 preload=[__name__],
             )
         try:
-            with Client(cluster, set_as_default=False) as client:
+            with Client(cluster, set_as_default=False) as client, threads_of_all(given and count * given):
                 yield client
         finally:
             _end(cluster)

@@ -4,6 +4,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
 
@@ -129,6 +130,23 @@ def given_threads() -> int | None:
         message = f"{text!r} is no number of threads; give 1 or more, or unset it"
         raise ScenarioError([Problem(THREADS_VARIABLE, message)], "environment")
     return int(text)
+
+
+@contextmanager
+def threads_of_all(number: int | None) -> Iterator[None]:
+    """Let this process use so many threads instead of what the environment allows one of several; None as it is."""
+    if number is None:
+        yield
+        return
+    before = os.environ.get(THREADS_VARIABLE)
+    os.environ[THREADS_VARIABLE] = str(number)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[THREADS_VARIABLE]
+        else:
+            os.environ[THREADS_VARIABLE] = before
 
 
 @cache

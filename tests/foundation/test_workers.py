@@ -77,6 +77,15 @@ def test_what_is_needed_is_loaded_before_the_first_task(pair):
     assert not json.loads(look(TASKS[0], lambda *_: None))["ahead"]
 
 
+def test_while_workers_wait_this_process_has_the_threads_of_all(monkeypatch):
+    monkeypatch.setenv(THREADS_VARIABLE, "1")
+    assert cores() == 1
+    with open_workers(2) as workers:
+        assert cores() == min(2, os.cpu_count() or 1)
+        assert {json.loads(found)["cores"] for _, found in workers.each(look, TASKS[:1] * 2)} == {1}
+    assert cores() == 1
+
+
 def test_warnings_and_the_leave_to_reach_the_network_travel(pair, caplog):
     with caplog.at_level(logging.WARNING), allow_network():
         (_, there), *_ = pair.each(look, [{"do": "warn", "x": 0}])
