@@ -59,8 +59,12 @@ GROWTH = 8
 PULSES_AT_ONCE, ROWS_AT_ONCE = 16, 16384
 # Draws a facet's Doppler shift apart from its phases, whose steps are the numbers of pulses.
 WANDER_STEP = np.array([2**63], dtype=np.uint64)
-# Of one pulse: a gigabyte.
+# Of one thread: a gigabyte.
 MOST_FACETS = 5_000_000
+
+
+class _TooManyError(Exception):
+    """More facets than memory is meant for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +158,21 @@ class GammaEngine:
             count = min(GROWTH * count, max(1, RAYS_AT_ONCE * count // max(len(echoes), 1)))
 
     def _echoes(self, pose: Pose, low: int, high: int) -> _Echoes:
-        """Return the echoes of the facets that face the radar in the footprints of poses from low to high.
+        """Return the echoes of the facets that face the radar in the footprints of poses from low to high."""
+        try:
+            return self._echoes_at_once(pose, low, high)
+        except _TooManyError:
+            if high - low == 1:
+                message = (
+                    f"'gamma' divides the ground in one beam into more than {MOST_FACETS:,} facets; set 'sionna', or "
+                    "give an antenna that sends less beside its beam"
+                )
+                raise ScenarioError([Problem("tracing.engine", message)]) from None
+        middle = (low + high) // 2
+        return _Echoes.concatenate([self._echoes(pose, low, middle), self._echoes(pose, middle, high)])
+
+    def _echoes_at_once(self, pose: Pose, low: int, high: int) -> _Echoes:
+        """Return what `_echoes` does, unless there are too many.
 
         Their power is G^2 lambda^2 sigma0 A / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 4 and 5).
         """
@@ -208,12 +226,8 @@ class GammaEngine:
         """Return the parts of facets whose centres lie in the footprints of their poses, divided until fine."""
         fine: list[tuple[Int[np.ndarray, " _"], Scatterers]] = []
         while len(facets):
-            if np.bincount(np.concatenate([row, *(rows for rows, _ in fine)])).max() > MOST_FACETS:
-                message = (
-                    f"'gamma' divides the ground in one beam into more than {MOST_FACETS:,} facets; set 'sionna', or "
-                    "give an antenna that sends less beside its beam"
-                )
-                raise ScenarioError([Problem("tracing.engine", message)])
+            if len(facets) + sum(len(rows) for rows, _ in fine) > MOST_FACETS:
+                raise _TooManyError
             away = facets.centre_m - pose.position_m[row]
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
             cuts = self._fineness.parts(side, np.sqrt(np.einsum("fi,fi->f", away, away)))

@@ -11,6 +11,7 @@ from scipy.stats import kstest
 
 from beams import make_chirp, plane_power
 from flights import make_pulses
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.mixing import split_mix
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scene.model import Scene, Surface
@@ -189,6 +190,20 @@ def test_phases_hang_on_the_seed_and_are_spread_evenly(rough, pencil):
     for paths in (one, other):
         assert kstest(np.angle(paths.gain[first]) / (2 * np.pi) + 0.5, "uniform").pvalue > 0.01
     assert abs(np.exp(1j * (np.angle(one.gain) - np.angle(other.gain)))[first].mean()) < 0.05
+
+
+def test_too_many_facets_for_memory_are_taken_pulse_by_pulse_and_refused_in_one(plane, pencil, monkeypatch):
+    """Over a mesh of 5 m all are divided, some thousands a pulse."""
+    engine, pulses = engine_over(plane, pencil, make_chirp()), make_pulses(40, incidence_deg=30.0)
+    whole = engine.trace(pulses)
+    each = int(np.bincount(whole.pulse).max())
+    monkeypatch.setattr(facets, "MOST_FACETS", 3 * each)
+    few = engine.trace(pulses)
+    np.testing.assert_array_equal(few.gain, whole.gain)
+    np.testing.assert_array_equal(few.delay_s, whole.delay_s)
+    monkeypatch.setattr(facets, "MOST_FACETS", each // 2)
+    with pytest.raises(ScenarioError, match="divides the ground in one beam into more than"):
+        engine.trace(pulses)
 
 
 def test_the_block_size_changes_no_bit(rough, pencil, monkeypatch):
