@@ -266,14 +266,14 @@ class PulseSchedule(PulseSequence):
         """Return pulses at any times; `index` is the key of their random numbers."""
         pointing = self.scan.point(time_s)
         euler = self.trajectory.euler(time_s)
-        R_world_body = world_from_body(euler)
-        R_world_mount = world_from_level(euler) if self.scan.stabilised else R_world_body
+        R_world_mount = world_from_level(euler) if self.scan.stabilised else world_from_body(euler)
         position, velocity = antenna_place(body_motion(self.trajectory, time_s), self.lever_arm_m)
         true = Pose(
             position_m=position, velocity_mps=velocity, R_world_antenna=R_world_mount @ pointing.R_mount_antenna
         )
         measured = true
         if self.navigation is not None:
+            R_world_body = world_from_body(euler) if self.scan.stabilised else R_world_mount
             R_body_antenna = R_world_body.transpose(0, 2, 1) @ true.R_world_antenna
             measured = self.navigation.measure(index, time_s, self.trajectory, R_body_antenna)
         return Pulses(

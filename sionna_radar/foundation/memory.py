@@ -1,6 +1,7 @@
 """Memory of this process."""
 
 import sys
+from collections.abc import Callable
 
 # Parameters of glibc's `mallopt` (malloc.h), and what they are set to: how many heaps threads share, how much free
 # memory a heap keeps at its end, and from which size on an array is a mapping of its own; glibc allows no larger one.
@@ -41,6 +42,13 @@ def release_memory() -> None:
     except (AttributeError, OSError, TypeError):  # another C library; Windows
         return
     trim(0)
+
+
+def let_rest(part: object) -> None:
+    """Let what has a method `rest` give back memory until it is used again."""
+    rest: Callable[[], None] | None = getattr(part, "rest", None)
+    if rest is not None:
+        rest()
 
 
 def peak_memory_mb() -> float:

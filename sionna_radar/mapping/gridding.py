@@ -8,6 +8,7 @@ edge: seen from the radar it is edge-on. Left empty too are cells in triangles b
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -25,7 +26,7 @@ LONGEST_SIDE_GAPS = 3.0
 # Points that are triangulated at once, and the least width of their windows, relative to the longest side.
 MOST_POINTS, LEAST_SIDES = 25_000, 4.0
 # Triangles whose shadows are looked for at once: it bounds the memory.
-AT_ONCE = 50_000
+AT_ONCE = 10_000
 
 
 # Filled cells, by their numbers in the grid; the three points around each; and their weights.
@@ -61,24 +62,20 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
 
     """
     highest = _highest(points)
-    known = _Known(
-        place=points.position_m[highest, :2],
-        z=points.position_m[highest, 2],
-        origin=points.origin_m[highest],
-        sigma_m=points.range_sigma_m[highest],
-    )
+    known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
     longest_m = LONGEST_SIDE_GAPS * max_gap_m
     windows = windows_of(grid, known.place, MOST_POINTS, LEAST_SIDES * longest_m)
-    everywhere = KDTree(known.place)
 
     def part(number: int, _: int) -> Filled:
         near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)
-        return _interpolated(known, np.flatnonzero(near), windows[number], everywhere, max_gap_m, shadow_incidence_rad)
+        return _interpolated(
+            known, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad
+        )
 
     found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
     height = np.full(grid.rows * grid.columns, np.nan)
     for cell, corner, share in found:
-        height[cell] = np.einsum("ck,ck->c", share, known.z[corner])
+        height[cell] = np.einsum("ck,ck->c", share, known.point_m[corner, 2])
     cell, corner, share = (np.concatenate(each) for each in zip(*found, strict=True))
     dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
     return Interpolated(dem, cell, highest[corner], share)
@@ -86,19 +83,28 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
 
 @dataclass(frozen=True, kw_only=True)
 class _Known(Columns):
-    """Points of different horizontal positions: these, heights, where each was seen from, errors of the ranges."""
+    """Points of different horizontal positions: rows among all points, positions, errors of the ranges."""
 
-    place: Float[np.ndarray, "n 2"]
-    z: Float[np.ndarray, " n"]
-    origin: Float[np.ndarray, "n 3"]
+    row: Int[np.ndarray, " n"]
+    point_m: Float[np.ndarray, "n 3"]
     sigma_m: Float[np.ndarray, " n"]
+
+    @property
+    def place(self) -> Float[np.ndarray, "n 2"]:
+        """Horizontal positions."""
+        return self.point_m[:, :2]
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """The horizontal positions, by which the nearest are found."""
+        return KDTree(self.place)
 
 
 def _interpolated(
     known: _Known,
     near: Int[np.ndarray, " near"],
+    origin_m: Float[np.ndarray, "point 3"],
     window: Window,
-    everywhere: KDTree,
     gap_m: float,
     incidence_rad: float,
 ) -> Filled:
@@ -107,21 +113,21 @@ def _interpolated(
     Only points near it are triangulated. All triangles that may fill a cell are among theirs, for these have no long
     sides; what is among them because farther points are not is sorted out.
     """
-    own = known.rows(near)
+    own = known if len(near) == len(known) else known.rows(near)
     simplices = delaunay_triangles(own.place)
     if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
     some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
-    kept = np.concatenate([_lit(each, own, gap_m, incidence_rad) for each in some])
-    kept &= ~wall_triangles(np.column_stack([own.place, own.z]), own.sigma_m, simplices, gap_m, window.grid.spacing_m)
+    kept = np.concatenate([_lit(own.point_m[each], origin_m[own.row[each]], gap_m, incidence_rad) for each in some])
+    kept &= ~wall_triangles(own.point_m, own.sigma_m, simplices, gap_m, window.grid.spacing_m)
     if len(near) < len(known):
-        kept[kept] = circles_hold_none(own.place[simplices[kept]], everywhere)
+        kept[kept] = circles_hold_none(own.place[simplices[kept]], known.tree)
     inside = _triangle_of_cells(own.place, simplices, kept, window)
     row, column = np.nonzero(inside >= 0)
     triangle = inside[row, column]
     row, column = row + window.rows.start, column + window.columns.start
     cell_m = np.column_stack([window.grid.x_m[column], window.grid.y_m[row]])
-    use = everywhere.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
+    use = known.tree.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
     corner = simplices[triangle[use]]
     share = _barycentric(own.place[corner], cell_m[use])
     return (row * window.grid.columns + column)[use], near[corner], share
@@ -153,13 +159,16 @@ def _highest(points: Points) -> Int[np.ndarray, " n"]:
 
 
 def _lit(
-    simplices: Int[np.ndarray, "triangle 3"], known: _Known, gap_m: float, incidence_rad: float
+    corner: Float[np.ndarray, "triangle 3 3"],
+    origin: Float[np.ndarray, "triangle 3 3"],
+    gap_m: float,
+    incidence_rad: float,
 ) -> Bool[np.ndarray, " triangle"]:
-    corner = np.column_stack([known.place, known.z])[simplices]
+    """Return the triangles that are neither too wide nor in shadow, by their corners and where these were seen from."""
     side = np.roll(corner, -1, axis=1) - corner
     normal = np.cross(side[:, 0], side[:, 1])
     normal *= np.sign(normal[:, 2:])
-    to_radar = known.origin[simplices].mean(axis=1) - corner.mean(axis=1)
+    to_radar = origin.mean(axis=1) - corner.mean(axis=1)
     cos = np.einsum("ti,ti->t", normal, to_radar)
     cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
     longest = np.linalg.norm(side, axis=2).max(axis=1)

@@ -7,7 +7,8 @@ of theirs, which are those at the outline: these few are triangulated together, 
 points.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,11 +34,11 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
     around = AROUND
     while True:
 
-        def of_piece(number: int, _: int, around: float = around) -> tuple[np.ndarray, np.ndarray]:
+        def of_piece(number: int, _: int, around: float = around) -> _Piece:
             return _piece(place, pieces[number], around)
 
         found = list(in_threads(of_piece, [(number, number + 1) for number in range(len(pieces))]))
-        missing = np.concatenate([own for _, own in found])
+        missing = np.concatenate([piece.missing for piece in found])
         if len(missing) <= MOST_MISSING * len(place):
             break
         around *= 2
@@ -46,7 +47,9 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
     missing.sort()
     outer = missing[_triangles(place[missing])[0]].astype(np.int32)
     outer = outer[circles_hold_none(place[outer], KDTree(place))]
-    return np.concatenate([_each_once([triangles for triangles, _ in found], pieces, len(place)), outer])
+    # Pieces side by side both have what lies between them.
+    between = np.unique(np.sort(np.concatenate([piece.between for piece in found]), axis=1), axis=0)
+    return np.concatenate([*(piece.inside for piece in found), between, outer])
 
 
 def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree) -> Bool[np.ndarray, " triangle"]:
@@ -82,16 +85,26 @@ def _pieces(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"]) -> It
     yield from _pieces(place, np.sort(own[order[half:]]))
 
 
-def _piece(
-    place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"], around: float
-) -> tuple[Int[np.ndarray, "triangle 3"], Int[np.ndarray, " missing"]]:
-    """Return triangles at the points of a piece that have all of theirs, and the points that do not."""
+@dataclass(frozen=True)
+class _Piece:
+    """The triangles at the points of a piece that have all of theirs, and the points that do not.
+
+    inside, between: triangles with all corners in the piece, and those with some in others.
+    """
+
+    inside: Int[np.ndarray, "inside 3"]
+    between: Int[np.ndarray, "between 3"]
+    missing: Int[np.ndarray, " missing"]
+
+
+def _piece(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"], around: float) -> _Piece:
+    """Return the triangles of a piece, found with the points around it."""
     low, high = place[own].min(axis=0), place[own].max(axis=0)
     wide_m = around * np.sqrt(np.prod(np.maximum(high - low, 1e-9)) / len(own))
     low, high = low - wide_m, high + wide_m
     near = np.flatnonzero(np.all((place >= low) & (place <= high), axis=1))
     if len(near) < 4:
-        return NONE, own
+        return _Piece(NONE, NONE, own)
     inner = np.isin(near, own, assume_unique=True)
     triangles, surrounded = _triangles(place[near])
     triangles = triangles[inner[triangles].any(axis=1)]
@@ -101,19 +114,9 @@ def _piece(
     whole = inner & surrounded
     whole[triangles[~sure]] = False
     kept = triangles[whole[triangles].any(axis=1)]
-    return near[kept].astype(np.int32), near[inner & ~whole]
-
-
-def _each_once(found: Sequence[np.ndarray], pieces: Sequence[np.ndarray], points: int) -> Int[np.ndarray, "triangle 3"]:
-    """Return all triangles once: several pieces have those between them."""
-    piece = np.empty(points, dtype=np.int32)
-    for number, own in enumerate(pieces):
-        piece[own] = number
-    together = np.concatenate(found)
-    of = piece[together]
-    shared = (of != of[:, :1]).any(axis=1)
-    between = np.unique(np.sort(together[shared], axis=1), axis=0)
-    return np.concatenate([together[~shared], between])
+    inside = inner[kept].all(axis=1)
+    number = near.astype(np.int32)
+    return _Piece(number[kept[inside]], number[kept[~inside]], near[inner & ~whole])
 
 
 def _circles(

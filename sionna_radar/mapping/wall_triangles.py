@@ -28,7 +28,7 @@ ROUNDS = 3
 # Triangles with less area, in plan view, have no slope.
 NO_AREA_M2 = 1e-9
 # Triangles that are looked at at once: it bounds the memory.
-AT_ONCE = 20_000
+AT_ONCE = 10_000
 
 
 def wall_triangles(
@@ -57,10 +57,10 @@ def wall_triangles(
     if not len(corner):
         return np.zeros(0, dtype=bool)
     bounds = parts(len(corner), AT_ONCE)
-    gradient, broad = (
-        np.concatenate(each) for each in zip(*(_slopes(point_m, corner[low:high]) for low, high in bounds), strict=True)
-    )
-    slope = np.hypot(*gradient.T)
+    slope, broad = np.empty(len(corner)), np.empty(len(corner), dtype=bool)
+    for low, high in bounds:
+        gradient, broad[low:high] = _slopes(point_m, corner[low:high])
+        slope[low:high] = np.hypot(*gradient.T)
     steep = _steep(point_m, sigma_m, corner, slope, least_m)
     side = _Sides.concatenate(
         [_high_sides(point_m, sigma_m, corner, slice(low, high), gap_m, least_m) for low, high in bounds]
@@ -68,9 +68,11 @@ def wall_triangles(
     if not len(side):
         return steep
     jump = slope > STEEP
+    beside = _touching(corner, np.concatenate([side.start, side.end]), len(point_m))
+    beside_corner, gradient = corner[beside], _slopes(point_m, corner[beside])[0]
     for _ in range(ROUNDS):
-        ground = broad & ~jump
-        beyond = _slopes_beyond(point_m, corner[ground], gradient[ground], side.start, side.end)
+        ground = (broad & ~jump)[beside]
+        beyond = _slopes_beyond(point_m, beside_corner[ground], gradient[ground], side.start, side.end)
         # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
         more_m = (side.rise_m - beyond * side.way_m) * np.sign(side.rise_m)
         jump = np.zeros(len(corner), dtype=bool)
@@ -126,17 +128,32 @@ def _steep(
 
     The ground's slope is the median over the other triangles there; and the height is none of the ranges' uncertainty.
     """
-    height = np.ptp(point_m[corner, 2], axis=1)
-    steep = (slope > STEEP) & (height > least_m) & (height > SURE_SIGMAS * sigma_m[corner].max(axis=1))
-    if not steep.any() or steep.all():
-        return np.zeros(len(corner), dtype=bool)
-    ground = np.nan_to_num(_medians(corner[~steep].ravel(), np.repeat(slope[~steep], 3), len(point_m)), nan=np.inf)
+    steep = np.flatnonzero(slope > STEEP)
+    height = np.ptp(point_m[corner[steep], 2], axis=1)
+    steep = steep[(height > least_m) & (height > SURE_SIGMAS * sigma_m[corner[steep]].max(axis=1))]
+    found = np.zeros(len(corner), dtype=bool)
+    if len(steep) in {0, len(corner)}:
+        return found
+    # The slope of the ground is wanted at their corners, and at the neighbours of these.
+    around = _touching(corner, corner[steep], len(point_m))
+    level = np.setdiff1d(_touching(corner, corner[around], len(point_m)), steep, assume_unique=True)
+    ground = np.nan_to_num(_medians(corner[level].ravel(), np.repeat(slope[level], 3), len(point_m)), nan=np.inf)
     # A point amid steep triangles alone may be an echo of the wall: the ground is that of its neighbours, if they have
     # any. On a hillside they have none either.
     beside = np.full(len(point_m), np.inf)
-    np.minimum.at(beside, corner.ravel(), np.repeat(ground[corner].min(axis=1), 3))
+    np.minimum.at(beside, corner[around].ravel(), np.repeat(ground[corner[around]].min(axis=1), 3))
     ground = np.where(np.isinf(ground), beside, ground)
-    return np.asarray(steep & (slope > STEEPER * np.median(ground[corner], axis=1)))
+    found[steep] = slope[steep] > STEEPER * np.median(ground[corner[steep]], axis=1)
+    return found
+
+
+def _touching(
+    corner: Int[np.ndarray, "triangle 3"], points: Int[np.ndarray, "..."], count: int
+) -> Int[np.ndarray, " touching"]:
+    """Return the triangles with a corner among some of so many points, in order."""
+    wanted = np.zeros(count, dtype=bool)
+    wanted[points] = True
+    return np.flatnonzero(wanted[corner].any(axis=1))
 
 
 def _slopes_beyond(

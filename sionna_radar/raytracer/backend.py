@@ -146,6 +146,13 @@ def load_mitsuba() -> Any:
     return mitsuba
 
 
+def release_arrays() -> None:
+    """Give back memory that Dr.Jit keeps for arrays to come; nothing where it is not loaded."""
+    drjit = sys.modules.get("drjit")
+    if drjit is not None:
+        drjit.flush_malloc_cache()
+
+
 def _use_threads() -> None:
     """Make Dr.Jit use as many threads as this process may.
 

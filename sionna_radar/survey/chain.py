@@ -15,12 +15,13 @@ from sionna_radar.foundation.decibel import to_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.memory import peak_memory_mb, release_memory
+from sionna_radar.foundation.memory import let_rest, peak_memory_mb, release_memory
 from sionna_radar.foundation.progress import Progress, default_progress
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.workers import Workers
 from sionna_radar.mapping.mapper import DemMethod
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.signal.rounding import rounding_over_noise
@@ -183,13 +184,10 @@ def _run(
     watch = Stopwatch()
     with watch("prepare"):
         prepared = scenario if isinstance(scenario, Prepared) else prepare(scenario, custom, progress)
-        progress("tracing", 0, 0)
-        sensor = prepared.build_sensor(watch)
     with recordings.recorders(prepared) as kept:
-        recording = record_with(
+        sensor, recording = record_with(
             workers,
             prepared,
-            sensor,
             block_size=block_size,
             progress=progress,
             watch=watch,
@@ -199,6 +197,8 @@ def _run(
         progress("mapping", 0, 0)
         with watch("map"):
             if len(recording.echoes) > MANY_ECHOES:
+                let_rest(sensor)
+                release_arrays()
                 release_memory()
             points = place(recording.echoes, sensor, prepared.flight, block_size=block_size)
             estimate = map_with(workers, prepared, recording, points, progress, parts)

@@ -85,8 +85,7 @@ def record_survey(
 
     """
     prepared = prepare(scenario, custom, progress)
-    sensor = prepared.build_sensor()
-    recording = record_with(workers, prepared, sensor, block_size=block_size, progress=progress, parts=parts)
+    sensor, recording = record_with(workers, prepared, block_size=block_size, progress=progress, parts=parts)
     return RecordedSurvey(prepared=prepared, sensor=sensor, recording=recording, truth=prepared.truth())
 
 

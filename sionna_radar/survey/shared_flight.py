@@ -8,6 +8,7 @@ from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.threads import beside
 from sionna_radar.foundation.workers import Failure, Task, Workers, each_kept
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
@@ -28,25 +29,38 @@ from sionna_radar.survey.stretches import FinishedStretch
 def record_with(
     workers: Workers | None,
     prepared: Prepared,
-    sensor: Sensor,
     *,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
     watch: Stopwatch | None = None,
     recorders: Sequence[Recorder] = (),
     parts: KeptParts | None = None,
-) -> Recording:
-    """Return what the sensor observed, flown by workers if there are any; with recorders by this process, as a whole.
+) -> tuple[Sensor, Recording]:
+    """Return a sensor and what it observed, flown by workers if there are any; with recorders by this process.
 
-    See `record` for the rest.
+    See `record` for the rest. While workers begin, this process builds the sensor, for what follows the flight.
+
+    Raises
+    ------
+    PluginError
+        Parts of the scenario were replaced from Python, which workers do not have.
+    RadarError
+        A stretch cannot be flown.
+
     """
     watch = watch or Stopwatch()
+    progress("tracing", 0, 0)
     if workers is not None and workers.count and not recorders:
+        refuse_custom(prepared.custom)
+        sensor = beside(prepared.build_sensor)
         with watch("workers"):
-            return record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
-    return record(
+            recording = record_on_workers(prepared, workers, block_size=block_size, progress=progress, parts=parts)
+        return sensor(), recording
+    with watch("prepare"):
+        own = prepared.build_sensor(watch)
+    return own, record(
         prepared,
-        sensor,
+        own,
         block_size=block_size,
         progress=progress,
         watch=watch,
@@ -69,13 +83,10 @@ def record_on_workers(
 
     Raises
     ------
-    PluginError
-        Parts of the scenario were replaced from Python, which workers do not have.
     RadarError
         A stretch cannot be flown.
 
     """
-    refuse_custom(prepared.custom)
     stretches = stretches_of(prepared, block_size)
     scenario = prepared.scenario.model_dump_json()
     tasks = {key_of(stretch): {"scenario": scenario, "blocks": stretch} for stretch in stretches}

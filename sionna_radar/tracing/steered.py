@@ -27,6 +27,11 @@ class SteeredTracer:
         paths = Paths.concatenate(found)
         return paths.rows(np.argsort(paths.pulse, kind="stable"))
 
+    def rest(self) -> None:
+        """Let the engines give back memory until more pulses are traced."""
+        for tracer in self._tracers:
+            tracer.rest()
+
 
 def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
     """Return the tracer of all beams, with engines that share what they know of the scene.

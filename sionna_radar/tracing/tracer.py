@@ -6,6 +6,7 @@ import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.kept_values import Same
+from sionna_radar.foundation.memory import let_rest
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
@@ -90,6 +91,10 @@ class Tracer:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, self._among_plants(targets, pulses)])
         return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
+
+    def rest(self) -> None:
+        """Let the engine give back memory until more pulses are traced."""
+        let_rest(self._engine)
 
     def _among_plants(self, paths: Paths, pulses: Pulses) -> Paths:
         return paths if self._canopy is None else self._canopy.through(paths, pulses)

@@ -61,6 +61,14 @@ def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_nav
     assert np.mean(np.abs(moved - 0.5)[np.isfinite(moved)] < 0.1) > 0.9
 
 
+def test_memory_given_back_before_the_map_changes_nothing(survey, monkeypatch):
+    """What the sensor forgets, the chirp on record has it draw again."""
+    monkeypatch.setattr("sionna_radar.survey.chain.MANY_ECHOES", 0)
+    other = run(scenario_of())
+    np.testing.assert_array_equal(other.dem.height_m, survey.dem.height_m)
+    np.testing.assert_array_equal(other.chirp.beat, survey.chirp.beat)
+
+
 def test_a_second_run_is_the_same_and_another_seed_is_not(survey):
     assert run(scenario_of()).points.sha256() == survey.points.sha256()
     assert run(scenario_of(seed=5)).points.sha256() != survey.points.sha256()

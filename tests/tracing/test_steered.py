@@ -48,6 +48,17 @@ def test_blocks_do_not_matter(prepared):
     np.testing.assert_array_equal(whole.gain, np.concatenate([part.gain for part in parts]))
 
 
+def test_a_rest_forgets_nothing_that_matters(prepared):
+    tracer = prepared.sensor_inputs().tracer()
+    pulses = prepared.flight.pulses(np.arange(12))
+    before = tracer.trace(pulses)
+    engine = tracer._tracers[0]._engine
+    assert engine._scatterers._used > 0
+    tracer.rest()
+    assert engine._scatterers._used == 0
+    np.testing.assert_array_equal(tracer.trace(pulses).gain, before.gain)
+
+
 def test_most_power_comes_from_the_beam_itself(prepared):
     """Two-way power falls off so fast that the half-power beam has most of an echo's."""
     pulses = prepared.flight.pulses(np.arange(12))

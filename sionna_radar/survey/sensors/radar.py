@@ -97,6 +97,10 @@ class Radar:
             saturated=self._counted(reception),
         )
 
+    def rest(self) -> None:
+        """Give back memory until more pulses are observed."""
+        self._thread.submit(self.tracer.rest).result()
+
     def beat(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
         """Return the beat signals of the first sweep of pulses, without what the processing takes out of them."""
         received = self._receiver.beat(self._trace(pulses), self._sent(pulses))

@@ -92,6 +92,10 @@ class PersistentEngine:
         other._mirrored = None if self._mirrored is None else self._mirrored.with_antenna(antenna)
         return other
 
+    def rest(self) -> None:
+        """Give back the memory of the scatterers until more pulses are traced."""
+        self._scatterers.rest()
+
     def _look_through(self, antenna: Antenna) -> None:
         self._beam = filled_beam(antenna)
         self._outer = OuterRays(antenna, self._beam, self._outer_rays, self._seed)
