@@ -11,10 +11,10 @@ fitted with a prior around one, so that it absorbs errors of the noise model but
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.optimize import minimize
@@ -34,8 +34,9 @@ LEAST_NOISE_M = 1e-3
 # Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
 NEW_NOISE = 0.03
 # Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
-# 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise.
-NOISE_FACTOR_SPREAD = 0.1
+# 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise: over real ground 0.1 left
+# half of what 0.05 calls rough to the noise.
+NOISE_FACTOR_SPREAD = 0.05
 # Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
 # Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
 # beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
@@ -139,6 +140,10 @@ class Measured:
     order: Float[np.ndarray, " n"]
     reach: Float[np.ndarray, " n"]
 
+    def rows(self, kept: Bool[np.ndarray, " n"]) -> "Measured":
+        """Return some of the heights."""
+        return replace(self, **{f.name: getattr(self, f.name)[kept] for f in fields(self)})
+
 
 def fit_covariance(
     measured: Measured, groups: int = GROUPS, noise_factor_spread: float = NOISE_FACTOR_SPREAD
@@ -192,14 +197,19 @@ def search_bounds(measured: Measured) -> list[tuple[float, float]]:
 
 
 def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
-    """Return groups of neighbouring heights, which the likelihood is summed over.
+    """Return groups of neighbouring heights, which the likelihood is summed over."""
+    kept = decorrelated(measured)
+    return [Group.of(measured, kept[rows]) for rows in _groups(measured.place_m[kept], groups)]
 
-    Of pulses that follow each other so closely that they share most of their speckle, one stands for several: together
-    they tell little more, and what the model of their correlation misses would pass for rough ground.
+
+def decorrelated(measured: Measured) -> Int[np.ndarray, " kept"]:
+    """Return the rows of heights that share little speckle.
+
+    Of pulses that follow each other so closely that they share most of it, one stands for several: together they tell
+    little more, and what the model of their correlation misses would pass for rough ground.
     """
     apart = max(1, int(np.median(measured.reach)))
-    kept = np.flatnonzero(measured.order % apart == 0) if apart > 1 else np.arange(len(measured.order))
-    return [Group.of(measured, kept[rows]) for rows in _groups(measured.place_m[kept], groups)]
+    return np.flatnonzero(measured.order % apart == 0) if apart > 1 else np.arange(len(measured.order))
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.distance import cdist
 
 from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.covariance import Covariance, FittedCovariance
 from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.local_relief import LocalRelief
 
 # Blocks of cells, and how far around them echoes count, at least; the nearest so many.
 BLOCK_CELLS, MARGIN_M, MOST_ECHOES = 32, 20.0, 600
@@ -34,11 +34,15 @@ JITTER = 1e-10
 
 @dataclass(frozen=True)
 class Kriging:
-    """What is known of a terrain: its covariance, the heights measured, and the factor on their noise's variance."""
+    """What is known of a terrain: its covariance, the heights measured, and the factor on their noise's variance.
+
+    local: amplitude of the terrain's short waves; None where it is one.
+    """
 
     covariance: Covariance
     heights: Heights
     noise_factor: float
+    local: LocalRelief | None = None
 
     @property
     def terrain(self) -> FittedCovariance:
@@ -65,7 +69,7 @@ class Kriging:
         near = self._near(place_m, MOST_OF_A_WINDOW)
         place_m, share, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
-        before = float(share @ self.covariance.at(cdist(place_m, place_m), spread) @ share)
+        before = float(share @ self._between(place_m, place_m, spread) @ share)
         if len(near) == 0:
             return float(np.sqrt(before))
         root, between = self._known(near, place_m, spread)
@@ -73,10 +77,10 @@ class Kriging:
         return float(np.sqrt(max(before - told @ told, 0.0)))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
-        before = self.covariance.variance_m2
+        before = self._before(place_m)
         near = self._near(place_m, MOST_ECHOES)
         if len(near) == 0:
-            return np.full(len(place_m), np.sqrt(before))
+            return np.sqrt(before)
         root, between = self._known(near, place_m)
         told = solve_lower(root, between)
         return np.sqrt(np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before))
@@ -97,13 +101,29 @@ class Kriging:
         """
         heights = self.heights.rows(near)
         spread = float(np.median(heights.spread_m))
-        farthest = float(np.hypot(*np.ptp(np.concatenate([heights.place_m, place_m]), axis=0))) + 1.0
-        total = self.covariance.table(farthest, spread, TABLE).between(heights.place_m, heights.place_m)
+        total = self._between(heights.place_m, heights.place_m, spread)
         noise = heights.variance_m2(self.noise_factor)
         total[np.diag_indices_from(total)] += noise + JITTER * self.covariance.variance_m2
-        halved = self.covariance.table(farthest, float(np.hypot(spread, around_m)) / np.sqrt(2), TABLE)
-        between = halved.between(heights.place_m, place_m)
+        between = self._between(heights.place_m, place_m, float(np.hypot(spread, around_m)) / np.sqrt(2))
         return np.linalg.cholesky(total), between
+
+    def _before(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        """Return the variance of heights before anything is measured."""
+        if self.local is None:
+            return np.full(len(place_m), self.covariance.variance_m2)
+        long, short = (table.value_m2[0] for table in self.local.divided(self.covariance, 1.0, 0.0, 2))
+        return long + self.local.at(place_m) ** 2 * short
+
+    def _between(
+        self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"], spread_m: float
+    ) -> Float[np.ndarray, "n m"]:
+        """Return the covariance of heights between places, both averaged over a Gaussian of the spread."""
+        farthest = float(np.hypot(*np.ptp(np.concatenate([one_m, other_m]), axis=0))) + 1.0
+        if self.local is None:
+            return self.covariance.table(farthest, spread_m, TABLE).between(one_m, other_m)
+        long, short = self.local.divided(self.covariance, farthest, spread_m, TABLE)
+        amplitude = np.outer(self.local.at(one_m), self.local.at(other_m))
+        return long.between(one_m, other_m) + amplitude * short.between(one_m, other_m)
 
 
 def _in_squares(

@@ -173,6 +173,7 @@ class Mapper:
     antenna, analyser: for methods that know the beam; no antenna for a lidar.
     doppler_corrected: whether ranges are corrected for Doppler shift.
     memory: how long the ground keeps its speckle.
+    microrelief_m: standard deviation of relief finer than the footprint.
     min_confidence_m: cells known less well than by this standard deviation are left out; None keeps all.
     """
 
@@ -185,6 +186,7 @@ class Mapper:
     analyser: SpectrumAnalyser
     doppler_corrected: bool
     memory: SpeckleMemory = STILL
+    microrelief_m: float = 0.0
     min_confidence_m: float | None = None
 
     @property
@@ -235,6 +237,9 @@ class Mapper:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
         overheard.complete("mapping")
+        if estimate.sigma is not None:
+            sigma_m = np.hypot(estimate.sigma.height_m, self.microrelief_m)
+            estimate = replace(estimate, sigma=replace(estimate.sigma, height_m=sigma_m))
         return estimate if self.min_confidence_m is None else estimate.where_known(self.min_confidence_m)
 
     def tiles(self, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Tiles | None:
@@ -334,5 +339,6 @@ def build_mapper(
         analyser=analyser,
         doppler_corrected=doppler_corrected,
         memory=memory or STILL,
+        microrelief_m=dem.microrelief_m,
         min_confidence_m=dem.min_confidence_m,
     )

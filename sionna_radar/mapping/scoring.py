@@ -67,7 +67,7 @@ def most_probable(
         near = model.footprints
         if number < CURVED:
             times, curvature = _curvature(model, looks, fitted.model)
-        score = fitted.model.coloured(_on_cells(near, model.score(looks), fitted.surface)) - fitted.white
+        score = fitted.model.adjoint(_on_cells(near, model.score(looks), fitted.surface)) - fitted.white
         change = fitted.model.solve(curvature, score, MOST_ITERATIONS, STEP_TOLERANCE, times)
         seen_m = middle @ fitted.model.coloured(change)
         by_m = float(np.sqrt(np.mean(seen_m**2)))

@@ -1,7 +1,8 @@
 """Smoothing surfaces: the most probable terrain given scattered heights, their noise and a covariance.
 
-A terrain is a plane plus a stationary Gaussian field, z = trend + root * white, on a padded periodic grid where
-`root` acts by the fast Fourier transform. In terms of the white field the posterior is
+A terrain is a plane plus a Gaussian field, z = trend + root * white, on a padded periodic grid where `root` acts by
+the fast Fourier transform. Where relief varies, long and short waves have fields of their own, the latter times the
+local amplitude. In terms of the white field the posterior is
 
     |white|^2 / 2 + sum over data of (data - prediction)^2 / (2 sigma^2),
 
@@ -23,6 +24,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import own_cores
 from sionna_radar.mapping.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.local_relief import LocalRelief, calm, local_relief
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
 PADDING_LENGTHS = 1.0
@@ -38,11 +40,13 @@ class TerrainModel:
     """Prior of a terrain: trend, covariance, and their grid.
 
     trend: height at the horizontal origin, slope toward east, slope toward north.
+    local: amplitude of short waves; None where it is one.
     """
 
     grid: Grid
     trend: Float[np.ndarray, "3"]
     covariance: Covariance
+    local: LocalRelief | None = None
 
     @cached_property
     def trend_m(self) -> Float[np.ndarray, "row column"]:
@@ -50,15 +54,35 @@ class TerrainModel:
         return self.trend[0] + self.trend[1] * self.grid.x_m[None] + self.trend[2] * self.grid.y_m[:, None]
 
     @cached_property
-    def root(self) -> Float[np.ndarray, "row frequency"]:
-        """The filter that colours white noise, on the grid's real Fourier frequencies."""
-        return self.covariance.spectrum_root(self.grid)
+    def root(self) -> Float[np.ndarray, "field row frequency"]:
+        """Filters that colour white noise, on the grid's real Fourier frequencies: one, or of long and short waves."""
+        root = self.covariance.spectrum_root(self.grid)
+        if self.local is None:
+            return root[None]
+        north = 2 * np.pi * np.fft.fftfreq(self.grid.rows, self.grid.spacing_m)[:, None]
+        east = 2 * np.pi * np.fft.rfftfreq(self.grid.columns, self.grid.spacing_m)[None]
+        long = self.local.long_share(np.hypot(east, north))
+        return np.stack([root * np.sqrt(long), root * np.sqrt(1 - long)])
 
-    def coloured(self, white: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        """Return a white field filtered to this covariance; the operation is its own transpose."""
-        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.grid.shape))
-        field: Float[np.ndarray, "row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
+    @cached_property
+    def amplitude(self) -> Float[np.ndarray, "field row column"]:
+        """The local amplitude of each filtered field."""
+        one = np.ones(self.grid.shape)
+        return np.stack([one] if self.local is None else [one, self.local.on(self.grid)])
+
+    def coloured(self, white: Float[np.ndarray, " n"]) -> Float[np.ndarray, " cell"]:
+        """Return the field of the terrain's covariance that white fields, one for each filter, stand for."""
+        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.amplitude.shape))
+        field: Float[np.ndarray, "row column"] = np.sum(
+            self.amplitude * scipy.fft.irfft2(spectrum, s=self.grid.shape), axis=0
+        )
         return field.ravel()
+
+    def adjoint(self, field: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " n"]:
+        """Return the transpose of `coloured`, applied to a field."""
+        spectrum = self.root * scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape))
+        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
+        return white.ravel()
 
     def coarser(self, times: int) -> Grid:
         """Return the grid of every second, or so, cell in both directions; the numbers of cells are multiples of 4."""
@@ -73,53 +97,56 @@ class TerrainModel:
 
     def left_out(self, times: int) -> float:
         """Return the largest variance of a wave, per cell, that a coarser grid leaves out."""
-        inside = np.zeros(self.root.shape, dtype=bool)
+        inside = np.zeros(self.root.shape[1:], dtype=bool)
         inside[_low(self.grid.rows, self.grid.rows // times), : self.grid.columns // times // 2] = True
-        return float(np.max(self.root**2, where=~inside, initial=0.0))
+        square = np.sum(self.root**2 * np.max(self.amplitude, axis=(1, 2), keepdims=True) ** 2, axis=0)
+        return float(np.max(square, where=~inside, initial=0.0))
 
     def solve(
         self,
         information: Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]],
-        right: Float[np.ndarray, " cell"],
+        right: Float[np.ndarray, " n"],
         iterations: int,
         tolerance: float,
         times: int = 1,
-    ) -> Float[np.ndarray, " cell"]:
-        """Return the white field w with w + R A R w = right, R being the filter to this covariance.
+    ) -> Float[np.ndarray, " n"]:
+        """Return the white fields w with w + R^T A R w = right, R being `coloured`.
 
         information: applies A, symmetric and positive, to the heights of the cells, or of the `coarser` ones.
         times: how much coarser. Waves that are too short for them are taken as if A told nothing of them.
 
-        The unknowns are the coefficients of an orthonormal Fourier transform, in which R is diagonal: that halves the
-        number of transforms.
+        The unknowns are the coefficients of an orthonormal Fourier transform, in which the filters are diagonal: that
+        halves the number of transforms.
         """
-        shape, twice = self.grid.shape, np.full(self.root.shape[1], np.sqrt(2 / self.grid.rows / self.grid.columns))
+        shape, twice = self.grid.shape, np.full(self.root.shape[2], np.sqrt(2 / self.grid.rows / self.grid.columns))
         # Of a real field, the other half of the spectrum is the conjugate, except of these columns.
         twice[0] /= np.sqrt(2)
         if self.grid.columns % 2 == 0:
             twice[-1] /= np.sqrt(2)
-        every = twice * scipy.fft.rfft2(right.reshape(shape))
+        every = twice * scipy.fft.rfft2(right.reshape(self.amplitude.shape))
         few = self.grid.rows // times, self.grid.columns // times
-        low = np.ix_(_low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
+        low = np.ix_(np.arange(len(every)), _low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
         root = self.root[low].copy()
         if times > 1:
             # A wave of two cells is not told from its mirror.
-            root[few[0] // 2], root[:, -1] = 0.0, 0.0
-        down, up = root * twice[low[1]], root / twice[low[1]] / times**2
+            root[:, few[0] // 2], root[:, :, -1] = 0.0, 0.0
+        down, up = root * twice[low[2]], root / twice[low[2]] / times**2
         real, single = (np.float64, np.complex128) if times == 1 else (np.float32, np.complex64)
         down, up, workers = down.astype(real), up.astype(real), own_cores()
+        amplitude = self.amplitude[:, ::times, ::times].astype(real)
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             spectrum = up * flat.view(single).reshape(down.shape)
-            field = scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
-            informed = scipy.fft.rfft2(information(field.ravel()).reshape(few), workers=workers)
+            fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
+            field = fields[0] if len(fields) == 1 else fields[0] + fields[1]
+            informed = scipy.fft.rfft2(amplitude * information(field.ravel()).reshape(few), workers=workers)
             informed *= down
             return flat + informed.ravel().view(real)
 
         start = np.ascontiguousarray(every[low].astype(single))
         found = conjugate_gradients(normal, start.ravel().view(real), iterations, tolerance)
         every[low] = found.view(single).reshape(down.shape)
-        white: Float[np.ndarray, "row column"] = scipy.fft.irfft2(every / twice, s=shape)
+        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
         return white.ravel()
 
     @staticmethod
@@ -128,18 +155,23 @@ class TerrainModel:
         height_m = trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None]
         return Heightfield(grid=grid, height_m=height_m)
 
-    def surface(self, white: Float[np.ndarray, " cell"]) -> Heightfield:
-        """Return the terrain that a white field represents."""
+    def surface(self, white: Float[np.ndarray, " n"]) -> Heightfield:
+        """Return the terrain that white fields represent."""
         return Heightfield(grid=self.grid, height_m=self.trend_m + self.coloured(white).reshape(self.grid.shape))
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A smoothing surface: the model, the white field, and the factor on the noise variance that fits."""
+    """A smoothing surface: the model, the white fields, and the factor on the noise variance that fits."""
 
     model: TerrainModel
-    white: Float[np.ndarray, " cell"]
+    white: Float[np.ndarray, " n"]
     noise_factor: float
+
+    @property
+    def fitted(self) -> FittedCovariance:
+        """The stationary covariance, with the factor that goes with it."""
+        return FittedCovariance(self.model.covariance, self.noise_factor)
 
     @property
     def surface(self) -> Heightfield:
@@ -167,7 +199,9 @@ def smooth(
 
     """
     trend = heights.trend()
-    return smooth_with(heights, grid, trend, fit_covariance(heights.above(trend), groups), step, tolerance)
+    measured = heights.above(trend)
+    fitted = fit_covariance(measured.rows(calm(measured)), groups)
+    return smooth_with(heights, grid, trend, fitted, step, tolerance, local_relief(measured, fitted))
 
 
 def smooth_with(
@@ -177,13 +211,14 @@ def smooth_with(
     fitted: FittedCovariance,
     step: Step = no_step,
     tolerance: float = TOLERANCE,
+    local: LocalRelief | None = None,
 ) -> Smoothed:
     """Return the most probable surface under a known trend and covariance.
 
     Errors that repeat over several pulses are taken for independent ones of as many times the variance: over the many
     pulses that decide about a cell the sum of their correlations is all that counts.
     """
-    model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance)
+    model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance, local)
     weights = heights.weights(model.grid)
     transposed = weights.T.tocsr()
     precision = 1 / heights.variance_m2(fitted.noise_factor)
@@ -193,7 +228,7 @@ def smooth_with(
         return np.asarray(transposed @ (precision * (weights @ height_m)))
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
-    right = model.coloured(transposed @ (precision * excess))
+    right = model.adjoint(transposed @ (precision * excess))
     white = model.solve(information, right, MOST_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
 

@@ -22,6 +22,7 @@ from sionna_radar.mapping.echo_heights import EchoSurface, on_axis
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.local_relief import LocalRelief
 from sionna_radar.mapping.mean_ranges import MeanRanges, mean_ranges
 from sionna_radar.mapping.plausible import Plausible
 from sionna_radar.mapping.smoothing import Smoothed
@@ -73,6 +74,7 @@ class Piece:
             covariance=kriging.covariance,
             heights=kriging.heights,
             noise_factor=kriging.noise_factor,
+            local=kriging.local,
             information=known.information,
             plausible=np.array([_numbers(each) for each in known.plausible]),
         )
@@ -86,6 +88,7 @@ class Piece:
             covariance=table_of(Covariance, "covariance", columns),
             heights=table_of(Heights, "heights", columns),
             noise_factor=columns["noise_factor"].item(),
+            local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
         )
         plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
         information = table_of(Information, "information", columns)
@@ -136,7 +139,12 @@ class Tiles:
         smoothed, first, information = self.tiling.surface(
             self.sightings.rows(here), self._echoes.rows(here), part, step
         )
-        kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), first.smoothed.noise_factor)
+        kriging = Kriging(
+            smoothed.model.covariance,
+            first.heights.rows(first.fits),
+            first.smoothed.noise_factor,
+            smoothed.model.local,
+        )
         east_m, north_m = np.meshgrid(part.x_m, part.y_m)
         return Piece(
             first=np.array([side.start for side in window]),

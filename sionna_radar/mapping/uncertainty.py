@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.local_relief import calm
 from sionna_radar.mapping.plausible import Plausible, plausible_terrains
 from sionna_radar.mapping.whole_echo import Information, information_of
 
@@ -48,7 +49,8 @@ class TileUncertainty:
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
-        plausible = plausible_terrains(heights.above(heights.trend()), kriging.terrain)
+        measured = heights.above(heights.trend())
+        plausible = plausible_terrains(measured.rows(calm(measured)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
         return cls(bounds_m, as_told, told, plausible)
@@ -58,10 +60,13 @@ class TileUncertainty:
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 
-    def after(self, sigma_m: Float[np.ndarray, "..."], window_m: float = 0.0) -> Float[np.ndarray, "..."]:
+    def after(
+        self, sigma_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], window_m: float = 0.0
+    ) -> Float[np.ndarray, " n"]:
         """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
-        variance = np.asarray(sigma_m**2)
-        return np.asarray(np.sqrt(self.information.after(variance, self.kriging.terrain, self.plausible, window_m)))
+        kriging = self.kriging
+        told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
+        return np.asarray(np.sqrt(told))
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,8 @@ class TiledUncertainty:
         for tile in self.tiles:
             here = wanted & tile.contains(x, y)
             if here.any():
-                sigma[here] = tile.after(tile.kriging.sigma_m(grid, here)[here])
+                place_m = np.column_stack([x[here], y[here]])
+                sigma[here] = tile.after(tile.kriging.sigma_m(grid, here)[here], place_m)
         return sigma
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
@@ -87,7 +93,8 @@ class TiledUncertainty:
             if tile.contains(x, y).all():
                 # A window may reach beyond all echoes that the tile in its middle was mapped from.
                 kriging = replace(tile.kriging, heights=self._heights)
-                return float(tile.after(np.asarray(kriging.mean_sigma_m(place_m)), window_m))
+                alone = np.array([kriging.mean_sigma_m(place_m)])
+                return float(tile.after(alone, np.column_stack([x, y]), window_m)[0])
         return float("nan")
 
     @cached_property

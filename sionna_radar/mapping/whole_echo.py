@@ -23,10 +23,13 @@ from jaxtyping import Complex, Float, Int
 from sionna_radar.mapping.covariance import FittedCovariance
 from sionna_radar.mapping.echo_model import Linearised
 from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.local_relief import LocalRelief
 from sionna_radar.mapping.plausible import Plausible
 
 LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
+# Amplitudes of local relief for which the variance that is left is computed; between them it is interpolated.
+AMPLITUDES = 24
 
 
 @dataclass(frozen=True)
@@ -50,11 +53,13 @@ class Information:
 
     def after(
         self,
-        variance_m2: Float[np.ndarray, "..."],
+        variance_m2: Float[np.ndarray, " n"],
         taken: FittedCovariance,
         plausible: Sequence[Plausible],
+        local: LocalRelief | None,
+        place_m: Float[np.ndarray, "n 2"],
         window_m: float = 0.0,
-    ) -> Float[np.ndarray, "..."]:
+    ) -> Float[np.ndarray, " n"]:
         """Return the variance that is left by all that the echoes tell, averaged over the terrains they allow.
 
         Beyond the last echoes, more is known neither by whole ones nor of what the terrain is like: there the variance
@@ -68,19 +73,31 @@ class Information:
             The terrain that it was computed for, and the factor on the noise of mean ranges.
         plausible:
             Those that the echoes allow.
+        local, place_m:
+            Amplitude of short waves, and where the variance is wanted.
         window_m:
             Side of the square; 0 for heights.
 
         """
         # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
         passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
-        means = float(passed @ self._left(taken, whole=False))
-        left = sum(each.probability * float(passed @ self._left(each.terrain, whole=True)) for each in plausible)
-        return np.asarray(variance_m2 + (left / means - 1) * np.minimum(variance_m2, means))
+        amplitude = np.ones(len(place_m)) if local is None else local.at(place_m)
+        tried = np.geomspace(amplitude.min(), amplitude.max(), AMPLITUDES if np.ptp(amplitude) > 0 else 1)
+        long = np.ones(len(self.wavenumber)) if local is None else local.long_share(self.wavenumber)
+        means, left = np.zeros((2, len(tried)))
+        for number, a in enumerate(tried):
+            share = long + a**2 * (1 - long)
+            means[number] = passed @ self._left(taken, share, whole=False)
+            for each in plausible:
+                left[number] += each.probability * float(passed @ self._left(each.terrain, share, whole=True))
+        ratio, means = np.interp(amplitude, tried, left / means), np.interp(amplitude, tried, means)
+        return np.asarray(variance_m2 + (ratio - 1) * np.minimum(variance_m2, means))
 
-    def _left(self, terrain: FittedCovariance, whole: bool) -> Float[np.ndarray, " wave"]:
-        """Return what is left of each wave."""
-        prior = np.maximum(terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
+    def _left(
+        self, terrain: FittedCovariance, share: Float[np.ndarray, " wave"], whole: bool
+    ) -> Float[np.ndarray, " wave"]:
+        """Return what is left of each wave; share: of its power in the terrain."""
+        prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
         left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
         return left

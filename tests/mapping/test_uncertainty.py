@@ -13,6 +13,7 @@ from sionna_radar.mapping.gridding import Interpolated
 from sionna_radar.mapping.heights import Heights
 from sionna_radar.mapping.kriging import Kriging
 from sionna_radar.mapping.linear_uncertainty import LinearUncertainty
+from sionna_radar.mapping.local_relief import UNIFORM
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.plausible import Plausible, plausible_terrains
 from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
@@ -105,7 +106,7 @@ def test_a_linear_interpolation_errs_as_it_says(heights, drawn):
     ones = np.concatenate([heights.place_m[corner], np.ones((*corner.shape, 1))], axis=2).transpose(0, 2, 1)
     share = np.linalg.solve(ones, np.column_stack([GRID.centres_m[cell], np.ones(len(cell))])[..., None])[..., 0]
     dem = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
-    linear = LinearUncertainty(Interpolated(dem, cell, corner, share), heights, FittedCovariance(TERRAIN, 1.0))
+    linear = LinearUncertainty(Interpolated(dem, cell, corner, share), heights, FittedCovariance(TERRAIN, 1.0), UNIFORM)
     sigma = linear.sigma_m(GRID, np.ones(GRID.shape, dtype=bool)).ravel()[cell]
     measured, true = drawn
     error = np.einsum("ck,ckt->ct", share, measured[corner]) - true[cell]
@@ -134,13 +135,14 @@ def test_what_is_left_is_the_mean_over_the_terrains_that_the_echoes_allow():
 
     taken, both = left(rough, whole=False), (Plausible(0.25, rough), Plausible(0.75, smooth))
     expected = 0.25 * left(rough, whole=True) + 0.75 * left(smooth, whole=True)
-    assert information.after(np.array(taken), rough, both) == pytest.approx(expected)
-    assert information.after(np.array(taken / 2), rough, both) == pytest.approx(expected / 2)
+    here = np.zeros((1, 2))
+    assert information.after(np.array([taken]), rough, both, None, here) == pytest.approx(expected)
+    assert information.after(np.array([taken / 2]), rough, both, None, here) == pytest.approx(expected / 2)
     # Far from all echoes it changes by no more than where they lie.
-    assert information.after(np.array(100 * taken), rough, both) == pytest.approx(99 * taken + expected)
+    assert information.after(np.array([100 * taken]), rough, both, None, here) == pytest.approx(99 * taken + expected)
     # A wide window averages short waves away, of which the smooth terrain has none.
     only = (Plausible(1.0, smooth),)
-    narrow, wide = (information.after(np.array(1e-9), rough, only, window_m=w) for w in (0.0, 30.0))
+    narrow, wide = (information.after(np.array([1e-9]), rough, only, None, here, w) for w in (0.0, 30.0))
     assert wide > 2 * narrow
 
 
@@ -243,7 +245,9 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
         for own, kriging in zip(bounds, (Kriging(TERRAIN, heights, 1.0), Kriging(TERRAIN, heights, 100.0)), strict=True)
     )
     one = west.kriging.sigma_m(GRID, np.ones(GRID.shape, dtype=bool))
-    np.testing.assert_allclose(west.after(one), one)  # one terrain and mean ranges only: the kriging variance
+    np.testing.assert_allclose(
+        west.after(one.ravel(), GRID.centres_m), one.ravel()
+    )  # one terrain and mean ranges only: the kriging variance
     both = TiledUncertainty((west, east))
     wanted = np.ones(GRID.shape, dtype=bool)
     wanted[0] = False

@@ -1,11 +1,15 @@
 """The DEM method "smooth": the most probable surface through the echoes."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from sionna_radar.foundation.progress import Steps
+from sionna_radar.mapping.covariance import fit_covariance
 from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.linear_uncertainty import NOISE_FACTOR_SPREAD
+from sionna_radar.mapping.local_relief import calm
 from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
 from sionna_radar.mapping.refinement import SMOOTHING, smooth_echoes, smoothing_steps
 from sionna_radar.mapping.seen import empty, seen_part
@@ -42,8 +46,12 @@ class Smooth:
         # The system is solved by iterations, whose number shows at the end.
         step = Steps(given.progress, "mapping")
         heights = given.heights()
+        # Estimators of ranges know their errors to a factor, which the fit below takes for known.
+        measured = heights.above(heights.trend())
+        factor = fit_covariance(measured.rows(calm(measured)), 1, NOISE_FACTOR_SPREAD).noise_factor
+        heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
         fitted = smooth(heights, given.grid, step)
         step.finish()
-        kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor)
+        kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
         uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging),))
         return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

@@ -1,0 +1,110 @@
+"""Local amplitudes of relief, against terrains that were drawn with known ones and plain solutions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.heights import Heights
+from sionna_radar.mapping.kriging import Kriging
+from sionna_radar.mapping.local_relief import LocalRelief, calm, local_relief
+from sionna_radar.mapping.smoothing import TerrainModel, smooth_with
+
+TERRAIN = Covariance(0.8, 12.0, 0.3)
+# Of noise.
+SIGMA_M = 0.05
+# Broken ground on the right, calm ground on the left; short waves are those up to some 12 m.
+BROKEN = LocalRelief(0.0, -40.0, 12.0, np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1], (8, 1)))
+
+
+def covariance(one, other, local, spread_m=0.0):
+    """Plainly: the covariance of long waves, and of what is left, times both amplitudes."""
+    away = cdist(one, other)
+    long = sum(
+        sign * TERRAIN.at(away, np.hypot(spread_m, np.sqrt(k) * local.cut_m)) for k, sign in ((1, 3), (2, -3), (3, 1))
+    )
+    return long + np.outer(local.at(one), local.at(other)) * (TERRAIN.at(away, spread_m) - long)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Heights over a terrain of local relief, at random places, and the true ones at others."""
+    rng = np.random.default_rng(4)
+    place = np.column_stack([rng.uniform(0, 120, 900), rng.uniform(-40, 40, 900)])
+    total = covariance(place, place, BROKEN)
+    height = np.linalg.cholesky(total + 1e-9 * np.eye(900)) @ rng.standard_normal(900)
+    heights = Heights.at_places(place[:600], height[:600] + SIGMA_M * rng.standard_normal(600), np.full(600, SIGMA_M))
+    return heights, place[600:], height[600:]
+
+
+def test_the_amplitude_of_drawn_relief_is_found(drawn):
+    heights, _, _ = drawn
+    found = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0))
+    amplitude, x = found.at(heights.place_m), heights.place_m[:, 0]
+    assert np.median(amplitude[x < 45]) == pytest.approx(1.0, rel=0.25)
+    assert np.median(amplitude[x > 75]) == pytest.approx(np.exp(1.1), rel=0.25)
+
+
+def test_over_stationary_ground_all_amplitudes_are_nearly_one():
+    rng = np.random.default_rng(5)
+    place = rng.uniform(0, 90, (500, 2))
+    height = np.linalg.cholesky(TERRAIN.at(cdist(place, place)) + SIGMA_M**2 * np.eye(500)) @ rng.standard_normal(500)
+    heights = Heights.at_places(place, height, np.full(500, SIGMA_M))
+    found = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0))
+    assert np.abs(found.log_amplitude).max() < 0.15
+    assert local_relief(heights.rows(np.arange(60)).above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0)) is None
+
+
+def test_broken_and_calm_ground_err_as_they_say(drawn):
+    """With one covariance for all, calm ground is stated too badly and broken ground too well."""
+    heights, place, true = drawn
+    learned = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0))
+    total = covariance(heights.place_m, heights.place_m, learned) + SIGMA_M**2 * np.eye(len(heights))
+    weight = np.linalg.solve(total, covariance(heights.place_m, place, learned))
+    for local, bound in ((learned, (0.8, 1.25)), (None, (1.3, 4.0))):
+        stated = Kriging(TERRAIN, heights, 1.0, local)._of_places(place)
+        z = (weight.T @ heights.height_m - true) / stated
+        broken = float(np.sqrt(np.mean(z[place[:, 0] > 75] ** 2)))
+        assert bound[0] < broken < bound[1], broken
+
+
+def test_kriging_with_local_relief_is_the_plain_solution(drawn):
+    heights = replace(drawn[0].rows(np.arange(150)), footprint_m=np.broadcast_to(0.8 * np.eye(2), (150, 2, 2)))
+    place = np.array([[30.0, 3.0], [80.0, -5.0], [81.0, 20.0]])
+    whole = covariance(heights.place_m, heights.place_m, BROKEN, 0.8) + SIGMA_M**2 * np.eye(150)
+    to_place = covariance(heights.place_m, place, BROKEN, 0.8 / np.sqrt(2))
+    before = np.diag(covariance(place, place, BROKEN))
+    expected = np.sqrt(before - np.einsum("ij,ij->j", to_place, np.linalg.solve(whole, to_place)))
+    stated = np.array([Kriging(TERRAIN, heights, 1.0, BROKEN)._of_places(one[None])[0] for one in place])
+    np.testing.assert_allclose(stated, expected, rtol=5e-3)
+
+
+def test_the_surface_is_the_plain_solution(drawn):
+    heights = drawn[0]
+    grid = Grid(west_m=0.0, south_m=-40.0, spacing_m=0.5, columns=241, rows=161)
+    found = smooth_with(heights, grid, np.zeros(3), FittedCovariance(TERRAIN, 1.0), local=BROKEN).surface
+    place = np.array([[30.0, 3.0], [61.0, 4.0], [90.0, -12.0]])
+    total = covariance(heights.place_m, heights.place_m, BROKEN) + SIGMA_M**2 * np.eye(len(heights))
+    expected = covariance(place, heights.place_m, BROKEN) @ np.linalg.solve(total, heights.height_m)
+    np.testing.assert_allclose(found.at(*place.T), expected, atol=0.03)
+
+
+def test_colouring_and_its_adjoint_are_transposes():
+    rng = np.random.default_rng(6)
+    model = TerrainModel(
+        Grid(west_m=0.0, south_m=-40.0, spacing_m=2.0, columns=64, rows=40), np.zeros(3), TERRAIN, BROKEN
+    )
+    white, field = rng.standard_normal(2 * 64 * 40), rng.standard_normal(64 * 40)
+    assert model.coloured(white) @ field == pytest.approx(white @ model.adjoint(field), rel=1e-10)
+
+
+def test_a_pole_is_no_part_of_the_terrain(drawn):
+    heights = drawn[0].rows(drawn[0].place_m[:, 0] < 60)
+    pole = np.argmin(np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1))
+    raised = replace(heights, height_m=heights.height_m + 12.0 * (np.arange(len(heights)) == pole))
+    calm_ground = calm(raised.above(np.zeros(3)))
+    assert not calm_ground[pole]
+    assert calm_ground[np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1) > 25].mean() > 0.9
