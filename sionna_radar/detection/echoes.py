@@ -20,6 +20,8 @@ class Echoes(Columns):
     direction: mean direction of the echo in the antenna's frame (boresight, left, up), a little shorter than one as
         means of unit vectors are; None for echoes on the beam's axis.
     across_sigma_rad: standard deviation of that direction in the vertical plane; None with `direction`.
+    reach: over how many pulses errors of the range repeat, where neighbours decided it together; None where each was
+        ranged by itself.
     snr_db: that power over the mean noise power estimated from the training cells, unbiased for every kind of CFAR.
     """
 
@@ -31,6 +33,7 @@ class Echoes(Columns):
     snr_db: Float[np.ndarray, " echo"]
     direction: Float[np.ndarray, "echo 3"] | None = None
     across_sigma_rad: Float[np.ndarray, " echo"] | None = None
+    reach: Float[np.ndarray, " echo"] | None = None
 
     def of_pulses(self, pulse: Int[np.ndarray, " pulse"]) -> "Echoes":
         """Return the echoes of consecutive pulses."""

@@ -21,6 +21,7 @@ class VolumeInFront:
 
     power: mean power in the profiles' cells without ground; in_air: share of it in front of the detected ground.
     echo_m, echo_sigma_m: detected range of the ground in each profile, and its standard deviation.
+    echo_reach: over how many pulses its error repeats; see `Echoes`.
     drift_m: by how much motion lengthens the volume's ranges relative to those of stationary ground.
     spread_m: standard deviation of the drift, from particles that fall at different speeds.
     """
@@ -29,6 +30,7 @@ class VolumeInFront:
     in_air: Float32[np.ndarray, " value"]
     echo_m: Float[np.ndarray, " profile"]
     echo_sigma_m: Float[np.ndarray, " profile"]
+    echo_reach: Float[np.ndarray, " profile"]
     drift_m: Float[np.ndarray, " profile"]
     spread_m: float
 
@@ -39,6 +41,7 @@ class VolumeInFront:
             in_air=self.in_air[values],
             echo_m=self.echo_m[chosen],
             echo_sigma_m=self.echo_sigma_m[chosen],
+            echo_reach=self.echo_reach[chosen],
             drift_m=self.drift_m[chosen],
             spread_m=self.spread_m,
         )
@@ -53,6 +56,7 @@ class VolumeInFront:
             in_air=np.concatenate([t.in_air for t in tables]),
             echo_m=np.concatenate([t.echo_m for t in tables]),
             echo_sigma_m=np.concatenate([t.echo_sigma_m for t in tables]),
+            echo_reach=np.concatenate([t.echo_reach for t in tables]),
             drift_m=np.concatenate([t.drift_m for t in tables]),
             spread_m=tables[0].spread_m,
         )

@@ -62,6 +62,8 @@ def echo_surface(
     """
     grid = reaching(grid, sightings, echoes)
     reach = sightings.repeated(echoes.range_m)
+    if sightings.profiles.volume is not None:
+        reach = np.maximum(reach, sightings.profiles.volume.echo_reach)
     surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach).trend())
     for number in range(SURFACES):
         heights, fits = heights_over(surface, sightings, echoes, reach)

@@ -62,7 +62,8 @@ def looks_at(
         return axes_of(pose_of(own).rows(back), points.range_m[low:high], beam)
 
     footprint_m = np.concatenate([footprints(*bounds) for bounds in parts(len(points), AT_ONCE)])
-    return Looks(footprint_m=footprint_m, reach=reach[row])
+    reach = reach[row] if points.reach is None else np.maximum(reach[row], points.reach)
+    return Looks(footprint_m=footprint_m, reach=reach)
 
 
 def point_heights(points: Points, looks: Looks | None) -> Heights:

@@ -22,6 +22,7 @@ class Points(Columns):
     power, snr_db: of the echo's strongest cell; see `Echoes`.
     across_sigma_m: standard deviation of the position across the ray, in its vertical plane; None for echoes placed on
         the beam's axis.
+    reach: over how many pulses errors of the range repeat; see `Echoes`.
 
     Examples
     --------
@@ -40,6 +41,7 @@ class Points(Columns):
     power: Float[np.ndarray, " point"]
     snr_db: Float[np.ndarray, " point"]
     across_sigma_m: Float[np.ndarray, " point"] | None = None
+    reach: Float[np.ndarray, " point"] | None = None
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""
@@ -77,4 +79,5 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         power=echoes.power,
         snr_db=echoes.snr_db,
         across_sigma_m=None if echoes.across_sigma_rad is None else echoes.range_m * echoes.across_sigma_rad,
+        reach=echoes.reach,
     )

@@ -78,7 +78,7 @@ def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) 
 def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> TileSurface:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
     first = echo_surface(sightings, echoes, grid, step, ROUGH)
-    looks = sightings.looks_per_cell / repeats(first.heights.reach)
+    looks = sightings.looks_per_cell / repeats(sightings.repeated(echoes.range_m))
     fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m, step)
     linearised = partial(_some_linearised, sightings, fitted.surface, looks)
     return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)

@@ -127,7 +127,7 @@ class ThroughVolume:
         spans = self._spans(power, volume * in_air + self.volume.noise, tracked.cell, width, kept)
         noise = spans.noise[spans.row, spans.peak]
         peak = power[spans.row, spans.peak]
-        ranges = self._ranges(spans, tracked, peak_level, kept)
+        ranges, reach = self._ranges(spans, tracked, peak_level, kept)
         echoes = Echoes(
             pulse=pulses.index[kept],
             number=np.zeros(len(kept), dtype=np.int64),
@@ -135,6 +135,7 @@ class ThroughVolume:
             range_sigma_m=ranges.sigma_m,
             power=peak,
             snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
+            reach=reach,
         )
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
         profiles = cut_profiles(quiet, pulses.index, stride)
@@ -143,6 +144,7 @@ class ThroughVolume:
             in_air=profiles.of_cells(in_air[:, ::stride], kept),
             echo_m=ranges.range_m,
             echo_sigma_m=ranges.sigma_m,
+            echo_reach=reach,
             drift_m=views.drift_m[kept],
             spread_m=end.spread_m,
         )
@@ -154,14 +156,17 @@ class ThroughVolume:
         tracked: Tracked,
         peak_level: Float[np.ndarray, " pulse"],
         kept: Int[np.ndarray, " echo"],
-    ) -> Ranges:
-        """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume."""
+    ) -> tuple[Ranges, Float[np.ndarray, " echo"]]:
+        """Return the posterior means, blended into the scenario's estimates as the ground rises above the volume.
+
+        With them comes over how many pulses their errors repeat, those of the estimates being independent.
+        """
         estimated = self.detector.estimator(spans)
         cell_m, share = self.end.cell_m, 1 / (1 + (peak_level[kept] / EVEN_LEVEL) ** 4)
-        return Ranges(
-            range_m=share * tracked.cell[kept] * cell_m + (1 - share) * estimated.range_m,
-            sigma_m=np.hypot(share * tracked.sigma[kept] * cell_m, (1 - share) * estimated.sigma_m),
-        )
+        of_track, of_echo = share * tracked.sigma[kept] * cell_m, (1 - share) * estimated.sigma_m
+        sigma = np.hypot(of_track, of_echo)
+        ranges = Ranges(range_m=share * tracked.cell[kept] * cell_m + (1 - share) * estimated.range_m, sigma_m=sigma)
+        return ranges, tracked.reach[kept] * (of_track / np.maximum(sigma, 1e-9)) ** 2
 
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""

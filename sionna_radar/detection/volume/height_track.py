@@ -9,7 +9,7 @@ of all neighbours for each pulse's height; the product with its own likelihood i
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.special import logsumexp
 
 # Probability that the height jumps from pulse to pulse.
@@ -48,12 +48,15 @@ class Tracked:
     """Range of each pulse in cells, its standard deviation, and the probability of the surface it lies on.
 
     evidence: log-likelihood of ground on that surface against no ground, neighbours included.
+    reach: over how many pulses errors of the range repeat, as neighbours decide it together: those of two pulses that
+        are n apart have about the correlation exp(-n^2 / reach^2).
     """
 
     cell: Float[np.ndarray, " pulse"]
     sigma: Float[np.ndarray, " pulse"]
     probability: Float[np.ndarray, " pulse"]
     evidence: Float[np.ndarray, " pulse"]
+    reach: Float[np.ndarray, " pulse"]
 
 
 def track(
@@ -91,7 +94,30 @@ def track(
     probability = kept.sum(axis=1)
     mean = kept @ cell / probability
     sigma = np.sqrt(np.sum(kept * (cell - mean[:, None]) ** 2, axis=1) / probability)
-    return Tracked(cell=mean, sigma=np.maximum(sigma, 0.05), probability=probability, evidence=total)
+    sigma = np.maximum(sigma, 0.05)
+    reach = _reach(sigma, _alone(evidence, same, mean))
+    return Tracked(cell=mean, sigma=sigma, probability=probability, evidence=total, reach=reach)
+
+
+def _alone(
+    evidence: Float[np.ndarray, "pulse cell"], same: Bool[np.ndarray, "pulse cell"], mean: Float[np.ndarray, " pulse"]
+) -> Float[np.ndarray, " pulse"]:
+    """Return the standard deviation of each range by the pulse's own evidence, near the surface that was found."""
+    own = np.where(same, np.exp(evidence - np.max(evidence, axis=1, where=same, initial=-np.inf, keepdims=True)), 0.0)
+    square = (np.arange(evidence.shape[1]) - mean[:, None]) ** 2
+    return np.sqrt(np.sum(own * square, axis=1) / own.sum(axis=1))
+
+
+def _reach(sigma: Float[np.ndarray, " pulse"], alone: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+    """Return over how many pulses errors repeat.
+
+    Heights that wander from pulse to pulse, each measured with the variance s^2, have after smoothing the variance P
+    and errors of the correlation l^n with P / s^2 = (1 - l) / (1 + l) (the inverse of the tridiagonal matrix of their
+    information). All correlations add up to s^2 / P; the Gaussian of the same sum stands for them.
+    """
+    total = np.maximum((alone / sigma) ** 2, 1.0)
+    reach: Float[np.ndarray, " pulse"] = np.where(total > 1.2, total / np.sqrt(np.pi), 0.0)
+    return reach
 
 
 def _neighbours(
