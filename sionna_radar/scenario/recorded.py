@@ -116,7 +116,7 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
     _check_open(
         overrides,
         OPEN + OPEN_BESIDES,
-        "does not apply to a recording without a scenario; set processing, dem, radar.antenna, radar.receiver or radar.conjugate",
+        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(OPEN_BESIDES)}",
     )
     data: dict[str, Any] = {}
     apply_overrides(data, overrides)
