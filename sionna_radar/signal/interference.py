@@ -107,7 +107,7 @@ def _band_limited(
     if finer == 1:
         return _beat(radar, pulses, grid, range_m, rate_mps)
     if finer * wide.samples > MOST_POINTS:
-        message = f"a sweep as steep as {radar.slope_hz_s:.3g} Hz/s takes over {MOST_POINTS:,} points; lower its bandwidth"
+        message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MOST_POINTS:,} points; lower bandwidth_hz"
         raise ScenarioError([Problem("interferers", message)])
     fine, points = replace(grid, oversampling=finer * grid.oversampling), wide.samples
     # The lowest frequency of the coarser band, in steps of the transform.
