@@ -174,4 +174,7 @@ def test_interferers_need_powers_and_a_place_on_the_ground():
         receiver_with({**OTHER, "kind": "cw", "position_m": (2e3, 0.0)})
     with pytest.raises(ScenarioError, match=r"bandwidth_hz: missing"):
         Interferer(position_m=(0.0, 0.0), power_dbm=0.0)
+    steep = receiver_with({**OTHER, "bandwidth_hz": 1e11, "chirp_rate_hz": 1e7})
+    with pytest.raises(ScenarioError, match=r"interferers: a slope of 1e\+18 Hz/s takes over 8,388,608 points"):
+        steep.beats(SILENCE, make_pulses(1))
     assert isinstance(SILENCE, Paths)
