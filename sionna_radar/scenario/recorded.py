@@ -24,7 +24,7 @@ from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import NonNegative, Positive, Real, Table, refuse
 
 # Tables of a scenario that a recording leaves open; and those that one without a scenario leaves open besides.
-OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver")
+OPEN, OPEN_BESIDES = ("processing", "dem"), ("radar.antenna", "radar.receiver", "radar.conjugate")
 SLOWEST_WAVE_MPS = 1e6
 
 
@@ -61,12 +61,14 @@ class RecordedReception(Table):
     antenna: its beam.
     receiver: its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
         samples.
+    conjugate: whether the Q samples have the other sign, so that echoes have negative beats.
     """
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
     receiver: ReceiverTable = ReceiverTable()
+    conjugate: bool = False
 
     @model_validator(mode="after")
     def _only_the_high_pass(self) -> RecordedReception:
@@ -114,7 +116,7 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
     _check_open(
         overrides,
         OPEN + OPEN_BESIDES,
-        "does not apply to a recording without a scenario; set processing, dem, radar.antenna or radar.receiver",
+        f"does not apply to a recording without a scenario; set processing, dem or {', '.join(OPEN_BESIDES)}",
     )
     data: dict[str, Any] = {}
     apply_overrides(data, overrides)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.fft
 from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 
@@ -24,6 +25,10 @@ from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, reg
 
 # Bursts fade out over this share of the grid's band next to its ends, which filters take away.
 FADED = 0.25
+# Points that a crossing of the grid's band takes at least: from there on frequencies at its points tell the burst.
+LEAST_POINTS = 100.0
+# Of one sweep on the finer grid.
+MOST_POINTS = 2**23
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +67,7 @@ class Interference:
         samples = received.signal
         for radar in self.radars:
             power_w, range_m, rate_mps = self.arriving(radar, received.pulses, received.chirp.wavelength_m)
-            beat = np.sqrt(power_w)[:, None] * _beat(radar, received.pulses, received.grid, range_m, rate_mps)
+            beat = np.sqrt(power_w)[:, None] * _band_limited(radar, received.pulses, received.grid, range_m, rate_mps)
             samples = samples + (beat if np.iscomplexobj(samples) else np.sqrt(2) * beat.real)
         return replace(received, samples=samples)
 
@@ -82,6 +87,40 @@ class Interference:
             gain[beam == number] = self.antennas[number].receive_gain(seen[beam == number])
         power_w = radar.radiated_w * gain * (wavelength_m / (4 * np.pi * range_m)) ** 2
         return power_w, range_m, -np.einsum("ni,ni->n", pose.velocity_mps, toward)
+
+
+def _band_limited(
+    radar: OtherRadar,
+    pulses: Pulses,
+    grid: SampleGrid,
+    range_m: Float[np.ndarray, " pulse"],
+    rate_mps: Float[np.ndarray, " pulse"],
+) -> Complex[np.ndarray, "pulse point"]:
+    """Return the beats of a radar's wave on the points of a grid, on a finer one first if they cross its band quickly.
+
+    A chirp stays for band^2 / |difference of slopes| points; of few it has a spectrum far wider than the band, which
+    no frequency at a moment tells. On the finer grid it has many, and an ideal filter leaves the band of the coarser.
+    """
+    wide = grid.wide
+    crossing = wide.sampling_rate_hz**2 / max(abs(wide.slope_hz_s - radar.slope_hz_s), 1e-300)
+    finer = max(1, int(np.ceil(np.sqrt(LEAST_POINTS / crossing))))
+    if finer == 1:
+        return _beat(radar, pulses, grid, range_m, rate_mps)
+    if finer * wide.samples > MOST_POINTS:
+        message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MOST_POINTS:,} points; lower bandwidth_hz"
+        raise ScenarioError([Problem("interferers", message)])
+    fine, points = replace(grid, oversampling=finer * grid.oversampling), wide.samples
+    # The lowest frequency of the coarser band, in steps of the transform.
+    lowest = round(grid.band_hz[0] * points / wide.sampling_rate_hz)
+    kept = np.arange(lowest, lowest + points)
+    beat = np.empty((len(pulses), points), dtype=np.complex128)
+    for row in range(len(pulses)):
+        own = slice(row, row + 1)
+        spectrum = scipy.fft.fft(_beat(radar, pulses.rows(own), fine, range_m[own], rate_mps[own])[0])
+        folded = np.zeros(points, dtype=np.complex128)
+        folded[kept % points] = spectrum[kept % len(spectrum)] / finer
+        beat[row] = scipy.fft.ifft(folded)
+    return beat
 
 
 def _beat(

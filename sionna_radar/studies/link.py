@@ -19,7 +19,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.averaging import refuse_average
 from sionna_radar.studies.link_case import STEPS_PER_BIN, Expected, GroundCase
 from sionna_radar.studies.link_floors import phase_noise
-from sionna_radar.studies.link_result import ECHO_NOISE, Floors, Link, LinkBudget, Simulated
+from sionna_radar.studies.link_result import ECHO_NOISE, Floors, Ground, Link, LinkBudget, Simulated
 from sionna_radar.survey.preparation import prepare
 
 # Probabilities of detection of ratios of signal to noise.
@@ -128,20 +128,30 @@ def _link(case: GroundCase, detected: Detected, pulses: int, step: Steps) -> Lin
     beyond = training.guard + training.training + SPARE_CELLS
     farthest_m = (chirp.max_range_m - beyond * chirp.range_resolution_m) / case.built.scale
     range_m = np.geomspace(min(NEAREST * chirp.max_range_m, farthest_m / 2), farthest_m, RANGES)
-    expected = [case.expected(float(distance)) for distance in range_m]
-    echo, clutter = np.array([each.strongest for each in expected]).T
-    noise = np.array([case.floor[each.peak] for each in expected])
     link = Link(
         material=case.material,
         incidence_deg=case.incidence_deg,
         rain_mm_per_h=case.rain_mm_per_h,
         range_m=range_m,
-        echo=echo / noise,
-        clutter=clutter / noise,
-        detection=detected(np.array([case.over_level(each) for each in expected]) - 1),
+        ground=tuple(_ground(case, case.expected(float(distance)), detected) for distance in range_m),
         simulated=(),
     )
     return replace(link, simulated=tuple(_simulated(case, link, share, detected, pulses, step) for share in SIMULATED))
+
+
+def _ground(case: GroundCase, expected: Expected, detected: Detected) -> Ground:
+    """Return what the closed form says of the ground at one range."""
+    (echo, clutter), noise, level = expected.strongest, case.floor[expected.peak], case.level(expected)
+    beside = clutter + noise
+    ratios = np.array([(echo + beside) / max(level, beside), beside / level, (echo + beside) / level])
+    detection, false_alarm, passing = detected(ratios - 1)
+    return Ground(
+        snr=float(echo / noise),
+        clutter=float(clutter / noise),
+        detection=float(detection),
+        false_alarm=float(false_alarm),
+        passing=float(passing),
+    )
 
 
 def _floors(case: GroundCase, pulses: int) -> Floors:
@@ -173,12 +183,12 @@ def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, p
     range_m = float(link.range_m[round(share * (RANGES - 1))])
     expected, noise = case.expected(range_m), case.floor
     peak, near = expected.peak, expected.half_power
-    total = expected.ground + expected.clutter
+    total, ground = expected.ground + expected.clutter, _ground(case, expected, detected)
     try:
         power, of_cell, of_echo = _flown(case, range_m, pulses, expected)
     except RadarError as error:
         step()
-        return Simulated.impossible(range_m, str(error))
+        return Simulated.impossible(range_m, ground, str(error))
     # The echo's strength is fitted to all of its cells within 3 dB, which scatter less than the strongest alone.
     strength = float((power[near] - noise[near]).sum() / total[near].sum())
     wanted = float(total[peak] / noise[peak])
@@ -186,19 +196,18 @@ def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, p
     step()
     return Simulated(
         range_m=range_m,
-        expected=wanted,
+        ground=ground,
         found=wanted * strength,
         spread_db=float(10 / np.log(10) * (1 + 1 / wanted) / np.sqrt(pulses * cells)),
-        detection=float(detected(np.array([case.over_level(expected) - 1]))[0]),
-        detected=of_cell,
-        echo_detected=of_echo,
+        passed=of_cell,
+        echo_passed=of_echo,
     )
 
 
 def _flown(
     case: GroundCase, range_m: float, pulses: int, expected: Expected
 ) -> tuple[Float[np.ndarray, " bin"], float, float]:
-    """Return the mean spectrum of simulated pulses, and the shares of them that detect its peak, and the echo."""
+    """Return the mean spectrum of simulated pulses, and the shares of them whose peak, and echo, passes."""
     prepared = case.over_plane(range_m, pulses)
     receiver = replace(
         prepared.receiver,

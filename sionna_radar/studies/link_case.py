@@ -163,15 +163,14 @@ class GroundCase:
         wet = 10 ** (-self._weather.wet_radome_loss_db(self.rain_mm_per_h) / 10)
         return wet * two_way_attenuation(range_m, self._loss_db_per_km)
 
-    def over_level(self, expected: "Expected") -> float:
-        """Return the strongest bin's mean power over the level that the CFAR reads around it, from all that is there.
+    def level(self, expected: "Expected") -> float:
+        """Return the level that the CFAR reads around the strongest bin, from all that is there.
 
-        The level's own scatter is taken for that of noise.
+        Its own scatter is taken for that of noise; in even noise the level of means is that noise, for each kind of
+        CFAR.
         """
-        mean = expected.ground + expected.clutter + self.floor
-        level, _ = self.prepared.detector.cfar.noise_level(mean[None])
-        # In even noise the level of means is that noise, whatever the kind of CFAR.
-        return float(mean[expected.peak] / max(level[0, expected.peak], np.finfo(float).tiny))
+        level, _ = self.prepared.detector.cfar.noise_level((expected.ground + expected.clutter + self.floor)[None])
+        return float(max(level[0, expected.peak], np.finfo(float).tiny))
 
     def over_plane(self, range_m: float, pulses: int) -> Prepared:
         """Return a survey by the radar that all but hovers over level ground of the material."""

@@ -15,44 +15,72 @@ SURE = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ground:
+    """The strongest range cell of the ground at one range, in closed form.
+
+    snr, clutter: mean power of the ground, and of what is in the air there, over all the floors there: noise, leakage,
+        rounding.
+    detection: probability of detecting the ground in one pulse against noise and clutter: that the cell passes the
+        CFAR's multiple of what the CFAR reads around it, or of noise and clutter in the cell where that is more.
+    false_alarm: probability that the cell passes the CFAR without the ground, by clutter and noise.
+    passing: probability that it passes with all of them.
+    """
+
+    snr: float
+    clutter: float
+    detection: float
+    false_alarm: float
+    passing: float
+
+    def numbers(self) -> dict[str, float]:
+        """Return what tables and files say, by name; not finite where there is no number."""
+        return {
+            "snr_db": to_db(self.snr),
+            "signal_to_clutter_db": to_db(self.snr / self.clutter) if self.clutter > 0 else float("nan"),
+            "detection_probability": self.detection,
+            "false_alarm_probability": self.false_alarm,
+            "passing_probability": self.passing,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
 class Simulated:
     """One range at which the chain was run.
 
-    expected, found: echo over noise in the strongest range cell, in closed form and simulated, with the clutter in it.
+    ground: the closed form there.
+    found: ground and clutter over the noise in the strongest range cell, simulated.
     spread_db: standard deviation of what was found, from the number of looks.
-    detection, detected: probability in closed form, and the share of pulses, of detecting that cell.
-    echo_detected: share of pulses in which any cell within 3 dB of it is detected.
+    passed: share of pulses in which that cell passes the CFAR.
+    echo_passed: share of pulses in which any cell within 3 dB of it does.
     reason: why nothing was simulated, if so.
     """
 
     range_m: float
-    expected: float
+    ground: "Ground"
     found: float
     spread_db: float
-    detection: float
-    detected: float
-    echo_detected: float
+    passed: float
+    echo_passed: float
     reason: str = ""
 
     @classmethod
-    def impossible(cls, range_m: float, reason: str) -> "Simulated":
+    def impossible(cls, range_m: float, ground: "Ground", reason: str) -> "Simulated":
         """Return a range that could not be simulated."""
         nothing = float("nan")
         return cls(
             range_m=range_m,
-            expected=nothing,
+            ground=ground,
             found=nothing,
             spread_db=nothing,
-            detection=nothing,
-            detected=nothing,
-            echo_detected=nothing,
+            passed=nothing,
+            echo_passed=nothing,
             reason=reason,
         )
 
     @property
     def difference_db(self) -> float:
         """Simulated over closed form; not finite where nothing was found, or simulated."""
-        return to_db(self.found / self.expected)
+        return to_db(self.found / (self.ground.snr + self.ground.clutter))
 
     @property
     def compared(self) -> bool:
@@ -62,37 +90,40 @@ class Simulated:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """One material at one incidence in one rain, over range.
-
-    echo, clutter: mean power of the ground in its strongest range cell, and of what is in the air there, over all the
-        floors there: noise, leakage, rounding.
-    detection: probability of detecting that cell in one pulse.
-    """
+    """One material at one incidence in one rain, over range."""
 
     material: str
     incidence_deg: float
     rain_mm_per_h: float
     range_m: Float[np.ndarray, " range"]
-    echo: Float[np.ndarray, " range"]
-    clutter: Float[np.ndarray, " range"]
-    detection: Float[np.ndarray, " range"]
+    ground: tuple[Ground, ...]
     simulated: tuple[Simulated, ...]
+
+    def of_ground(self, name: str) -> Float[np.ndarray, " range"]:
+        """Return a number of the ground over range, by its name in `Ground`."""
+        return np.array([getattr(one, name) for one in self.ground])
 
     @property
     def reach_m(self) -> float:
-        """Farthest range up to which nine pulses in ten detect the cell, and more of it is ground than clutter.
+        """Farthest range up to which the cell passes in nine pulses of ten, and more of it is ground than clutter.
 
         Zero for none.
         """
-        lost = np.flatnonzero((self.detection < SURE) | (self.echo < self.clutter))
+        passing = self.of_ground("passing")
+        lost = np.flatnonzero((passing < SURE) | (self.of_ground("snr") < self.of_ground("clutter")))
         if len(lost) == 0:
             return float(self.range_m[-1])
         if lost[0] == 0:
             return 0.0
         before, after = lost[0] - 1, lost[0]
-        if self.detection[after] >= SURE:
+        if passing[after] >= SURE:
             return float(self.range_m[before])
-        return float(np.interp(SURE, self.detection[[after, before]], self.range_m[[after, before]]))
+        return float(np.interp(SURE, passing[[after, before]], self.range_m[[after, before]]))
+
+    @property
+    def reaches_the_end(self) -> bool:
+        """Whether the sampled ranges end before the reach does."""
+        return self.reach_m == float(self.range_m[-1])
 
 
 ECHO_NOISE = "phase noise of the echo"
@@ -165,5 +196,5 @@ class LinkBudget:
     @property
     def dynamic_range_db(self) -> float:
         """Strongest echo over the weakest that is detected with certainty enough (`SURE`), over all links."""
-        found = np.concatenate([link.echo[link.detection >= SURE] for link in self.links])
+        found = np.array([one.snr for link in self.links for one in link.ground if one.detection >= SURE])
         return to_db(float(found.max() / found.min())) if len(found) else 0.0

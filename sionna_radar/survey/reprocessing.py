@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.detection.detector import Detector, build_detector
+from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import build_expected_ground
 from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.ranging.estimator import RangeEstimator
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, default_progress
@@ -37,13 +37,16 @@ from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.survey.limits import MOST_SPECTRUM
 from sionna_radar.survey.processed import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.recording import BLOCK_SIZE
-from sionna_radar.survey.recordings.signal_file import RecordedPulses, SignalFile, open_signals
+from sionna_radar.survey.recordings.signal_file import SignalFile, open_signals
 from sionna_radar.survey.sensors.sweeps import SweepDetector
 
 logger = logging.getLogger("sionna_radar")
 
 # Pulses, spread over the recording, whose spectra are kept as their mean and median.
 SPECTRUM_PULSES = 512
+# Share of the echoes' energy in the farther half of an I/Q band, and their strongest cell over the noise, above which
+# the samples may be conjugated.
+BAND_HELD, STRONG = 0.9, 10.0
 # Without a scan that says how far beams lie apart, a map closes gaps up to this quantile of the points' distances.
 SPACING_QUANTILE = 0.99
 
@@ -69,8 +72,8 @@ def process(
         A netCDF file: of `run(..., recordings={"signals": ...})`, or in the layout that
         `sionna_radar.survey.recordings.signal_file` describes.
     overrides:
-        Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna` and
-        `radar.receiver`.
+        Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
+        `radar.receiver` and `radar.conjugate`.
     antenna, range_estimator, dem_method:
         Custom parts; those of the flight that a file cannot hold must be given again.
     block_size:
@@ -117,6 +120,16 @@ class _Task:
     detector: Detector
     method: DemMethod | None
 
+    def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
+        """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
+        found = self.file.beats(pulses)
+        return [beat.conj() for beat in found] if self.conjugate else found
+
+    @property
+    def conjugate(self) -> bool:
+        """Whether the samples' Q has the other sign."""
+        return isinstance(self.settings, RecordedSettings) and self.settings.radar.conjugate
+
     @property
     def gap_m(self) -> float | None:
         """Largest gap that a map closes; None where only the points can tell."""
@@ -153,6 +166,9 @@ def _task(
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(overrides, source), file.sweeps
+        if settings.radar.conjugate and sweeps[0].sampling == "real":
+            message = "true has no effect on real samples; leave it out, or record beat_q as well"
+            raise ScenarioError([Problem("radar.conjugate", message)], source)
     else:
         settings = recorded_scenario(file.scenario, overrides, source)
         sweeps = build_sweeps(settings.radar)
@@ -231,6 +247,7 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
             estimate = mapper.map(found.points, found.profiles, file.pose)
             comparison = _compared(estimate.dem, file)
     progress("mapping", 1, 1)
+    spectrum = _spectrum(task)
     return Processed(
         source=task.path,
         settings=task.settings,
@@ -243,10 +260,10 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         dem_sigma=None if estimate is None else estimate.sigma,
         comparison=comparison,
         georeference=file.georeference,
-        spectrum=_spectrum(task),
+        spectrum=spectrum,
         chirp=sweeps.record_chirps(pulses.pulses(np.array([len(pulses) // 2])))[0],
         timing_s=watch.seconds(),
-        warnings=_warnings(found.echoes, comparison, pulses),
+        warnings=_warnings(task, found.echoes, comparison, spectrum),
     )
 
 
@@ -257,7 +274,7 @@ def _sweep_detector(task: _Task) -> SweepDetector:
         grid = _mapper(task, None).grid
         ground = build_expected_ground(expected, file.flight.altitude_m, task.antenna, grid, file.georeference)
     return SweepDetector(
-        detector=task.detector, sweeps=task.sweeps, schedule=file.pulses, expected_ground=ground, beats=file.beats
+        detector=task.detector, sweeps=task.sweeps, schedule=file.pulses, expected_ground=ground, beats=task.beats
     )
 
 
@@ -275,7 +292,7 @@ def _detect(task: _Task, sweeps: SweepDetector, block_size: int, watch: Stopwatc
     progress("detecting", 0, len(pulses))
     for block in pulses.line_blocks(block_size):
         with watch("read"):
-            beats = task.file.beats(block)
+            beats = task.beats(block)
         with watch("detect"):
             found = sweeps.detect(beats, block)
         if keeps_profiles and found.profiles is not None:
@@ -332,15 +349,22 @@ def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
 
 def _spectrum(task: _Task) -> RangeSpectrum:
     analyser = task.detector.analyser
-    power = analyser.power(task.file.beats(task.file.pulses.sample(SPECTRUM_PULSES))[0])
+    power = analyser.power(task.beats(task.file.pulses.sample(SPECTRUM_PULSES))[0])
     return RangeSpectrum(range_m=analyser.range_m, mean=power.mean(axis=0), median=np.median(power, axis=0))
 
 
-def _warnings(echoes: Echoes, comparison: DemComparison | None, pulses: RecordedPulses) -> tuple[str, ...]:
+def _warnings(
+    task: _Task, echoes: Echoes, comparison: DemComparison | None, spectrum: RangeSpectrum
+) -> tuple[str, ...]:
     """Return, and log, what degrades a result."""
     warnings: tuple[str, ...] = ()
-    if not pulses.located:
+    if not task.file.pulses.located:
         warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
+    if task.file.scenario is None and task.sweeps[0].sampling == "iq" and _turned(spectrum, task.detector):
+        warnings += (
+            f"{BAND_HELD:.0%} of the energy of echoes lies in the farther half of the ranges, as where Q has the other "
+            f"sign; if none is expected there, set radar.conjugate = {str(not task.conjugate).lower()}",
+        )
     if len(echoes) == 0:
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)
     elif comparison is not None and comparison.lit_error.count == 0:
@@ -348,3 +372,15 @@ def _warnings(echoes: Echoes, comparison: DemComparison | None, pulses: Recorded
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings
+
+
+def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:
+    """Return whether the nearer half of the ranges is empty, and the farther half is not: I/Q with negative beats.
+
+    Leakage stands at both ends of the band, and is left out with the window's response of it.
+    """
+    left_out = RESPONSE_CELLS * detector.analyser.zero_padding
+    echo = np.maximum(spectrum.mean - spectrum.floor, 0.0)[left_out:-left_out]
+    half = len(spectrum.mean) // 2 - left_out
+    strong = echo.max(initial=0.0) > STRONG * spectrum.floor
+    return bool(strong and echo[half:].sum() > BAND_HELD * echo.sum())

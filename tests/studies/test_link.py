@@ -39,11 +39,11 @@ def test_simulation_and_closed_form_agree(budget):
     assert budget.largest_difference_db < 0.3
     assert all(one.compared and not one.reason for link in budget.links for one in link.simulated)
     # Near and far, certain and doubtful: a share of pulses, and three of its standard deviations.
-    assert clear.simulated[1].detection < 0.9 < clear.simulated[0].detection
+    assert clear.simulated[1].ground.passing < 0.9 < clear.simulated[0].ground.passing
     for one in (*clear.simulated, *rain.simulated):
-        spread = np.sqrt(one.detection * (1 - one.detection) / 1200)
-        assert abs(one.detected - one.detection) < 3 * spread + 0.02
-        assert one.echo_detected >= one.detected
+        passing = one.ground.passing
+        assert abs(one.passed - passing) < 3 * np.sqrt(passing * (1 - passing) / 1200) + 0.02
+        assert one.echo_passed >= one.passed
 
 
 def test_signal_to_noise_is_the_radar_equation(budget):
@@ -61,18 +61,49 @@ def test_signal_to_noise_is_the_radar_equation(budget):
     # Half-power widths: of the two-way beam across the plane, and of the window's response.
     width_m = np.hypot(range_m * np.tan(tilt) * np.deg2rad(2.0) / np.sqrt(2), 1.44 * cell_m) / 2.355
     in_cell = whole * widening * cell_m / (np.sqrt(2 * np.pi) * width_m)
-    assert 10 * np.log10(clear.echo[-1] / (in_cell / (noise_w * 2 * widening / 512))) == pytest.approx(0.0, abs=0.4)
+    assert 10 * np.log10(clear.ground[-1].snr / (in_cell / (noise_w * 2 * widening / 512))) == pytest.approx(
+        0.0, abs=0.4
+    )
 
 
 def test_rain_takes_and_adds(budget):
     clear, rain = budget.links
-    assert np.all(clear.clutter == 0)
-    assert np.all(rain.clutter > 0)
-    loss_db = 10 * np.log10(clear.echo / rain.echo)
+    assert np.all(clear.of_ground("clutter") == 0)
+    assert np.all(rain.of_ground("clutter") > 0)
+    loss_db = 10 * np.log10(clear.of_ground("snr") / rain.of_ground("snr"))
     # Twice the path at the specific attenuation of 20 mm/h at 77 GHz (ITU-R P.838: 10.5 dB/km).
     np.testing.assert_allclose(loss_db, 2 * 10.5e-3 * clear.range_m, rtol=0.1, atol=0.02)
     assert rain.reach_m < clear.range_m[-1]
     assert budget.dynamic_range_db > 10
+
+
+def test_rain_never_helps_to_detect_the_ground(budget):
+    """Its own echo passes the CFAR, which reads less behind it; the ground is held against noise and rain in its cell.
+
+    There a cell of speckle passes with the probability of a Swerling 1 target, 1 / (1 + signal / noise) of what noise
+    alone takes, at the ratio of the ground to both.
+    """
+    clear, rain = budget.links
+    assert np.all(rain.of_ground("detection") <= clear.of_ground("detection") + 1e-9)
+    assert np.all(rain.of_ground("passing") >= rain.of_ground("false_alarm"))
+    # At the farthest ranges rain alone passes more often than a false alarm of noise.
+    assert rain.ground[-1].false_alarm > 100 * clear.ground[-1].false_alarm
+    cfar = load_scenario("hills", WEAK).processing.cfar
+    for one in rain.ground:
+        ratio = one.snr / (1 + one.clutter)
+        # Of a level known exactly; the CFAR's own scatter takes a few hundredths.
+        assert one.detection <= cfar.false_alarm_probability ** (1 / (1 + ratio)) + 0.01
+
+
+def test_a_reach_beyond_the_sampled_ranges_is_told(capsys):
+    strong = WEAK | {"radar.transmit_power_dbm": 40.0}
+    budget = link_budget(load_scenario("hills", strong), incidences_deg=[20.0], rains_mm_per_h=[0.0], pulses=40)
+    (link,) = budget.links
+    assert link.reaches_the_end
+    print_link(budget)
+    said = capsys.readouterr().out
+    assert f"{link.range_m[-1]:.0f}+" in said
+    assert "the sampled ranges end there, not the reach" in said
 
 
 @pytest.mark.parametrize(
@@ -98,6 +129,9 @@ def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
     document = json.loads((tmp_path / "link" / "link.json").read_text())
     assert len(document["links"][0]["range_m"]) == 60
     assert "reach" in done.stdout
+    columns = (tmp_path / "link" / "link.csv").read_text().splitlines()[0].split(",")[4:]
+    assert columns == [*document["links"][0]["simulated"][0]][1:6]
+    assert set(columns) < set(document["links"][0])
     assert cli("link", small, "--rain", "much", "-o", tmp_path / "none").returncode == 2
 
 
@@ -152,5 +186,5 @@ def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
     budget = link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=40)
     (link,) = budget.links
     assert not any(one.reason for one in link.simulated)
-    assert np.all(np.isfinite(link.echo))
-    assert np.all(np.isfinite(link.detection))
+    assert np.all(np.isfinite(link.of_ground("snr")))
+    assert np.all(np.isfinite(link.of_ground("detection")))

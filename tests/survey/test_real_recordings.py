@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import rasterio
 import xarray as xr
 from scipy.constants import speed_of_light
 
@@ -70,6 +71,44 @@ def test_whole_numbers_with_a_scale_and_real_samples_are_read(tmp_path):
     assert found.chirp.power.max() == pytest.approx(0.5, rel=0.1)
 
 
+@pytest.mark.parametrize(("range_m", "sweeps"), [(4.4, 1), (15.1, 2)])
+def test_conjugated_samples_are_told_and_turned(range_m, sweeps, tmp_path):
+    """Q of the other sign has its beat at -f, read as the sampling rate less f: 38.37 m less the range."""
+    beat = tone(range_m)
+    kind = {} if sweeps == 1 else {"sweep": "triangular"}
+    beat = beat if sweeps == 1 else np.stack([beat, beat], axis=1)
+    dims = ("pulse", "sample") if sweeps == 1 else ("pulse", "sweep", "sample")
+    radar = {"carrier_hz": CARRIER_HZ, "bandwidth_hz": BANDWIDTH_HZ, "sampling_rate_hz": RATE_HZ} | kind
+    found = {}
+    for name, q in (("straight", beat.imag), ("turned", -beat.imag)):
+        path = tmp_path / f"{name}.nc"
+        xr.Dataset({"beat_i": (dims, beat.real), "beat_q": (dims, q)}, attrs=radar).to_netcdf(path, engine="h5netcdf")
+        for conjugate in (False, True):
+            found[name, conjugate] = process(path, NARROW | {"radar.conjugate": conjugate})
+    largest_m = SAMPLES * speed_of_light / (2 * BANDWIDTH_HZ)
+    for (name, conjugate), one in found.items():
+        right = (name == "turned") == conjugate
+        np.testing.assert_allclose(one.echoes.range_m, range_m if right else largest_m - range_m, atol=0.02)
+        said = [warning for warning in one.warnings if "radar.conjugate" in warning]
+        assert len(said) == (0 if right else 1)
+        assert all(warning.endswith(f"radar.conjugate = {str(not conjugate).lower()}") for warning in said)
+    np.testing.assert_array_equal(found["turned", True].echoes.range_m, found["straight", False].echoes.range_m)
+
+
+def test_noise_and_leakage_are_no_echoes_of_conjugated_samples(tmp_path):
+    """Leakage at 0.1 m has its skirts at both ends of the band."""
+    path = layout(tmp_path / "a.nc", 100 * tone(0.1) + tone(9.0, seed=2))
+    assert not any("conjugate" in warning for warning in process(path, NARROW).warnings)
+    noise = np.random.default_rng(3).normal(size=(20, SAMPLES, 2)) @ [1, 1j]
+    assert not any("conjugate" in warning for warning in process(layout(tmp_path / "b.nc", noise), NARROW).warnings)
+
+
+def test_real_samples_have_nothing_to_conjugate(tmp_path):
+    path = layout(tmp_path / "a.nc", tone(12.3).real)
+    with pytest.raises(RadarError, match=r"radar\.conjugate: true has no effect on real samples"):
+        process(path, {"radar.conjugate": True})
+
+
 def test_poses_make_points_and_a_dem(tmp_path):
     """Looking straight down from a moving platform over level ground 12.3 m below."""
     count = 400
@@ -89,6 +128,8 @@ def test_poses_make_points_and_a_dem(tmp_path):
     assert np.abs(found.dem.height_m[found.dem.filled]).max() < 0.05
     assert found.dem.filled.sum() > 300
     write_processed(found, tmp_path / "out")
+    with rasterio.open(tmp_path / "out" / "dem_sigma.tif") as file:
+        np.testing.assert_array_equal(file.read(1)[::-1], found.dem_sigma.height_m.astype(np.float32))
     assert {"points.laz", "dem.tif", "echoes.csv"} <= {file.name for file in (tmp_path / "out").iterdir()}
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Complex, Float, Inexact, Int
 
 from sionna_radar.detection.angle.phase_noise import coherence, phase_covariance, ratio_covariance
 from sionna_radar.detection.angle.range_strips import RangeStrips, range_strips
-from sionna_radar.detection.angle.stretches import Stretches
+from sionna_radar.detection.angle.stretches import Stretches, wavefront_bend
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimator import EchoSpans
@@ -114,7 +114,8 @@ class AngleEstimator:
             # The beat's phase is that of the way there and back, on a down-sweep its negative.
             per_cosine = -chirp.direction * 2 * np.pi * receiver.baseline_m / chirp.wavelength_m
             ramp = per_cosine * strips.climb[:, receiver.axis - 1] * stretches.climb_per_m
-            cross, level = stretches.cross(signal, signals[0], ramp)
+            bend = wavefront_bend(per_cosine, receiver.baseline_m)
+            cross, level = stretches.cross(signal, signals[0], ramp, bend)
             cosine.append(np.angle(cross) / per_cosine)
             along = np.abs(per_cosine * strips.strip[:, receiver.axis - 1]) * strips.along
             # Ground may be tilted: as much as the ramp may be missing or doubled.

@@ -25,7 +25,7 @@ from sionna_radar.detection.angle.beam_former import (
     source_powers,
     steering,
 )
-from sionna_radar.detection.angle.stretches import Stretches
+from sionna_radar.detection.angle.stretches import Stretches, wavefront_bend
 
 # Scatter of a phase from receiver to receiver up to which one surface is followed, and steps of it.
 MOST_SCATTER_RAD, SCATTERS = 1.5, 61
@@ -94,12 +94,16 @@ class RowEstimator(AngleEstimator):
     ) -> Complex[np.ndarray, "point receiver receiver"]:
         """Return the products of the receivers' signals, those of the row first, summed over each stretch's cells."""
         phases, order = self._phases, [receiver.axis != self._axis for receiver in self.receivers]
+        per_cosine = phases.sum(axis=1)  # each receiver lies on one axis
+        wavelength_m = self.detector.analyser.chirp.wavelength_m
+        bend = [wavefront_bend(each, abs(each) * wavelength_m / (2 * np.pi)) for each in per_cosine]
         ordered = [signals[0], *(signals[1:][number] for number in np.argsort(order, kind="stable"))]
         products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
         climb = stretches.strips.climb * stretches.climb_per_m[:, None]
         for m, signal in enumerate(ordered):
             for n, other in enumerate(ordered[: m + 1]):
-                products[:, m, n], _ = stretches.cross(signal, other, climb @ (phases[m] - phases[n]))
+                ramp = climb @ (phases[m] - phases[n])
+                products[:, m, n], _ = stretches.cross(signal, other, ramp, bend[m] - bend[n])
                 products[:, n, m] = products[:, m, n].conj()
         return products
 

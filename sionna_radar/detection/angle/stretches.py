@@ -122,14 +122,18 @@ class Stretches:
         signal: Complex[np.ndarray, "pulse bin"],
         first: Complex[np.ndarray, "pulse bin"],
         ramp_rad_m: Float[np.ndarray, " point"],
+        bend_rad_m: float = 0.0,
     ) -> tuple[Complex[np.ndarray, " point"], Float[np.ndarray, " point"]]:
         """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
 
         ramp_rad_m: growth of the phase with range that is expected, and taken out.
+        bend_rad_m: phase of the wavefronts' curvature times the range, taken out at each cell's range; see
+            `wavefront_bend`.
         """
         one, other = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
-        apart_m = self.cell_bin * self.bin_m - np.repeat(self.range_m, self.length)
-        ramp = np.repeat(ramp_rad_m, self.length) * apart_m
+        cell_m = self.cell_bin * self.bin_m
+        ramp = np.repeat(ramp_rad_m, self.length) * (cell_m - np.repeat(self.range_m, self.length))
+        ramp += bend_rad_m / np.maximum(cell_m, self.bin_m)
         # In real numbers: a product of complex ones may be rounded differently at the end of a block.
         turn, aside = np.cos(ramp), np.sin(ramp)
         real = one.real * other.real + one.imag * other.imag
@@ -139,6 +143,16 @@ class Stretches:
         )
         power = sums(one.real**2 + one.imag**2, self.begin) * self.power
         return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
+
+
+def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
+    """Return the phase of a spherical wavefront at a receiver beside the first, less a plane one's, times the range.
+
+    The way back is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation); `per_cosine_rad`
+    is the phase of -b u for each u. With the bend taken out a direction is that seen from the first receiver, from
+    where its range counts; else it is that of the middle of both.
+    """
+    return -per_cosine_rad * baseline_m / 2
 
 
 def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:

@@ -26,7 +26,7 @@ def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
 
 
 def draw_link(budget: LinkBudget) -> Figure:
-    """Draw signal to noise above, and probability of detection below, over range; a column for each material."""
+    """Draw signal to noise above, and probabilities below, over range; a column for each material."""
     materials = list(dict.fromkeys(one.material for one in budget.links))
     width = max(7.5, 0.8 + 4.6 * len(materials))
     figure = ReportFigure(figsize=(width, 7.2), layout="constrained")
@@ -45,15 +45,15 @@ def draw_link(budget: LinkBudget) -> Figure:
             axes.grid(alpha=0.3)
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter("{x:g}")
-    panels[0, 0].set_ylabel("Over the noise in a range cell (dB)")
+    panels[0, 0].set_ylabel("SNR of the ground in a range cell (dB)")
     panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], LEAST_DB))
-    panels[1, 0].set_ylabel("Probability of detection, one cell")
+    panels[1, 0].set_ylabel("Probability of detecting the ground")
     handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
     handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
     handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
-    if any(np.any(one.clutter > 0) for one in budget.links):
-        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Echo of the air alone (thin)")]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6), frameon=False)
+    if any(one.of_ground("clutter").any() for one in budget.links):
+        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Air alone; any echo passes")]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
     return figure
 
 
@@ -92,13 +92,13 @@ def _levels(power: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def _draw(upper: Axes, lower: Axes, one: Link, colour: str, line: str) -> None:
-    upper.plot(one.range_m, decibels(one.echo + one.clutter), color=colour, ls=line)
-    if np.any(one.clutter > 0):
-        upper.plot(
-            one.range_m, decibels(np.where(one.clutter > 0, one.clutter, np.nan)), color=colour, lw=0.7, alpha=0.6
-        )
-    lower.plot(one.range_m, one.detection, color=colour, ls=line)
+    snr, clutter = one.of_ground("snr"), one.of_ground("clutter")
+    upper.plot(one.range_m, decibels(snr), color=colour, ls=line)
+    if np.any(clutter > 0):
+        upper.plot(one.range_m, _levels(clutter), color=colour, lw=0.7, alpha=0.6, ls=line)
+    lower.plot(one.range_m, one.of_ground("detection"), color=colour, ls=line)
+    lower.plot(one.range_m, one.of_ground("passing"), color=colour, lw=0.7, alpha=0.6, ls=line)
     for each in one.simulated:
         style = {"marker": "o", "ls": "", "mfc": colour, "mec": "black", "ms": 5}
-        upper.plot(each.range_m, to_db(each.found), **style)
-        lower.plot(each.range_m, each.detected, **style)
+        upper.plot(each.range_m, to_db(max(each.found - each.ground.clutter, 0.0)), **style)
+        lower.plot(each.range_m, each.passed, **style)

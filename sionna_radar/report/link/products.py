@@ -9,18 +9,20 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.decibel import decibels, to_db
+from sionna_radar.foundation.decibel import decibels
 from sionna_radar.report.folder import without_nan, write_study
 from sionna_radar.report.link.figures import draw_all
 from sionna_radar.studies.link_result import SURE, TOLERANCE_DB, Link, LinkBudget, Simulated
 
 MARKER = "link.json"
-COLUMNS = ("material", "incidence_deg", "rain_mm_per_h", "range_m", "snr_db", "clutter_db", "detection_probability")
 MEANING = (
-    "snr_db is the mean power of the ground's strongest range cell over the noise in a cell, clutter_db that of what "
-    "is in the air there; detection_probability is that of this one cell in one pulse, clutter included. Under "
-    "`simulated` the same, with clutter, from pulses that were traced, synthesised and detected. reach_m is the "
-    "farthest range up to which the cell is detected with reach_probability and holds more of the ground than clutter."
+    "snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db over "
+    "what is in the air there. detection_probability is that of detecting the ground in this cell in one pulse "
+    "against noise and clutter, false_alarm_probability that the cell passes the CFAR without the ground, "
+    "passing_probability that it passes with all that is in it. Under `simulated` passed is the share of simulated "
+    "pulses in which it does, and difference_db ground and clutter there over the closed form. reach_m is the farthest "
+    "range up to which the cell passes with reach_probability and holds more of the ground than clutter; with "
+    "reaches_the_end the sampled ranges end before it does."
 )
 
 
@@ -59,11 +61,10 @@ def link_csv(budget: LinkBudget) -> str:
     """Return the closed form as a table, a row for each range."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(COLUMNS)
+    rows.writerow(["material", "incidence_deg", "rain_mm_per_h", "range_m", *budget.links[0].ground[0].numbers()])
     for link in budget.links:
-        columns = link.range_m, decibels(link.echo), decibels(link.clutter), link.detection
-        for row in zip(*columns, strict=True):
-            own = [f"{value:.6g}" if np.isfinite(value) else "" for value in row]
+        for range_m, ground in zip(link.range_m, link.ground, strict=True):
+            own = [f"{value:.6g}" if np.isfinite(value) else "" for value in (range_m, *ground.numbers().values())]
             rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *own])
     return text.getvalue()
 
@@ -86,10 +87,9 @@ def _link(link: Link) -> dict[str, Any]:
         "incidence_deg": link.incidence_deg,
         "rain_mm_per_h": link.rain_mm_per_h,
         "reach_m": link.reach_m,
+        "reaches_the_end": link.reaches_the_end,
         "range_m": link.range_m.tolist(),
-        "snr_db": _finite(decibels(link.echo)),
-        "clutter_db": _finite(decibels(link.clutter)),
-        "detection_probability": link.detection.tolist(),
+        **{name: _finite(np.array([one.numbers()[name] for one in link.ground])) for name in link.ground[0].numbers()},
         "simulated": [_simulated(one) for one in link.simulated],
     }
 
@@ -97,13 +97,12 @@ def _link(link: Link) -> dict[str, Any]:
 def _simulated(one: Simulated) -> dict[str, Any]:
     return {
         "range_m": one.range_m,
-        "closed_form_db": to_db(one.expected),
+        **one.ground.numbers(),
         "difference_db": one.difference_db,
         "spread_db": one.spread_db,
         "compared": one.compared,
-        "detection_probability": one.detection,
-        "detected": one.detected,
-        "echo_detected": one.echo_detected,
+        "passed": one.passed,
+        "echo_passed": one.echo_passed,
         "reason": one.reason or None,
     }
 

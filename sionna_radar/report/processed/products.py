@@ -69,6 +69,8 @@ def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) 
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
     height_m = place.origin_m[2] if place else 0.0
     rasters = {"dem": (processed.dem, "DEM height", height_m)}
+    if processed.dem_sigma is not None:
+        rasters["dem_sigma"] = (processed.dem_sigma, "standard deviation of the DEM height", 0.0)
     if processed.comparison is not None:
         rasters["truth"] = (processed.comparison.truth, "true height", height_m)
         rasters["error"] = (processed.comparison.error, "DEM minus truth", 0.0)

@@ -10,6 +10,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.motion import level_axes
+from sionna_radar.tracing.effects.bouncing_rays import BouncedEchoes, bounced_echoes
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 
@@ -19,6 +20,10 @@ RIGHT_FORWARD_UP = [1, 0, 2]
 STEP_CELLS = 1 / 8
 # Faces of all pulses that are handled at once.
 AT_ONCE = 2_000_000
+# Of rays from face to face, at most some in a square of the wavelength's side.
+TUBES = 8
+# Of the antenna's gain, two ways a millionth: less is not worth to follow rays from face to face.
+LEAST_GAIN = 1e-3
 
 
 def trace_body(
@@ -34,7 +39,11 @@ def trace_body(
     Nothing hides it but itself.
     """
     R_world_body = level_axes(heading_rad)[:, :, RIGHT_FORWARD_UP]
-    few = max(1, AT_ONCE // len(scatterer.body.faces))
+    tubes = 0
+    if scatterer.sees_itself:
+        area_m2 = np.linalg.norm(scatterer.normal_m2, axis=1).sum()
+        tubes = int(TUBES * area_m2 / scatterer.wavelength_m**2)
+    few = max(1, AT_ONCE // (len(scatterer.body.faces) + tubes))
     pieces = []
     for low in range(0, len(pulses), few):
         rows = slice(low, low + few)
@@ -54,18 +63,25 @@ def _trace(
     radar_m = np.einsum("pji,pj->pi", R_world_body, pose.position_m - place_m)
     amplitude = scatterer.amplitude(radar_m)
     row, face = np.nonzero(amplitude)
+    share, place, bounced = amplitude[row, face] * abs(antenna.mirrored), scatterer.middle_m[face], None
+    if scatterer.sees_itself:
+        bounced = _bounced(scatterer, pulses, place_m, R_world_body, radar_m, antenna)
+        row, place = np.concatenate([row, bounced.row]), np.concatenate([place, bounced.place_m])
+        share = np.concatenate([share, bounced.amplitude])
     if len(row) == 0:
         return _to(pulses, row, np.zeros((0, 3)), np.zeros(0, dtype=np.complex128))
-    middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], scatterer.middle_m[face])
+    middle = place_m[row] + np.einsum("nij,nj->ni", R_world_body[row], place)
     away = middle - pose.position_m[row]
     range_m = np.linalg.norm(away, axis=1)
     direction = np.einsum("nij,ni->nj", pose.R_world_antenna[row], away / range_m[:, None])
+    if bounced is not None:
+        range_m[len(row) - len(bounced) :] = bounced.range_m
     # The square root of the radar equation (Rouveure et al. 2017, eq. 3).
-    field = antenna.gain(direction) * wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2) * amplitude[row, face]
+    field = antenna.gain(direction) * wavelength_m / ((4 * np.pi) ** 1.5 * range_m**2) * share
     step_m = STEP_CELLS * chirp.range_resolution_m
     number = np.floor(range_m / step_m).astype(np.int64)
     ahead_m = range_m - (number + 0.5) * step_m
-    field = field * abs(antenna.mirrored) * np.exp(-4j * np.pi / wavelength_m * ahead_m)
+    field = field * np.exp(-4j * np.pi / wavelength_m * ahead_m)
     # A table of pulses and steps of range: sorting the faces would take longer than all else.
     nearest = int(number.min())
     steps = int(number.max()) - nearest + 1
@@ -77,6 +93,26 @@ def _trace(
     own, step = np.divmod(group, steps)
     paths = _to(pulses, own, hit_m, gain)
     return replace(paths, delay_s=2 / speed_of_light * (step + nearest + 0.5) * step_m)
+
+
+def _bounced(
+    scatterer: Scatterer,
+    pulses: Pulses,
+    place_m: Float[np.ndarray, "pulse 3"],
+    R_world_body: Float[np.ndarray, "pulse 3 3"],
+    radar_m: Float[np.ndarray, "pulse 3"],
+    antenna: Antenna,
+) -> BouncedEchoes:
+    """Return what a body returns after several reflections, in pulses whose beam is on it."""
+    away = place_m + R_world_body @ scatterer.sphere[0] - pulses.true.position_m
+    turn = pulses.true.R_world_antenna
+    ahead = np.einsum("pij,pi->pj", turn, away / np.linalg.norm(away, axis=1)[:, None])
+    lit = np.flatnonzero(antenna.gain(ahead) > LEAST_GAIN * antenna.peak_gain)
+    sent, received = (
+        np.einsum("pki,pkj,pj->pi", R_world_body[lit], turn[lit], field) for field in antenna.fields(ahead[lit])
+    )
+    echoes = bounced_echoes(scatterer, radar_m[lit], sent, received)
+    return replace(echoes, row=lit[echoes.row])
 
 
 def _to(

@@ -10,6 +10,10 @@
 
     gain = G R_A R_B lambda / (4 pi 2 h) * F(strip) F(length),    F = sqrt(2 j / (lambda h)) int exp(-j k x^2 / h) dx.
 
+Beside its ends the edge is met under a slant, t out of the plane across it: along it the range is expanded about the
+nearest end, r + ((x - s)^2 - s^2) cos^2 t / 2 r with s = r sin t / cos^2 t, and r stands for h. So a short dihedral has
+the lobes sin(k L sin t) / (k L sin t) of its length L, and cos t of a plate. Between both faces a ray in the strip's
+place x goes x tan t / (sin p cos p) along the edge: by so much the length that sends it back is less.
 A long deep dihedral has F = 1: the mirror at its edge. A small one becomes a plate of area 2 w L, at p = 45 deg with
 a = b of cross-section 8 pi a^2 L^2 / lambda^2 (Knott, Shaeffer and Tuley, "Radar Cross Section"). Faces that meet at
 90 deg - e send the two halves of the strip aside, as plates turned by e: their foot lies h tan(e) from the edge.
@@ -26,7 +30,6 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.effects.mirrors import OUTSIDE_RADII, lobe_m, taper
 from sionna_radar.tracing.effects.reflection import PlaneMirror
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
@@ -34,8 +37,12 @@ from sionna_radar.tracing.paths import BOUNCED, Paths
 MOST_TURN_RAD = float(np.deg2rad(3.0))
 # Faces that do not touch within this are no corner; it is the precision of the ray caster.
 TOUCHING_M = 0.02
-# Echoes weaker than this share of an endless dihedral's field are left out.
+# Echoes weaker than this share of the dihedral's greatest field are left out.
 LEAST_FIELD = 1e-3
+# Side lobes along the edge fade out where they are this share of it, from the first to the second.
+LOBES_FADE = 10**-1.5, 1e-2
+# Of half the strip, over each of which the length that both faces send back is even.
+STRIP_PARTS = 16
 # Rays look at the faces this far from the edge, where the other face does not hide them.
 BESIDE_EDGE_M = 0.05
 
@@ -151,7 +158,7 @@ class DihedralTracer:
         place = np.einsum("ni,ni->n", away, self._along)
         half = (self._high_m - self._low_m) / 2
         farthest = np.sqrt(np.maximum((away**2).sum(axis=1) - place**2, 0.0)) + reach
-        outside = reach + OUTSIDE_RADII[1] * lobe_m(farthest, self._wavelength_m, half)
+        outside = reach + _outside_m(farthest, self._wavelength_m, 2 * half)
         near = (place > self._low_m - outside) & (place < self._high_m + outside)
         near &= (np.einsum("ni,nki->nk", away, self._normal) > -reach).all(axis=1)
         return [self._dihedrals[number] for number in np.flatnonzero(near)]
@@ -167,21 +174,31 @@ class DihedralTracer:
         row = np.flatnonzero((before.min(axis=0) > 0) & (into.min(axis=0) > 0) & (far > near))
         place, height, near, far = place[row], height[row], near[row], far[row]
         foot = height * np.tan(corner.turn_rad)
-        straight = height * np.cos(corner.turn_rad)
+        end = np.clip(place, corner.low_m, corner.high_m)
+        range_m = np.hypot(height, place - end)
+        straight = range_m * np.cos(corner.turn_rad)
+        squared_cosine, length = (height / range_m) ** 2, corner.high_m - corner.low_m
+        slant = (place - end) / squared_cosine
+        # Between both faces a ray goes along the edge, by so much for each metre of its place in the strip.
+        sines = into[:, row] / height
+        shift = np.abs(place - end) / height / (sines[0] * sines[1])
+        parts = np.linspace(near, far, STRIP_PARTS + 1)
+        cut = np.minimum(shift * (parts[1:] + parts[:-1]) / 2, length) / 2
+        low, high = corner.low_m - end - slant + cut, corner.high_m - end - slant - cut
         # Both halves of the strip, each beside a foot of its own.
-        share = 2 * _fresnel_share(near - foot, far - foot, straight, wavelength)
-        share *= _fresnel_share(corner.low_m - place, corner.high_m - place, straight, wavelength)
-        beside = np.maximum(np.maximum(corner.low_m - place, place - corner.high_m), 0.0)
-        lobe = OUTSIDE_RADII[1] * lobe_m(height, wavelength, (corner.high_m - corner.low_m) / 2)
-        share *= taper(beside / lobe)
-        strong = np.abs(share) > LEAST_FIELD
-        row, place, straight, share = row[strong], place[strong], straight[strong], share[strong]
-        foot = np.clip(foot, near, far)[strong]
-        edge = corner.edge_m + np.clip(place, corner.low_m, corner.high_m)[:, None] * corner.along
-        range_m = np.hypot(straight, np.linalg.norm(edge - corner.edge_m - place[:, None] * corner.along, axis=1))
+        strip = 2 * _fresnel_share(parts[:-1] - foot, parts[1:] - foot, straight, wavelength)
+        share = np.sum(strip * _fresnel_share(low, high, straight / squared_cosine, wavelength), axis=0)
+        share *= _faded(np.abs(place - end), _outside_m(height, wavelength, length))
+        straight_on = 2 * np.abs(_fresnel_share(near, far, straight, wavelength))
+        straight_on *= np.minimum(1.0, length * np.sqrt(2 / (wavelength * height)))
+        strong = np.abs(share) > LEAST_FIELD * straight_on
+        row, place, end, slant, straight, share, range_m, foot = (
+            column[strong] for column in (row, place, end, slant, straight, share, range_m, np.clip(foot, near, far))
+        )
+        edge = corner.edge_m + end[:, None] * corner.along
         amplitude = self._amplitude(corner, pulses, row, edge, foot)
         # The phase of the share is relative to the foot, the delay of the path to the nearest point of the edge.
-        turn = np.exp(4j * np.pi / wavelength * (range_m - straight))
+        turn = np.exp(4j * np.pi / wavelength * (range_m - straight + slant * (place - end) / (2 * range_m)))
         gain = amplitude * wavelength / (8 * np.pi * straight) * share * turn
         seen = gain != 0
         seen[seen] = self._visible(corner, position[row[seen]], edge[seen])
@@ -245,14 +262,35 @@ class DihedralTracer:
         return seen
 
 
+def _outside_m(
+    height_m: Float[np.ndarray, " n"], wavelength_m: float, length_m: Float[np.ndarray, " n"] | float
+) -> Float[np.ndarray, " n"]:
+    """Return how far beside an edge's ends its side lobes have fallen to the second of `LOBES_FADE`.
+
+    Their envelope is sqrt(2 lambda h) / 2 pi x of an endless edge's field; a short one has L sqrt(2 / lambda h) of it.
+    """
+    zone = np.sqrt(wavelength_m * height_m / 2)
+    outside: Float[np.ndarray, " n"] = zone / np.pi / LOBES_FADE[1] * np.maximum(1.0, zone / length_m)
+    return outside
+
+
+def _faded(beside_m: Float[np.ndarray, " n"], outside_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return what is left of the side lobes beside an edge's ends: all to the first of `LOBES_FADE`, then falling."""
+    inner = LOBES_FADE[1] / LOBES_FADE[0]
+    left: Float[np.ndarray, " n"] = (
+        np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2
+    )
+    return left
+
+
 def _fresnel_share(
-    low_m: Float[np.ndarray, " n"],
-    high_m: Float[np.ndarray, " n"],
+    low_m: Float[np.ndarray, "*part n"],
+    high_m: Float[np.ndarray, "*part n"],
     height_m: Float[np.ndarray, " n"],
     wavelength_m: float,
-) -> Complex[np.ndarray, " n"]:
+) -> Complex[np.ndarray, "*part n"]:
     """Return sqrt(2 j / (lambda h)) times the integral of exp(-j k x^2 / h) between two places beside the foot."""
     per_metre = 2 / np.sqrt(wavelength_m * height_m)
     (s_low, c_low), (s_high, c_high) = (fresnel(x * per_metre) for x in (low_m, high_m))
-    share: Complex[np.ndarray, " n"] = ((c_high - c_low) - 1j * (s_high - s_low)) / (1 - 1j)
+    share: Complex[np.ndarray, "*part n"] = ((c_high - c_low) - 1j * (s_high - s_low)) / (1 - 1j)
     return share

@@ -8,25 +8,27 @@ returns by the radar equation with the amplitude (Ruck and others 1970, "Radar C
 relative to the phase of its middle c. Over a triangle the integral is 2 A times the divided difference of the
 exponential at three values, those of its exponent at the corners (Hermite and Genocchi), which is evaluated without
 loss near their coincidences. The sum over faces with the phase of each one's range holds for near fields of the body,
-too. Faces in a small step of range are one path.
+too. Faces in a small step of range are one path. Bodies that see themselves return further reflections, see
+`bouncing_rays`.
 """
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
-from scipy.constants import speed_of_light
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.spatial import ConvexHull, QhullError
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.scenario.objects import TargetMesh
 from sionna_radar.scene.body import Body
-from sionna_radar.scene.body_file import body_of
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
 
 # Share of the way to a face that is not looked at for what hides it.
 SHORT = 1e-3
+# Faces whose unit normals, and offsets over the body's radius, are this near lie in one plane.
+SAME_PLANE = 1e-4
+# A closed body whose volume is so near to that of its hull is convex.
+SAME_VOLUME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,53 @@ class Scatterer:
         return lit
 
     @cached_property
+    def plane(self) -> Int[np.ndarray, " face"]:
+        """Number of the plane that each face lies in."""
+        return self._planes[0]
+
+    @cached_property
+    def plane_normal(self) -> Float[np.ndarray, "plane 3"]:
+        """Unit normals of the planes."""
+        return self._planes[1]
+
+    @cached_property
+    def _planes(self) -> tuple[Int[np.ndarray, " face"], Float[np.ndarray, "plane 3"]]:
+        middle_m, radius_m = self.sphere
+        unit = self.normal_m2 / np.linalg.norm(self.normal_m2, axis=1)[:, None]
+        offset = np.einsum("fi,fi->f", self.middle_m - middle_m, unit) / radius_m
+        key = np.round(np.column_stack([unit, offset]) / SAME_PLANE).astype(np.int64)
+        _, first, plane = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        return plane.reshape(-1), unit[first]
+
+    @cached_property
+    def sees_itself(self) -> bool:
+        """Whether a wave may go from one face to another: not on a single plane, nor on a closed convex body."""
+        if len(self.plane_normal) < 2:
+            return False
+        try:
+            hull_m3 = float(ConvexHull(self.body.vertices_m).volume)
+        except QhullError:  # thin as a sheet
+            return False
+        volume_m3 = float(np.einsum("fi,fi->", self.middle_m - self.sphere[0], self.normal_m2)) / 3
+        return bool(self.body.two_sided.any()) or abs(volume_m3 - hull_m3) > SAME_VOLUME * hull_m3
+
+    def hidden(
+        self, radar_m: Float[np.ndarray, "place 3"], row: Int[np.ndarray, " n"], point_m: Float[np.ndarray, "n 3"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Return whether the body hides points on it from the places in given rows, in its axes."""
+        # From the body on: places far away are no place of single precision.
+        away = radar_m[row] - point_m
+        toward = self.sphere[1] * away / np.linalg.norm(away, axis=1)[:, None]
+        return self.hides(point_m + SAME_PLANE * toward, point_m + 3 * toward)
+
+    def first_hit(
+        self, start_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Return how far rays go to the first face that they meet, infinitely for none, and its number."""
+        hits = self._caster.cast(start_m, direction)
+        return hits.distance_m, hits.face
+
+    @cached_property
     def sphere(self) -> tuple[Float[np.ndarray, " 3"], float]:
         """A sphere around the body, in its axes: middle and radius."""
         low, high = self.body.vertices_m.min(axis=0), self.body.vertices_m.max(axis=0)
@@ -90,67 +139,8 @@ class Scatterer:
         )
         return np.sqrt(self.body.reflectivity) * out
 
-    def rcs_m2(self, toward: Float[np.ndarray, "n 3"], range_m: float) -> Float[np.ndarray, " n"]:
-        """Return the cross-section seen from a range, in directions from the body (unit vectors in its axes)."""
-        found = np.empty(len(toward))
-        for number, one in enumerate(toward):
-            place = one[None] * range_m
-            away_m = np.linalg.norm(self.middle_m - place, axis=1)
-            phase = np.exp(-4j * np.pi / self.wavelength_m * (away_m - range_m))
-            # The radar equation with the range of each face.
-            found[number] = np.abs(np.sum(self.amplitude(place)[0] * phase * (range_m / away_m) ** 2)) ** 2
-        return found
-
 
 @lru_cache(maxsize=16)
 def scatterer_of(body: Body, wavelength_m: float) -> Scatterer:
     """Return a body as it scatters; the last ones are kept."""
     return Scatterer(body, wavelength_m)
-
-
-def rcs_of_mesh(
-    mesh: TargetMesh,
-    carrier_hz: float,
-    azimuth_rad: Float[np.ndarray, " azimuth"],
-    elevation_rad: Float[np.ndarray, " elevation"],
-    range_m: float = 1000.0,
-) -> Float[np.ndarray, "elevation azimuth"]:
-    """Return the cross-section of a shape from all sides, in square metres, by physical optics.
-
-    Parameters
-    ----------
-    mesh:
-        Its file, as in `[[targets]]`.
-    carrier_hz:
-        Of the radar.
-    azimuth_rad, elevation_rad:
-        Direction from which it is seen: clockwise from its front, and above its horizon.
-    range_m:
-        From which it is seen.
-
-    Raises
-    ------
-    InputFileError, ScenarioError
-        The file cannot be used, or is too large for the wavelength; the carrier or the range is no positive number.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import trimesh
-    >>> from sionna_radar.scenario import TargetMesh
-    >>> _ = trimesh.creation.icosphere(subdivisions=6, radius=0.05).export("ball.ply")
-    >>> rcs_m2 = rcs_of_mesh(TargetMesh(path="ball.ply"), 77e9, np.zeros(1), np.zeros(1))
-    >>> bool(abs(10 * np.log10(rcs_m2[0, 0] / (np.pi * 0.05**2))) < 1)
-    True
-
-    """
-    for name, value in {"carrier_hz": carrier_hz, "range_m": range_m}.items():
-        if not 0 < value < np.inf:
-            raise ScenarioError([Problem(name, f"{value:g} is not positive and finite; give it in SI units")])
-    wavelength_m = speed_of_light / carrier_hz
-    seen = Scatterer(body_of(mesh, "mesh", wavelength_m), wavelength_m)
-    elevation, azimuth = np.meshgrid(elevation_rad, azimuth_rad, indexing="ij")
-    level = np.cos(elevation)
-    toward = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], axis=-1)
-    found: Float[np.ndarray, "elevation azimuth"] = seen.rcs_m2(toward.reshape(-1, 3), range_m).reshape(azimuth.shape)
-    return found

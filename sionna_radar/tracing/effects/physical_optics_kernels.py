@@ -45,6 +45,16 @@ def second_difference(a, b, c):
 
 @compiled
 @no_type_check
+def second_differences(phase):
+    """Return the divided differences of the exponential at rows of three phases."""
+    out = np.empty(len(phase), dtype=np.complex128)
+    for row in range(len(phase)):
+        out[row] = second_difference(phase[row, 0], phase[row, 1], phase[row, 2])
+    return out
+
+
+@compiled
+@no_type_check
 def face_amplitudes(radar, corner, middle, normal, wavelength, seen, out):
     """Write the amplitude of each face seen from each place, relative to the phase of its middle."""
     twice = 4.0 * np.pi / wavelength

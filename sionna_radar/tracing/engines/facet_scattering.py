@@ -35,7 +35,7 @@ class FacetScattering:
         direction: Float[np.ndarray, "facet 3"],
         normal: Float[np.ndarray, "facet 3"],
         surface: Int[np.ndarray, " facet"],
-        identity: UInt64[np.ndarray, " facet"],
+        drawn: UInt64[np.ndarray, " facet"],
         R_world_antenna: Float[np.ndarray, "facet 3 3"],
     ) -> Complex[np.ndarray, " facet"]:
         """Return amplitudes whose squares are cross-sections per unit area.
@@ -44,8 +44,8 @@ class FacetScattering:
         ----------
         direction, normal:
             Unit vectors from the radar to each facet, and its normal on the illuminated side; world frame.
-        surface, identity:
-            The surface of each facet, and its unique identity.
+        surface, drawn:
+            The surface of each facet, and random bits that belong to it.
         R_world_antenna:
             Orientation of the antenna that sees each.
 
@@ -63,7 +63,7 @@ class FacetScattering:
                     amplitude[own] = kept * np.sqrt(model.vertical.sigma0(np.arccos(cosine[own])))
                 continue
             fields = self._fields(direction[own], normal[own], R_world_antenna[own])
-            amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(identity[own]))
+            amplitude[own] = _polarized(model, np.arccos(cosine[own]), *fields, _signs(drawn[own]))
         return amplitude
 
     def _fields(
@@ -109,9 +109,9 @@ def _polarized(
     return amplitude
 
 
-def _signs(identity: UInt64[np.ndarray, " facet"]) -> tuple[Float[np.ndarray, " facet"], Float[np.ndarray, " facet"]]:
-    """Return two signs of each facet, from bits that the hash of its identity mixes well."""
-    mixed = identity * np.uint64(0x9E3779B97F4A7C15)
+def _signs(drawn: UInt64[np.ndarray, " facet"]) -> tuple[Float[np.ndarray, " facet"], Float[np.ndarray, " facet"]]:
+    """Return two signs of each facet, apart from its phase by another hash of its bits."""
+    mixed = drawn * np.uint64(0x9E3779B97F4A7C15)
     bits: tuple[Bool[np.ndarray, " facet"], ...] = tuple(
         (mixed >> np.uint64(place)) & np.uint64(1) == 1 for place in (40, 52)
     )

@@ -91,7 +91,7 @@ class GammaEngine:
     scene, antenna, chirp:
         The scene, and the radar that sees it.
     seed:
-        Determines the phases of the facets.
+        Determines the phases of the facets, and the signs of their scattering matrices.
     caster:
         Rays against the scene's surfaces, for the shadows.
     footprint_db:
@@ -99,7 +99,7 @@ class GammaEngine:
     beam_share, range_cells:
         Longest side of a facet, in local half-power widths of the beam and in range resolutions.
     speckle:
-        Whether the phases of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
+        Whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
     decorrelation_time_s:
         After which the field's correlation has fallen to 1 / e, see `wander`; None for a surface that stands still.
 
@@ -143,24 +143,24 @@ class GammaEngine:
 
     def trace(self, pulses: Pulses) -> Paths:
         """Return the paths of a block of pulses, one for each facet seen."""
-        return Paths.concatenate([self._visible(pulses, echoes) for echoes in self._wavefronts(pulses.true)])
+        return Paths.concatenate([self._visible(pulses, echoes) for echoes in self._wavefronts(pulses)])
 
-    def _wavefronts(self, pose: Pose) -> Iterator[_Echoes]:
-        """Yield the echoes of consecutive poses, some `RAYS_AT_ONCE` at a time; their number changes no result."""
+    def _wavefronts(self, pulses: Pulses) -> Iterator[_Echoes]:
+        """Yield the echoes of consecutive pulses, some `RAYS_AT_ONCE` at a time; their number changes no result."""
         low, count = 0, 1
-        while low < len(pose):
-            count = min(count, len(pose) - low)
+        while low < len(pulses):
+            count = min(count, len(pulses) - low)
             bounds = [(low + first, low + last) for first, last in parts(count, PULSES_AT_ONCE)]
-            echoes = _Echoes.concatenate(list(in_threads(partial(self._echoes, pose), bounds)))
+            echoes = _Echoes.concatenate(list(in_threads(partial(self._echoes, pulses), bounds)))
             yield echoes
             low += count
             # As many as before may come of each, or of the first of all, which may see little, some more.
             count = min(GROWTH * count, max(1, RAYS_AT_ONCE * count // max(len(echoes), 1)))
 
-    def _echoes(self, pose: Pose, low: int, high: int) -> _Echoes:
-        """Return the echoes of the facets that face the radar in the footprints of poses from low to high."""
+    def _echoes(self, pulses: Pulses, low: int, high: int) -> _Echoes:
+        """Return the echoes of the facets that face the radar in the footprints of pulses from low to high."""
         try:
-            return self._echoes_at_once(pose, low, high)
+            return self._echoes_at_once(pulses, low, high)
         except _TooManyError:
             if high - low == 1:
                 message = (
@@ -169,13 +169,14 @@ class GammaEngine:
                 )
                 raise ScenarioError([Problem("tracing.engine", message)]) from None
         middle = (low + high) // 2
-        return _Echoes.concatenate([self._echoes(pose, low, middle), self._echoes(pose, middle, high)])
+        return _Echoes.concatenate([self._echoes(pulses, low, middle), self._echoes(pulses, middle, high)])
 
-    def _echoes_at_once(self, pose: Pose, low: int, high: int) -> _Echoes:
+    def _echoes_at_once(self, pulses: Pulses, low: int, high: int) -> _Echoes:
         """Return what `_echoes` does, unless there are too many.
 
         Their power is G^2 lambda^2 sigma0 A / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 4 and 5).
         """
+        pose = pulses.true
         row, facets = self._in_footprints(pose, low, high)
         away, normal = facets.place_m - pose.position_m[row], facets.normal_m2
         toward = -np.einsum("fi,fi->f", normal, away)
@@ -193,8 +194,9 @@ class GammaEngine:
         direction = away / range_m[:, None]
         R_world_antenna = pose.R_world_antenna[row]
         antenna_gain = self._antenna.gain(_seen_along(direction, R_world_antenna))
+        drawn = self._drawn(facets.identity, pulses.index[row])
         amplitude = self._scattering.amplitude(
-            direction, normal / twice_area[:, None], facets.surface, facets.identity, R_world_antenna
+            direction, normal / twice_area[:, None], facets.surface, drawn, R_world_antenna
         )
         spread = antenna_gain * self._wavelength_m * np.sqrt(twice_area / 2) / ((4 * np.pi) ** 1.5 * range_m**2)
         return _Echoes(
@@ -261,7 +263,7 @@ class GammaEngine:
 
     def _paths(self, pulses: Pulses, echoes: _Echoes) -> Paths:
         """Return the paths of scatterers with their phases."""
-        turns = self._turn(echoes.identity, pulses.index[echoes.row])
+        turns = unit_of(self._drawn(echoes.identity, pulses.index[echoes.row]))
         if self._wander_hz:
             turns = turns + self._wander_hz * self._wander(echoes.identity) * pulses.time_s[echoes.row]
         phase = 2 * np.pi * np.mod(turns, 1.0)
@@ -276,14 +278,14 @@ class GammaEngine:
             surface=echoes.surface,
         )
 
-    def _turn(
+    def _drawn(
         self, identity: UInt64[np.ndarray, " path"], pulse: Int[np.ndarray, " path"]
-    ) -> Float[np.ndarray, " path"]:
-        """Return the phase of each facet at each pulse, in turns."""
+    ) -> UInt64[np.ndarray, " path"]:
+        """Return what the phase of each facet at each pulse, and the signs of its scattering matrix, are drawn by."""
         state = identity ^ self._key
         if self._speckle == "per_pulse":
             state = split_mix(state, pulse.astype(np.uint64) + np.uint64(1))
-        return unit_of(state)
+        return state
 
     def _wander(self, identity: UInt64[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return a number of the two-sided exponential distribution of mean size one for each facet."""

@@ -159,3 +159,24 @@ def test_what_is_no_row_is_refused(keys, message):
 def test_neighbours_so_far_apart_that_the_phase_wraps_are_refused():
     with pytest.raises(ScenarioError, match="wraps the phase inside the main lobe"):
         row_of(4, 8.0)
+
+
+@pytest.mark.parametrize("range_m", [40.0, 90.0])
+@pytest.mark.parametrize(
+    ("keys", "sweep", "within"),
+    [
+        ({"kind": "row", "receivers": 9, "baseline_wavelengths": 2.5}, "up", 4e-4),
+        ({"kind": "row", "receivers": 5, "baseline_wavelengths": 3.0}, "down", 4e-4),
+        ({"baseline_wavelengths": 4.5}, "up", 1.5e-4),
+    ],
+)
+def test_a_point_is_seen_from_the_first_receiver_at_any_range(keys, sweep, within, range_m):
+    """Wavefronts are spheres: the middle of a row of 0.08 m sees it 1e-3 off at 40 m, and 3e-3 to the side."""
+    left, up, angle = 0.021, -0.033, "row" if "kind" in keys else "interferometric"
+    radar = RadarTable(snr_db=30.0, second_receiver={"axis": "both", **keys})
+    detector = build_detector(ProcessingTable(angle=angle), make_chirp(sweep=sweep), ANTENNA)
+    found = build_angle_estimator(radar, detector, ANTENNA)
+    echoes = found_by(found, echo_of(np.array([range_m]), up, 1e-6, (left, left)), noise_w=1e-19)
+    strongest = echoes.power > 0.5 * echoes.power.max()
+    assert strongest.sum() >= len(PULSES)
+    np.testing.assert_allclose(echoes.direction[strongest, 1:], [[left, up]] * strongest.sum(), atol=within)

@@ -77,33 +77,33 @@ def test_a_rolled_dihedral_turns_the_polarization(roll_deg, kept):
         assert got / whole == pytest.approx(share, abs=0.012)
 
 
-def surface_integral(turn_rad, size_m):
+def surface_integral(turn_rad, size_m, length_m=None, beside_m=0.0):
     """Sum over one face of what the other one sends to it, by geometrical optics, back to the radar; both orders.
 
     With the radar's image in the first face the wave is known on the second one, where the first face sends it.
     """
-    count = 1200
+    count, length_m = 1200, length_m or size_m
     place = (np.arange(count) + 0.5) / count
     level_way = np.array([0.0, -np.cos(turn_rad / 2), np.sin(turn_rad / 2)])
     upright_way = np.array([0.0, -np.sin(turn_rad / 2), np.cos(turn_rad / 2)])
-    radar = np.array([0.0, -50.0, 50.0])
+    radar = np.array([beside_m, -50.0, 50.0])
     total = 0.0
     for first, second in ((level_way, upright_way), (upright_way, level_way)):
         normal = np.cross(first, [1.0, 0.0, 0.0])
         normal *= np.sign(normal @ second)
         image = radar - 2 * (radar @ normal) * normal
-        at = size_m * place[:, None] * second
+        along = length_m * ((np.arange(150) + 0.5) / 150 - 0.5)
+        at = size_m * place[:, None, None] * second + along[:, None] * np.array([1.0, 0.0, 0.0])
         # Where the ray from the image to each place passes the first face.
         before, behind = at @ normal, image @ normal
-        passes = (image + (behind / (behind - before))[:, None] * (at - image)) @ first
-        lit = (passes > 0) & (passes < size_m)
-        along = size_m * (np.arange(150) + 0.5) / 150 - size_m / 2
-        points = at[lit, None, :] + along[:, None] * np.array([1.0, 0.0, 0.0])
+        passes = image + (behind / (behind - before))[..., None] * (at - image)
+        lit = (passes @ first > 0) & (passes @ first < size_m) & (np.abs(passes[..., 0]) < length_m / 2)
+        points = at[lit]
         one, other = (np.linalg.norm(points - p, axis=-1) for p in (image, radar))
         own = np.cross(second, [1.0, 0.0, 0.0])
         cosine = np.abs((radar - points) @ own) / other
         wave = np.exp(-2j * np.pi / WAVELENGTH_M * (one + other - 2 * RANGE_M)) / (one * other)
-        total += 1j / WAVELENGTH_M * np.sum(cosine * wave) * (size_m / count) * (size_m / 150)
+        total += 1j / WAVELENGTH_M * np.sum(cosine * wave) * (size_m / count) * (length_m / 150)
     return total * 2 * RANGE_M
 
 
@@ -115,6 +115,21 @@ def test_faces_not_quite_at_right_angles_follow_the_surface_integral(turn_deg):
     share = 0.0 if len(paths) == 0 else abs(paths.gain[0]) / image
     expected = abs(surface_integral(np.deg2rad(turn_deg), size))
     assert share == pytest.approx(expected, abs=0.02 * abs(surface_integral(0.0, size)))
+
+
+@pytest.mark.parametrize(("depth_m", "length_m"), [(0.1, 0.1), (0.05, 0.3), (0.15, 0.08)])
+def test_off_the_plane_across_its_edge_it_has_the_lobes_of_the_length_that_both_faces_share(depth_m, length_m):
+    """Beyond the first null: a sinc of a length that shrinks by what rays go along the edge between the faces."""
+    antenna, null_m = make_antenna(60.0, 60.0, "H"), WAVELENGTH_M / 2 / length_m * RANGE_M
+    first = look(corner(depth_m, length_m), antenna)
+    for nulls in (0.4, 0.75, 0.85, 1.5):
+        beside_m = nulls * null_m
+        paths = look(corner(depth_m, length_m), antenna, position_m=(beside_m, -50.0, 50.0))
+        away = np.array([-beside_m, 50.0, -50.0])
+        ahead = np.array([[RANGE_M, -beside_m, 0.0]]) / np.linalg.norm(away)
+        gain = abs(paths.gain[0]) / antenna.gain(ahead)[0] / (abs(first.gain[0]) / antenna.peak_gain)
+        expected = abs(surface_integral(0.0, depth_m, length_m, beside_m) / surface_integral(0.0, depth_m, length_m))
+        assert 20 * np.log10(gain / expected) == pytest.approx(0.0, abs=0.15)
 
 
 def test_what_stands_before_it_hides_it():
