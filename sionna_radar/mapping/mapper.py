@@ -33,8 +33,8 @@ from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 
-# Error in range cells that all ranges behind a volume share: its mean echo is learned from the survey itself. Means over
-# eight flights through rain of 2 to 20 mm/h scattered by so much.
+# Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
+# scatter of the mean errors of eight flights through rain of 2 to 20 mm/h.
 SHARED_CELLS = 0.3
 
 Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])

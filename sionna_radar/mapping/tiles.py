@@ -139,12 +139,11 @@ class Tiles:
         smoothed, first, information = self.tiling.surface(
             self.sightings.rows(here), self._echoes.rows(here), part, step
         )
-        kriging = Kriging(
-            smoothed.model.covariance,
-            first.heights.rows(first.fits),
-            first.smoothed.noise_factor,
-            smoothed.model.local,
-        )
+        factor = first.smoothed.noise_factor
+        if self.sightings.profiles.volume is not None:
+            # Errors that neighbours share look like little noise.
+            factor = max(factor, 1.0)
+        kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), factor, smoothed.model.local)
         east_m, north_m = np.meshgrid(part.x_m, part.y_m)
         return Piece(
             first=np.array([side.start for side in window]),
