@@ -29,6 +29,8 @@ ROUGH = 1e-4
 SIMILAR_PULSES = 9
 LEAST_SIGMA_M = 0.02
 OUTLIER_SIGMAS = 4.0
+# A footprint reaches so many standard deviations from its middle.
+FOOTPRINT_SPREADS = 2.0
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,12 @@ class EchoSurface:
     smoothed: Smoothed
     heights: Heights
     fits: Bool[np.ndarray, " pulse"]
+
+    def outstanding(self) -> Float[np.ndarray, "echo 4"]:
+        """Return the echoes that do not fit: their places, radii of their footprints, and distances from it, m."""
+        heights = self.heights.rows(~self.fits)
+        apart = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
+        return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
 
 
 def echo_surface(

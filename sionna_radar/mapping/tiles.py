@@ -77,6 +77,7 @@ class Piece:
             local=kriging.local,
             information=known.information,
             plausible=np.array([_numbers(each) for each in known.plausible]),
+            **({} if known.outstanding is None else {"outstanding": known.outstanding}),
         )
 
     @staticmethod
@@ -92,7 +93,8 @@ class Piece:
         )
         plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
         information = table_of(Information, "information", columns)
-        known = TileUncertainty((west, east, south, north), kriging, information, plausible)
+        bounds = (west, east, south, north)
+        known = TileUncertainty(bounds, kriging, information, plausible, columns.get("outstanding"))
         return Piece(columns["first"], columns["weight"], columns["height_m"], known)
 
 
@@ -149,7 +151,7 @@ class Tiles:
             first=np.array([side.start for side in window]),
             weight=across[window[1]] * along[window[0], None],
             height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
-            known=TileUncertainty.of(bounds, kriging, information),
+            known=TileUncertainty.of(bounds, kriging, information, first.outstanding()),
         )
 
     def mapped(self, each: EachPiece = pieces_here, step: Step = no_step) -> Mapped:

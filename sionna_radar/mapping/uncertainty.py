@@ -36,16 +36,23 @@ class TileUncertainty:
     kriging: of the mean ranges of its echoes, for the terrain that the map takes.
     information: what these, and the whole echoes, tell.
     plausible: the terrains that they allow.
+    outstanding: echoes that the surface does not explain, such as those of poles and walls: place, radius of the
+        footprint, and how far they are from the surface, m.
     """
 
     bounds_m: tuple[float, float, float, float]
     kriging: Kriging
     information: Information
     plausible: tuple[Plausible, ...]
+    outstanding: Float[np.ndarray, "echo 4"] | None = None
 
     @classmethod
     def of(
-        cls, bounds_m: tuple[float, float, float, float], kriging: Kriging, information: Information | None = None
+        cls,
+        bounds_m: tuple[float, float, float, float],
+        kriging: Kriging,
+        information: Information | None = None,
+        outstanding: Float[np.ndarray, "echo 4"] | None = None,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""
         heights = kriging.heights
@@ -53,7 +60,7 @@ class TileUncertainty:
         plausible = plausible_terrains(measured.rows(calm(measured)), kriging.terrain)
         told = information or information_of(heights)
         as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
-        return cls(bounds_m, as_told, told, plausible)
+        return cls(bounds_m, as_told, told, plausible, outstanding)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
         """Return which places lie in the tile."""
@@ -67,6 +74,14 @@ class TileUncertainty:
         kriging = self.kriging
         told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
         return np.asarray(np.sqrt(told))
+
+    def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return how far echoes that the surface does not explain are from it, at places within their footprints."""
+        farthest = np.zeros(len(place_m))
+        for x, y, radius, apart in () if self.outstanding is None else self.outstanding:
+            near = np.hypot(place_m[:, 0] - x, place_m[:, 1] - y) < radius
+            farthest[near] = np.maximum(farthest[near], apart)
+        return farthest
 
 
 @dataclass(frozen=True)
@@ -83,7 +98,8 @@ class TiledUncertainty:
             here = wanted & tile.contains(x, y)
             if here.any():
                 place_m = np.column_stack([x[here], y[here]])
-                sigma[here] = tile.after(tile.kriging.sigma_m(grid, here)[here], place_m)
+                explained = tile.after(tile.kriging.sigma_m(grid, here)[here], place_m)
+                sigma[here] = np.hypot(explained, tile.unexplained_m(place_m))
         return sigma
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:

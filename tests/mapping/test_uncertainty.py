@@ -262,3 +262,18 @@ def test_tiles_share_the_map_and_badly_known_cells_are_left_out(heights):
     np.testing.assert_array_equal(kept.dem.filled, kept.sigma.filled)
     assert kept.dem.filled.sum() == (sigma <= least).sum()
     assert Estimate(dem=dem).where_known(0.0).dem is dem
+
+
+def test_echoes_that_no_surface_explains_widen_what_is_said_within_their_footprints(heights):
+    information = information_of(heights)
+    known = TileUncertainty(
+        EVERYWHERE, Kriging(TERRAIN, heights, 1.0), information, (Plausible(1.0, FittedCovariance(TERRAIN, 1.0)),)
+    )
+    pole = replace(known, outstanding=np.array([[6.0, 5.0, 2.0, 9.0], [6.0, 5.0, 1.0, 12.0]]))
+    wanted = np.ones(GRID.shape, dtype=bool)
+    before, after = (TiledUncertainty((tile,)).sigma_m(GRID, wanted).ravel() for tile in (known, pole))
+    away = np.hypot(*(GRID.centres_m - [6.0, 5.0]).T)
+    np.testing.assert_array_equal(after[away >= 2.0], before[away >= 2.0])
+    ring = (away >= 1.0) & (away < 2.0)
+    np.testing.assert_allclose(after[ring], np.hypot(before[ring], 9.0))
+    np.testing.assert_allclose(after[away < 1.0], np.hypot(before[away < 1.0], 12.0))

@@ -1,0 +1,53 @@
+"""Ranges along a scan line, tracked from neighbour to neighbour: how far they share their errors."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.detection.volume.height_track import AxisHeights, track
+from sionna_radar.mapping.speckle import repeats
+
+PULSES, CELLS, CELL_M = 600, 160, 0.3
+# Own evidence of each pulse, and slope of the ground times the distance of neighbours, in cells.
+SPREAD, STEP = 6.0, 1.5
+
+
+@pytest.fixture(scope="module")
+def tracked():
+    """Ranges of ground that wanders from pulse to pulse, seen from straight above with much noise."""
+    rng = np.random.default_rng(2)
+    place = np.arange(PULSES, dtype=float)
+    wander = rng.laplace(size=PULSES).cumsum() * STEP / 3
+    true = 80 + wander - np.linspace(wander[0], wander[-1], PULSES)
+    seen = true + SPREAD * rng.standard_normal(PULSES)
+    evidence = -(((np.arange(CELLS) - seen[:, None]) / SPREAD) ** 2) / 2
+    heights = AxisHeights(
+        position_m=np.column_stack([place, np.zeros(PULSES), np.full(PULSES, 100.0)]),
+        boresight=np.tile([0.0, 0.0, -1.0], (PULSES, 1)),
+        shift_m=np.zeros(PULSES),
+    )
+    found = track(evidence, heights, CELL_M, np.zeros(PULSES, dtype=int), STEP * CELL_M / 3)
+    return found, true
+
+
+def test_errors_of_neighbours_repeat_as_far_as_their_means_scatter(tracked):
+    """Means over many pulses scatter as the sum of the correlations says: here, by the sum of those of the errors."""
+    found, true = tracked
+    error = found.cell - true
+    error -= error.mean()
+    correlation = [np.mean(error[lag:] * error[: len(error) - lag]) / np.mean(error**2) for lag in range(1, 13)]
+    assert correlation[0] > 0.5
+    stated = float(np.median(repeats(found.reach)))
+    assert stated == pytest.approx(1 + 2 * np.sum(np.maximum(correlation, 0.0)), rel=0.5)
+
+
+def test_pulses_that_see_the_ground_by_themselves_share_nothing(tracked):
+    found, true = tracked
+    sharp = -(((np.arange(CELLS) - true[:, None]) / 0.5) ** 2) / 2
+    heights = AxisHeights(
+        position_m=np.column_stack([50.0 * np.arange(PULSES), np.zeros(PULSES), np.full(PULSES, 100.0)]),
+        boresight=np.tile([0.0, 0.0, -1.0], (PULSES, 1)),
+        shift_m=np.zeros(PULSES),
+    )
+    alone = track(sharp, heights, CELL_M, np.zeros(PULSES, dtype=int), 0.15)
+    assert np.all(alone.reach < 0.8)
+    assert np.median(found.reach) > 1.0
