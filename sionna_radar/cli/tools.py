@@ -15,6 +15,7 @@ from sionna_radar.cli.options import (
     SetOption,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
+from sionna_radar.foundation.input_file import shown
 
 
 def add_to(app: typer.Typer) -> None:
@@ -74,7 +75,7 @@ def plan(
     PLAN_FILE.write(output, to_toml(scenario))
     print_plan(planned)
     print_check(checked)
-    typer.echo(f"scenario in {output}")
+    typer.echo(f"scenario in {shown(output)}")
 
 
 def validate(

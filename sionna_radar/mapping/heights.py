@@ -14,8 +14,8 @@ from sionna_radar.mapping.speckle import repeats
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
 FEW, MANY = 3, 5
-# A slope across places that spread by less than this share of their length says nothing: echoes of a fixed beam lie on a
-# line but for centimetres. By choice: no swath, and no roof, is so narrow.
+# Heights tell no slope across places that spread by less than this share of their length: echoes of a fixed beam lie on
+# a line but for centimetres. By choice: no swath, and no roof, is so narrow.
 LEAST_WIDTH_SHARE = 0.02
 
 
