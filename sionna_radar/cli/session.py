@@ -200,4 +200,6 @@ def log_to_stderr(quiet: bool = False) -> None:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(Literal("%(levelname)s: %(message)s"))
         logger.addHandler(handler)
-    logger.setLevel(logging.ERROR if quiet else logging.WARNING)
+    for handler in logger.handlers:
+        # Not that of the logger: results hold warnings whether they are shown or not.
+        handler.setLevel(logging.ERROR if quiet else logging.WARNING)
