@@ -228,7 +228,7 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
 
     """
     assert platform.log is not None
-    log = read_log(platform.log, KEY)
+    log = read_log(platform.log, KEY, platform.log_columns)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
         message = (

@@ -100,8 +100,8 @@ class RasterTerrain(CoveredTerrain):
     holes: cells without data are kept as holes, filled from around them, or refused.
     roughen: adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's.
     crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
-    spacing_m: of the posts; without it the file's.
     "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
+    spacing_m: of the posts; without it the file's.
     """
 
     kind: Literal["raster"] = "raster"
