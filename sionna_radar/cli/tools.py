@@ -87,13 +87,16 @@ def validate(
 ) -> None:
     """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
     from sionna_radar.scenario import to_toml
+    from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
 
     session = Session.of(scenario, None, set_, set_file, seed, quiet=False, network=network)
     checked = session.load()
     with session.reach():
-        prepare(checked)
+        prepared = prepare(checked)
     typer.echo(to_toml(checked), nl=False)
+    for key, box in placed_boxes(prepared.scene.scene.surfaces).items():
+        typer.echo(f"# {key} stands at {box}")
 
 
 def scenes() -> None:

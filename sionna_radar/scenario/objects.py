@@ -29,9 +29,9 @@ class Building(Table):
 class MeshObject(MeshFile):
     """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang.
 
-    position_m: place of the file's origin. With `on_ground`, east and north, and the lowest point of the mesh stands on
-    the lowest ground in its outline; without it a third number, the height of the file's origin, in the heights of the
-    terrain (above its datum where it has one).
+    position_m: place of the file's origin, or of the middle of its box (`centre`). With `on_ground`, east and north,
+        and the lowest point of the mesh stands on the lowest ground in its outline; without it a third number, the
+        height of that place, in the heights of the terrain (above its datum where it has one).
     on_ground: whether it stands on the ground.
     """
 
