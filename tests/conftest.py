@@ -1,9 +1,8 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
-import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +62,7 @@ class Done:
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys) -> Iterator[Callable[..., Done]]:
+def cli(monkeypatch, capsys) -> Callable[..., Done]:
     """The command line in this process, which has the heavy libraries loaded already."""
 
     def call(*arguments: object) -> Done:
@@ -73,11 +72,7 @@ def cli(monkeypatch, capsys) -> Iterator[Callable[..., Done]]:
         captured = capsys.readouterr()
         return Done(stop.value.code or 0, captured.out, captured.err)
 
-    # `--quiet` raises the level of the program's logger; other tests begin as a new process would.
-    logger = logging.getLogger("sionna_radar")
-    before = logger.level
-    yield call
-    logger.setLevel(before)
+    return call
 
 
 @pytest.fixture(scope="session")

@@ -116,6 +116,44 @@ def test_python_on_a_page_runs(page, tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out
 
 
+def shown_by_commands(page: Path) -> list[tuple[list[str], str]]:
+    """Return the commands up to each block of console output, and that output."""
+    parts = re.findall(r"```(sh|text)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    shown, since = [], []
+    for language, block in parts:
+        if language == "sh":
+            since += block.splitlines()
+        else:
+            shown.append((since, block))
+            since = []
+    return shown
+
+
+def numbers_apart(text: str, folder: Path) -> tuple[list[str], list[float]]:
+    """Return the words of an output and its numbers, without the place of the folder and the seconds that it took."""
+    text = re.sub(r"[\d.]+ s for", "s for", re.sub(r"\s+", " ", text.replace(f"{folder}/", "")))
+    return re.sub(r"[-+]?[\d,]*\.?\d+", "#", text).split(), [
+        float(number.replace(",", "")) for number in re.findall(r"[-+]?[\d,]*\.?\d+", text)
+    ]
+
+
+def test_console_output_on_a_page_is_that_of_its_commands(cli, tmp_path, monkeypatch):
+    """The last digits are another processor's."""
+    monkeypatch.chdir(tmp_path)
+    shown = shown_by_commands(DOCS / "first_survey.md")
+    assert len(shown) == 2
+    for lines, expected in shown:
+        for line in lines:
+            name, *rest = shlex.split(line)[1:]
+            if name in ("init", "validate", "run"):
+                done = cli(name, *rest)
+        words, numbers = numbers_apart(done.stdout + done.stderr, tmp_path)
+        assert (words, numbers) == (
+            numbers_apart(expected, tmp_path)[0],
+            pytest.approx(numbers_apart(expected, tmp_path)[1], rel=0.02),
+        )
+
+
 def test_every_example_has_a_place_in_the_gallery_and_a_title():
     placed = (DOCS / "_ext" / "example_gallery.py").read_text(encoding="utf-8")
     for path in sorted((ROOT / "examples").glob("plot_*.py")):

@@ -1,11 +1,12 @@
 """Where a DEM errs, and how: checkpoints, classes of terrain and view, and the variogram of the error."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool
 
-from sionna_radar.accuracy.checkpoints import CheckpointTest, checkpoint_test
+from sionna_radar.accuracy.checkpoints import NOTHING_COVERED, CheckpointTest, checkpoint_test
 from sionna_radar.accuracy.classes import (
     DISTANCES_M,
     INCIDENCES_DEG,
@@ -43,7 +44,13 @@ class Breakdown:
 
 
 def break_down(
-    error: Raster, truth: Raster, lit: Bool[np.ndarray, "row column"], points: Points, walls: Walls, seed: int
+    error: Raster,
+    truth: Raster,
+    lit: Bool[np.ndarray, "row column"],
+    points: Points,
+    walls: Walls,
+    seed: int,
+    covered: Mapping[str, float] = NOTHING_COVERED,
 ) -> Breakdown:
     """Return where a DEM errs.
 
@@ -57,6 +64,8 @@ def break_down(
         Of the scene.
     seed:
         Of the scenario; it draws checkpoints and pairs.
+    covered:
+        See `checkpoint_test`.
 
     """
     cells = error.filled & lit
@@ -67,7 +76,7 @@ def break_down(
         place = error.grid.centres_m[some.ravel()]
         distances = by_class(error_m, walls.distance_m(place, DISTANCES_M[-2]), DISTANCES_M)
     return Breakdown(
-        checkpoints=checkpoint_test(error, truth, lit, seed),
+        checkpoints=checkpoint_test(error, truth, lit, seed, covered),
         by_slope=by_class(error.height_m[cells], slope_deg(truth)[cells], SLOPES_DEG),
         by_incidence=by_class(error_m, incidence_deg(truth, points, some), INCIDENCES_DEG),
         by_wall_distance=distances,

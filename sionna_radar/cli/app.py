@@ -1,9 +1,9 @@
 """The command line: `sionna-radar COMMAND`.
 
 Exit codes: 0 done, 2 bad input (one clear error on standard error, nothing written), 130 and 143 interrupted by Ctrl-C
-or SIGTERM, 1 anything else: engines that cannot run, a missed bound of `bench`, a sweep with cells that cannot be
-flown, results that had to go elsewhere. The heavy libraries are imported inside the commands, so that `--help`
-answers at once.
+or SIGTERM, 1 anything else: engines that cannot run, workers that are lost, a missed bound of `bench`, a sweep with
+cells that cannot be flown, results that had to go elsewhere. The heavy libraries are imported inside the commands, so
+that `--help` answers at once.
 """
 
 import sys
@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from sionna_radar.cli import commands, logs, pages, radar, recordings, tools, writing
-from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError
+from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
 from sionna_radar.foundation.interrupts import how_to_go_on
 
 app = typer.Typer(
@@ -66,11 +66,13 @@ def _options(
 @contextmanager
 def _errors_reported() -> Iterator[None]:
     """Turn errors of the user's making into one message and exit code 2."""
+    from sionna_radar.report.terminal import printable
+
     try:
         yield
-    except (BackendError, KeptElsewhereError) as error:
-        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
+    except (BackendError, KeptElsewhereError, WorkersLostError) as error:
+        typer.echo(printable(f"error: {error}{how_to_go_on()}"), err=True)
         sys.exit(1)
     except RadarError as error:
-        typer.echo(f"error: {error}{how_to_go_on()}", err=True)
+        typer.echo(printable(f"error: {error}{how_to_go_on()}"), err=True)
         sys.exit(2)

@@ -7,6 +7,7 @@ import typer
 
 from sionna_radar.cli.options import MapOption, NetworkOption, QuietOption, ScenarioArgument, SetFileOption, SetOption
 from sionna_radar.cli.session import Session, log_to_stderr
+from sionna_radar.foundation.input_file import shown
 
 
 def add_to(app: typer.Typer) -> None:
@@ -41,7 +42,7 @@ def show(
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     PAGE_FILE.write(path, show_page(prepared, name, coordinates))
     if not quiet:
-        typer.echo(f"page in {path}")
+        typer.echo(f"page in {shown(path)}")
 
 
 def compare(
@@ -65,4 +66,4 @@ def compare(
     if not quiet:
         print_comparison(result)
         if directory:
-            typer.echo(f"{len(written)} files in {directory}")
+            typer.echo(f"{len(written)} files in {shown(directory)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.kept_parts import KeptParts, has_parts, kept_parts
 from sionna_radar.foundation.network import allow_network
 from sionna_radar.report.folder import check_output, finished_as, note_run
@@ -150,7 +151,7 @@ class Session:
             if described:
                 note_run(directory, described, code)
         if not self.quiet:
-            typer.echo(f"{len(written)} files in {directory}")
+            typer.echo(f"{len(written)} files in {shown(directory)}")
         if code:
             raise typer.Exit(code)
 
@@ -159,7 +160,7 @@ class Session:
         code = None if has_parts(directory) else finished_as(directory, described, PRODUCTS)
         if code is not None:
             if not self.quiet:
-                typer.echo(f"the result of this run is in {directory} already; nothing was left to do")
+                typer.echo(f"the result of this run is in {shown(directory)} already; nothing was left to do")
             raise typer.Exit(code)
 
 
@@ -188,9 +189,17 @@ def progress_of(quiet: bool) -> "Iterator[Progress]":
 
 def log_to_stderr(quiet: bool = False) -> None:
     """Let warnings, or with quiet errors alone, go to standard error."""
+    from sionna_radar.report.terminal import printable
+
+    class Literal(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return printable(super().format(record))
+
     logger = logging.getLogger("sionna_radar")
     if not logger.handlers:
         handler = logging.StreamHandler(sys.stderr)
-        handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+        handler.setFormatter(Literal("%(levelname)s: %(message)s"))
         logger.addHandler(handler)
-    logger.setLevel(logging.ERROR if quiet else logging.WARNING)
+    for handler in logger.handlers:
+        # Not that of the logger: results hold warnings whether they are shown or not.
+        handler.setLevel(logging.ERROR if quiet else logging.WARNING)

@@ -15,6 +15,7 @@ from sionna_radar.cli.options import (
     SetOption,
 )
 from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
+from sionna_radar.foundation.input_file import shown
 
 
 def add_to(app: typer.Typer) -> None:
@@ -74,7 +75,7 @@ def plan(
     PLAN_FILE.write(output, to_toml(scenario))
     print_plan(planned)
     print_check(checked)
-    typer.echo(f"scenario in {output}")
+    typer.echo(f"scenario in {shown(output)}")
 
 
 def validate(
@@ -86,13 +87,16 @@ def validate(
 ) -> None:
     """Check a scenario, its terrain and its flight included, and print it with all values resolved."""
     from sionna_radar.scenario import to_toml
+    from sionna_radar.scene.objects import placed_boxes
     from sionna_radar.survey.preparation import prepare
 
     session = Session.of(scenario, None, set_, set_file, seed, quiet=False, network=network)
     checked = session.load()
     with session.reach():
-        prepare(checked)
+        prepared = prepare(checked)
     typer.echo(to_toml(checked), nl=False)
+    for key, box in placed_boxes(prepared.scene.scene.surfaces).items():
+        typer.echo(f"# {key} stands at {box}")
 
 
 def scenes() -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.input_file import shown
 
 
 def add_to(app: typer.Typer) -> None:
@@ -30,7 +31,7 @@ def init(
     except (OSError, ValueError) as error:
         message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
         raise OutputError(message) from error
-    typer.echo(f"scenario in {path}; fly it with: sionna-radar run {path}")
+    typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar run {shown(path)}")
 
 
 def schema() -> None:

@@ -13,6 +13,8 @@ from sionna_radar.foundation.raster import Grid
 
 logger = logging.getLogger("sionna_radar")
 
+MOVE = "move the flight (platform.log_shift = 'to_terrain' moves a log) or set terrain.centre_lonlat_deg"
+
 MAX_CELLS = 4_000_000
 # Finer cells are no terrain but come of a wrong transform.
 LEAST_SPACING_M = 1e-6
@@ -102,7 +104,7 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
         remedy = f"set coordinates = '{system}' if positions are on the map"
         problem = Problem("terrain", f"{message} about the local origin; {remedy}")
     elif cutout.frame.centre_lonlat_deg is None:
-        problem = Problem("terrain", f"{message}; move the flight or set terrain.centre_lonlat_deg")
+        problem = Problem("terrain", f"{message}; {MOVE}")
     else:
         lon, lat = cutout.frame.centre_lonlat_deg
         problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")

@@ -1,6 +1,7 @@
 """Point clouds (LAS, LAZ), read in pieces and gridded: memory does not grow with the number of points."""
 
 import logging
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,28 +88,48 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
 
     size = regular_file(path, f"{key} =", REMEDY, MOST_BYTES)
     name = f"{key} = {shown(path)}"
+    _check_records(path, size, name)
     with _errors(name):
         reader = laspy.open(path, read_evlrs=False)
     with reader:
         with _errors(name):
             header = reader.header
             points = int(header.point_count)
-            stored = points * int(header.point_format.size)
+            start, stored = int(header.offset_to_point_data), points * int(header.point_format.size)
             crs = header.parse_crs(prefer_wkt=True)
             low, high = np.array(header.mins, dtype=float), np.array(header.maxs, dtype=float)
         if points < 3:
             message = f"{name}: has {points} points, too few for a surface; {REMEDY} with more"
             raise InputFileError(message)
-        if points > MOST_POINTS or (not header.are_points_compressed and stored > size):
+        if points > MOST_POINTS or (not header.are_points_compressed and start + stored > size):
             message = f"{name}: claims {points:,} points, more than its {size:,} bytes can hold; get the whole file"
             raise InputFileError(message)
         if header.are_points_compressed:
-            _check_chunks(path, int(header.offset_to_point_data), size, points, name)
+            _check_chunks(path, start, size, points, name)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (low <= high).all()):
             message = f"{name}: its header has no valid bounds; write it anew, for example with PDAL"
             raise InputFileError(message)
         wkt = crs.to_wkt() if crs is not None else None
         yield CloudFile(reader=reader, name=name, points=points, low=low, high=high, crs_wkt=wkt)
+
+
+def _check_records(path: Path, size: int, name: str) -> None:
+    """Refuse a header with more variable-length records than there is room for: the reader would make them all.
+
+    Those of 54 bytes and more stand between the header and the points, the extended ones of LAS 1.4, of 60 and more,
+    behind them (ASPRS 2019, "LAS Specification 1.4 - R15", tables 3, 5 and 6).
+    """
+    with path.open("rb") as file:
+        head = file.read(247).ljust(247, b"\0")
+    header, points, records = struct.unpack_from("<HII", head, 94)
+    first, extended = struct.unpack_from("<QI", head, 235) if head[25] >= 4 else (0, 0)
+    for count, each, room, kind in (
+        (records, 54, min(points, size) - header, "variable-length records"),
+        (extended, 60, size - first, "extended variable-length records"),
+    ):
+        if head.startswith(b"LASF") and each * count > max(room, 0):
+            message = f"{name}: its header claims {count:,} {kind}, more than its bytes can hold; get the whole file"
+            raise InputFileError(message)
 
 
 def _check_chunks(path: Path, start: int, size: int, points: int, name: str) -> None:

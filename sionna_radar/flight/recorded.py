@@ -99,7 +99,8 @@ class RecordedRoute:
             x, y, _ = place[first]
             message = (
                 f"has no ground under it {start_s + self._looks_s[first]:.1f} s into the log, at ({x:.1f}, {y:.1f}) m; "
-                "choose a part with log_start_s and log_stop_s, move it with log_shift, or enlarge the terrain"
+                "choose a part with log_start_s and log_stop_s, move it with log_shift = 'to_terrain' or by metres, or "
+                "enlarge the terrain"
             )
             raise ScenarioError([Problem(KEY, message)])
         raised_m, how = self._raised(ground_m, place, ground, origin_height_m)
@@ -228,7 +229,7 @@ def read_route(platform: Platform, frame: Callable[[], MapFrame | None]) -> Reco
 
     """
     assert platform.log is not None
-    log = read_log(platform.log, KEY)
+    log = read_log(platform.log, KEY, platform.log_columns)
     last_s = float(np.nanmax(log.positions.time_s))
     if last_s <= 0:
         message = (

@@ -9,6 +9,7 @@ import os
 import queue
 import signal
 import socket
+import sys
 import tempfile
 import threading
 import warnings
@@ -16,16 +17,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError
+from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.memory import tune_heaps
 from sionna_radar.foundation.network import allow_network, network_allowed
 from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.staging import abandoned, staged
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
 from sionna_radar.foundation.versions import versions
 from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, name_of, named
@@ -38,11 +41,12 @@ logger = logging.getLogger("sionna_radar")
 # A task that has ended its worker this many times is given up.
 ATTEMPTS = 3
 CONNECT_S = 10.0
-FIRST_WORKER_S = 30.0
+# A cluster without workers is told of, and is waited for.
+LONELY_S, FIRST_WORKER_S = 3.0, 30.0
 # Names what the processes load ahead.
 AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
-# How often an interrupt is looked for, and a cluster without workers told of.
-TICK_S, LONELY_S = 0.2, 30.0
+# How often an interrupt is looked for.
+TICK_S = 0.2
 CLOSING_S = 2.0
 # The tracer and the pools of threads belong to the process: a worker with several threads does one task at a time.
 _one_at_a_time = threading.Lock()
@@ -90,8 +94,10 @@ def open_workers(
     except ImportError as error:
         message = "workers need dask; install it with `pip install 'sionna-radar[cluster]'`"
         raise WorkerError(message) from error
-    # What it tells of its connections is for those who run a cluster; some comes when all is over.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # What it tells of its connections is for those who run a cluster; some comes when all is over. Its parts have
+    # levels of their own.
+    for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     opened = _local_client(count, ahead) if count is not None else _remote_client(str(scheduler))
     with opened as client:
         workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
@@ -112,7 +118,12 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
         "distributed.worker.multiprocessing-method": "spawn",
         "distributed.scheduler.worker-ttl": None,
     }
-    with tempfile.TemporaryDirectory(prefix="sionna-radar-", ignore_cleanup_errors=True) as folder:
+    _start_silent_tracker()
+    temporary = Path(tempfile.gettempdir())
+    for _ in abandoned(temporary):
+        pass
+    with staged(temporary) as place:
+        folder = str(place)
         with dask.config.set(settings | {"temporary-directory": folder}):
             cluster = LocalCluster(
                 n_workers=count,
@@ -136,6 +147,17 @@ def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
                 yield client
         finally:
             _end(cluster)
+
+
+def _start_silent_tracker() -> None:
+    """Start the process in which Python keeps account of semaphores, silent about those of a run that is killed."""
+    from multiprocessing import resource_tracker
+
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
 
 
 def dask_setup(_: Any) -> None:
@@ -182,11 +204,19 @@ def _remote_client(address: str) -> Iterator["Client"]:
         raise WorkerError(message) from error
     with client:
         try:
-            client.wait_for_workers(1, timeout=FIRST_WORKER_S)
+            _wait_for_first(client)
         except TimeoutError as error:
             message = f"--scheduler: the cluster at {address} has no workers; start some with `dask worker {address}`"
             raise WorkerError(message) from error
         yield client
+
+
+def _wait_for_first(client: "Client") -> None:
+    try:
+        client.wait_for_workers(1, timeout=LONELY_S)
+    except TimeoutError:
+        logger.warning("the cluster has no worker yet; waiting %g s for one", FIRST_WORKER_S)
+        client.wait_for_workers(1, timeout=FIRST_WORKER_S)
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
@@ -211,7 +241,13 @@ class DaskWorkers:
     @property
     def count(self) -> int:
         """How many tasks are done at once."""
-        return self.local or max(len(self.client.nthreads()), 1)
+        return self.local or max(self._there(), 1)
+
+    def _there(self) -> int:
+        try:
+            return len(self.client.nthreads())
+        except OSError as error:
+            raise WorkersLostError("the dask scheduler is gone") from error  # noqa: EM101
 
     def check(self) -> None:
         """Raise WorkerError unless all workers have the same version of the program."""
@@ -272,10 +308,10 @@ class DaskWorkers:
                 return finished.get(timeout=TICK_S)
             except queue.Empty:
                 if self.client.status not in ("running", "connecting"):
-                    raise WorkerError("the dask scheduler is gone") from None  # noqa: EM101
+                    raise WorkersLostError("the dask scheduler is gone") from None  # noqa: EM101
                 if not told and monotonic() - since > LONELY_S:
                     told = True
-                    if not self.client.nthreads():
+                    if not self._there():
                         logger.warning("the cluster has no worker any more; waiting for one")
 
 
@@ -289,13 +325,13 @@ def _result(future: "Future") -> bytes | Failure:
     from distributed import KilledWorker
 
     if future.status in ("cancelled", "lost"):
-        raise WorkerError("the dask scheduler has lost a task; is it still the same one?")  # noqa: EM101
+        raise WorkersLostError("the dask scheduler has lost a task: it ended, or was started anew")  # noqa: EM101
     if future.status == "error":
         error = future.exception()
         if isinstance(error, KilledWorker):
             tries = error.allowed_failures + 1
             text = f"its worker died {tries} times; is there memory enough?"
-            return Failure(kind="WorkerError", text=text)
+            return Failure(kind=WorkersLostError.__name__, text=text)
         message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
         raise WorkerError(message) from error
     reply = future.result()

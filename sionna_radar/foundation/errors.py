@@ -79,6 +79,10 @@ class WorkerError(RadarError, RuntimeError):
     """Workers of a cluster that cannot be had or used, or a task that they could not do."""
 
 
+class WorkersLostError(WorkerError):
+    """Workers, or the scheduler of a cluster, that ended in the middle of their work."""
+
+
 def one_line(error: Exception) -> str:
     """Return what is wrong, its problems one after another."""
     problems = getattr(error, "problems", ())

@@ -8,7 +8,7 @@ the system when the process ends, however it ends. Once the results stand in the
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -18,6 +18,7 @@ from filelock import FileLock, Timeout
 
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.interrupts import say_how_to_go_on
+from sionna_radar.foundation.staging import remedy_of
 
 FOLDER = ".sionna-radar-parts"
 RUN, LOCK, UNFINISHED = "run.json", "lock", ".unfinished"
@@ -50,8 +51,9 @@ class KeptParts:
                 os.fsync(file.fileno())
             beside.replace(path)
         except OSError as error:
-            beside.unlink(missing_ok=True)
-            message = f"a finished part cannot be kept in {self.folder} ({error.strerror}); free some space"
+            with suppress(OSError):  # no more than an unfinished part is left
+                beside.unlink()
+            message = f"a finished part cannot be kept in {self.folder} ({error.strerror}); {remedy_of(error)}"
             raise OutputError(message) from error
 
     def _path(self, key: str) -> Path:
@@ -139,7 +141,6 @@ def _remove(folder: Path, directory: Path | None = None) -> None:
     """Remove a folder of parts, which only this program writes to, and the output folder if it was made for it."""
     for path in [*folder.glob("*.part"), *folder.glob(f"*{UNFINISHED}"), folder / RUN, folder / LOCK]:
         path.unlink(missing_ok=True)
-    if not any(folder.iterdir()):
-        folder.rmdir()
-    if directory is not None and directory.is_dir() and not any(directory.iterdir()):
-        directory.rmdir()
+    for emptied in (folder, directory):
+        if emptied is not None and emptied.is_dir() and not any(emptied.iterdir()):
+            emptied.rmdir()

@@ -51,7 +51,7 @@ class KeptValues:
             else:
                 self._kept.move_to_end(key)
         if found is None:
-            with _Heard() as heard:
+            with LogCapture() as heard:
                 made = make()
             with self._lock:
                 self._kept[key] = (made, heard.records)
@@ -70,23 +70,28 @@ class KeptValues:
         return len(self._kept)
 
 
-class _Heard(logging.Filter):
-    """Hears what this thread logs, and lets it pass: a handler would silence the one of last resort."""
+class LogCapture(logging.Filter):
+    """Record this thread's log messages, and let them pass: a handler would silence the one of last resort."""
 
     def __init__(self) -> None:
         super().__init__()
         self.records: list[logging.LogRecord] = []
         self._thread = threading.get_ident()
 
-    def __enter__(self) -> "_Heard":
+    def __enter__(self) -> "LogCapture":
         logger.addFilter(self)
         return self
 
     def __exit__(self, *error: object) -> None:
         logger.removeFilter(self)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings among them, each once."""
+        return tuple(dict.fromkeys(r.getMessage() for r in self.records if r.levelno >= logging.WARNING))
+
     def filter(self, record: logging.LogRecord) -> bool:
         """Keep a record, and let it pass."""
-        if record.thread == self._thread:
+        if threading.get_ident() == self._thread:
             self.records.append(record)
         return True

@@ -4,6 +4,7 @@ A staging folder contains a file that its process keeps locked. The system relea
 however it ends, so an unlocked staging folder is an abandoned one.
 """
 
+import errno
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +14,15 @@ from pathlib import Path
 PREFIX = ".sionna-radar-"
 LOCK, OWNER = "lock", "owner"
 OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this folder if its own run has ended.\n"
+
+
+def remedy_of(error: OSError) -> str:
+    """Return what a user can do about a folder or file that cannot be written."""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "free some space"
+    if error.errno == errno.ENOENT:
+        return "it was removed during the run: leave it there, and run the command again"
+    return "check its permissions, or name another folder"
 
 
 @contextmanager
@@ -37,9 +47,9 @@ def abandoned(parent: Path) -> Iterator[Path]:
     from filelock import FileLock, Timeout
 
     for folder in sorted(parent.glob(f"{PREFIX}*")):
-        if folder.is_symlink() or not (folder / OWNER).is_file():
-            continue
         try:
+            if folder.is_symlink() or not (folder / OWNER).is_file():
+                continue
             with FileLock(folder / LOCK, blocking=False):
                 yield folder
         except (Timeout, PermissionError):

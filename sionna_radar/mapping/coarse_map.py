@@ -17,6 +17,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model import Sightings
 from sionna_radar.mapping.evidence import ROWS_AT_ONCE, evidence_against
+from sionna_radar.mapping.heights import plane_through
 from sionna_radar.mapping.levels import choose_levels
 from sionna_radar.mapping.points import Points
 
@@ -132,6 +133,8 @@ def lowest_in_view_m(
     distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
     drop = float(np.max(up - height_m.min()))
     steepest = float(np.max(distance)) * float(np.ptp(height_m)) / max(drop, 1e-6)
+    # Nothing outside the map is in the way.
+    steepest = min(steepest, float(np.hypot(*grid.shape)) * grid.spacing_m)
     farthest = len(np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m))
     on = grid.x_m, grid.y_m, grid.west_m, grid.south_m, grid.spacing_m, np.ascontiguousarray(origin_m), farthest
     result = np.empty(grid.shape)
@@ -143,9 +146,9 @@ def _levels(
     point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
     """Return a plane through some echoes, and levels around it that span them, a range cell apart."""
-    design = np.column_stack([np.ones(len(point_m)), point_m[:, :2]])
-    plane = np.linalg.lstsq(design, point_m[:, 2], rcond=None)[0]
-    low, high = np.percentile(point_m[:, 2] - design @ plane, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
+    plane = plane_through(point_m[:, :2], point_m[:, 2])
+    above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
+    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
     spacing = max(cell_m, (high - low) / MOST_LEVELS)
     return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
 

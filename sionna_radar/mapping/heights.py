@@ -14,6 +14,9 @@ from sionna_radar.mapping.speckle import repeats
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
 FEW, MANY = 3, 5
+# Heights tell no slope across places that spread by less than this share of their length: echoes of a fixed beam lie on
+# a line but for centimetres. By choice: no swath, and no roof, is so narrow.
+LEAST_WIDTH_SHARE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +83,7 @@ class Heights(Columns):
 
     def trend(self) -> Float[np.ndarray, "3"]:
         """Return the plane through them: height at the origin, slopes toward east and north."""
-        design = np.column_stack([np.ones(len(self)), self.place_m])
-        plane: Float[np.ndarray, 3] = np.linalg.lstsq(design, self.height_m, rcond=None)[0]
-        return plane
+        return plane_through(self.place_m, self.height_m)
 
     def weights(self, grid: Grid) -> csr_matrix:
         """Return the matrix that makes these means of the heights of a grid's cells (Gauss-Hermite quadrature)."""
@@ -105,3 +106,21 @@ class Heights(Columns):
             shape=(len(self), count * len(self)),
         )
         return mean @ each
+
+
+def plane_through(place_m: Float[np.ndarray, "n 2"], height_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
+    """Return the plane of least squares: height at the origin, slopes toward east and north, level across a line."""
+    along = supported_directions(place_m)
+    design = np.column_stack([np.ones(len(place_m)), place_m @ along])
+    found = np.linalg.lstsq(design, height_m, rcond=None)[0]
+    return np.concatenate([found[:1], along @ found[1:]])
+
+
+def supported_directions(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 k"]:
+    """Return the directions along which heights at some places tell a slope, as columns.
+
+    East and north; or the one direction of places on a line; none for a single place.
+    """
+    _, width_m, direction = np.linalg.svd(place_m - place_m.mean(axis=0), full_matrices=False)
+    told = width_m > max(LEAST_WIDTH_SHARE * width_m[0], np.finfo(float).eps * np.abs(place_m).max() * len(place_m))
+    return np.eye(2) if told.all() and len(told) == 2 else direction[told].T

@@ -19,7 +19,7 @@ from typing import Any
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.foundation.kept_parts import FOLDER as PARTS
-from sionna_radar.foundation.staging import abandoned, in_use, staged
+from sionna_radar.foundation.staging import abandoned, in_use, remedy_of, staged
 from sionna_radar.report.manifest import MANIFEST, Manifest, digests, read_manifest
 
 # Inside a staging folder: the new result, the files of the earlier one, and the manifest of the new one.
@@ -61,7 +61,7 @@ def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> 
     except OutputError:
         raise
     except OSError as error:
-        message = f"output = {directory} cannot be written ({error}); free some space or name another folder"
+        message = f"output = {directory} cannot be written ({error}); {remedy_of(error)}"
         raise OutputError(message) from error
     return sorted(directory / name for name in (*manifest.names, MANIFEST))
 

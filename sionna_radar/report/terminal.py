@@ -32,6 +32,11 @@ def console(width: int | None = None) -> "Console":
     return Console(markup=False, emoji=False, highlight=False, width=width)
 
 
+def printable(text: object) -> str:
+    """Return a text without control characters, which a terminal would obey; those of names and paths, too."""
+    return "".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in str(text))
+
+
 def number(value: float, form: str, unit: str = "") -> str:
     """Return a number in a format with its unit; a dash for NaN."""
     return NONE if value != value else f"{value:{form}}{unit}"

@@ -63,7 +63,7 @@ class ChosenBy:
     def _say_what_chooses(self, table: type[Table], schema: JsonSchemaValue) -> None:
         """Put the names that choose a table into its schema; they must be given unless one is the default."""
         names = [name for name in self.registry.known() if self.registry.entry(name).parameters is table]
-        schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table"}
+        schema["properties"][self.tag] = {"enum": names, "description": f"{self.registry.kind} of this table."}
         if self.default not in names and not set(self.implied.values()) & set(names):
             schema["required"] = [self.tag, *(key for key in schema.get("required", []) if key != self.tag)]
 

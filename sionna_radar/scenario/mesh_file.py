@@ -50,10 +50,13 @@ class MeshFile(MeshShape):
     material: of all of it but what `materials` names; a table is taken for `materials`.
     materials: materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of
         its objects where these have no material.
+    centre: what of it stands at `position_m`: the file's origin, or the middle of its box in plan, at its lowest point,
+        for files whose coordinates are far from their origin.
     """
 
     material: str = "building"
     materials: dict[str, str] = {}
+    centre: Literal["origin", "box"] = "origin"
 
     @model_validator(mode="before")
     @classmethod

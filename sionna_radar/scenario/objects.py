@@ -29,10 +29,10 @@ class Building(Table):
 class MeshObject(MeshFile):
     """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang.
 
-    position_m: place of the file's origin. With `on_ground`, east and north, and the lowest point of the mesh stands on
+    position_m: place of the file's origin, or of the middle of its box (`centre`). With `on_ground`, east and north,
+        and the lowest point of the mesh stands on the lowest ground in its outline; without it a third number, the
+        height of that place, in the heights of the terrain (above its datum where it has one).
     on_ground: whether it stands on the ground.
-    the lowest ground in its outline; without it a third number, the height of the file's origin, in the heights of the
-    terrain (above its datum where it has one).
     """
 
     position_m: Annotated[tuple[Real, ...], Field(min_length=2, max_length=3)]
@@ -50,8 +50,7 @@ class MeshObject(MeshFile):
 class Footprints(Table):
     """Buildings from the outlines of a vector file: GeoJSON, GeoPackage or Shapefile, such as OpenStreetMap's.
 
-    layer: of a GeoPackage with several. Outlines are transformed from the file's CRS; over ground that is on no map
-    their coordinates are local metres.
+    layer: of a GeoPackage with several.
     height: attribute with the height: metres, or text as in OpenStreetMap, such as "12", "12.5 m" or "40 ft".
     levels: attribute with the number of storeys, where that is not known, of `level_height_m` each.
     height_m: height of all outlines for which the attributes say nothing; without it these are left out.
@@ -61,6 +60,7 @@ class Footprints(Table):
     material_attribute: attribute that says of what a building is, such as OpenStreetMap's building:material.
     materials: materials of the scenario by its values; others are of `material`.
 
+    Outlines are transformed from the file's CRS; over ground that is on no map their coordinates are local metres.
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
     beyond the terrain are left out with a warning.

@@ -18,7 +18,7 @@ WORDS_OR_NUMBERS = {
     "log_shift": "'none', 'to_terrain' or metres [east, north, up]",
     "log_height": "'datum', 'above_takeoff' or the metres above the ground at which it begins",
 }
-OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s")
+OF_A_LOG = ("log_start_s", "log_stop_s", "log_shift", "log_height", "log_gap_s", "log_columns")
 Shift = Annotated[Real, Field(ge=-1e7, le=1e7)]
 
 
@@ -104,6 +104,7 @@ class Platform(Table):
         "above_takeoff" for a log that is moved to the terrain, or whose heights count from its take-off, and "datum"
         otherwise.
     log_gap_s: longest time without a position or an attitude that is interpolated.
+    log_columns: columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }.
     """
 
     log: InputPath | None = None
@@ -130,6 +131,7 @@ class Platform(Table):
     log_shift: Literal["none", "to_terrain"] | tuple[Shift, Shift, Shift] = "none"
     log_height: Literal["datum", "above_takeoff"] | Annotated[Positive, Field(le=1e5)] | None = None
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
+    log_columns: dict[str, str] = {}
     navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors", by_name=True)] = (
         NavigationTable()
     )

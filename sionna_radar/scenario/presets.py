@@ -73,7 +73,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "transmit_power_dbm": 12.0,
                 "noise_figure_db": 15.0,
                 "antenna": {"kind": "taylor", "beamwidth_deg": (56.0, 28.0), "side_lobe_db": -20.0},
-                "scan": {"mode": "fixed", "incidence_deg": 20.0},
+                "scan": {"mode": "whisk_broom", "incidence_deg": 20.0, "half_swath_deg": 30.0, "rotation_rpm": 60.0},
             },
             sources=(
                 "12 dBm, noise figure 14 dB at 76 to 77 GHz and 15 dB at 77 to 81 GHz, complex sampling: AWR1843 "
@@ -84,6 +84,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "300 MHz in 512 samples, for 256 m of range: the chip sweeps up to 4 GHz, for centimetres over metres",
                 "no gain from averaging the chirps of a frame",
                 "the receiver's antenna equal to the transmitter's, and a Taylor taper",
+                "a scan from the air: the board itself has none, and a fixed beam maps no more than a line",
             ),
         ),
         "uw_scat_ku": Preset(

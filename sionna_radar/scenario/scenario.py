@@ -6,10 +6,11 @@ or the flight to judge is checked when the survey is prepared (`sionna_radar.sur
 
 from __future__ import annotations
 
+import unicodedata
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
@@ -55,6 +56,13 @@ NO_PLACE_ON_THE_MAP = (
 LONGEST_CRS = 100_000
 
 
+def _literal(text: str) -> str:
+    found = next((c for c in text if unicodedata.category(c) == "Cc" and c not in "\n\t"), None)
+    if found is not None:
+        raise refuse("", f"holds the control character {found!r}, which a terminal would obey; remove it")
+    return text
+
+
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
 
@@ -97,7 +105,7 @@ class Scenario(Table):
 
     """
 
-    description: str = ""
+    description: Annotated[str, AfterValidator(_literal)] = ""
     seed: Seed = 1
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
     sensor: Annotated[str, name_in(SENSORS)] = "radar"

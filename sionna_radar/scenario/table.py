@@ -41,6 +41,8 @@ def _a_path(path: Path) -> Path:
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
 NonNegative = Annotated[Real, Field(ge=0)]
+# None, or enough of it to compute with.
+NoneOrSome = Annotated[Real, Field(ge=0), AfterValidator(lambda value: value and _not_vanishing(value))]
 Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_vanishing)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Point2 = tuple[Real, Real]

@@ -100,8 +100,8 @@ class RasterTerrain(CoveredTerrain):
     holes: cells without data are kept as holes, filled from around them, or refused.
     roughen: adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's.
     crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
-    spacing_m: of the posts; without it the file's.
     "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
+    spacing_m: of the posts; without it the file's.
     """
 
     kind: Literal["raster"] = "raster"
@@ -148,7 +148,7 @@ class PointsTerrain(CoveredTerrain):
 class MeshTerrain(CoveredTerrain, MeshFile):
     """A mesh as the ground, with what stands on it: a site model, a photogrammetric mesh, a scene of Sionna.
 
-    position_m: local place and height of the file's origin.
+    position_m: local place and height of the file's origin, or of the middle of its box at its lowest point.
     crs: that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map.
     Land cover lies on the faces of `material`, not on those that `materials` names.
 
@@ -163,7 +163,7 @@ class MeshTerrain(CoveredTerrain, MeshFile):
 
     @model_validator(mode="after")
     def _placed_once(self) -> MeshTerrain:
-        for key in ("position_m", "heading_deg", "scale"):
+        for key in ("position_m", "heading_deg", "scale", "centre"):
             if self.crs is not None and getattr(self, key) != type(self).model_fields[key].default:
                 raise refuse(key, "a mesh with a CRS has its place in its coordinates; remove it, or terrain.crs")
         return self

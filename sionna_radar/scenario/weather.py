@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.table import Point2, Point3, Positive, Real, Seed, Table, refuse
+from sionna_radar.scenario.table import NoneOrSome, Point2, Point3, Positive, Real, Seed, Table, refuse
 from sionna_radar.weather.fog import FogClass, liquid_water_of_visibility_g_per_m3
 from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE_K
 
-RainRate = Annotated[Real, Field(ge=0, le=300)]
+RainRate = Annotated[NoneOrSome, Field(le=300)]
 # As water on the ground: 10 mm/h is some 10 cm of new snow in an hour.
-Snowfall = Annotated[Real, Field(ge=0, le=10)]
+Snowfall = Annotated[NoneOrSome, Field(le=10)]
 Visibility = Annotated[Real, Field(ge=5, le=1e5)]
 FASTEST_WIND_MPS = 60.0
 
@@ -82,7 +82,7 @@ class WeatherTable(Table):
     snowfall_mm_per_h: Snowfall = 0.0
     snow: Literal["dry", "wet"] = "dry"
     fog: Literal["none", "medium", "thick"] = "none"
-    liquid_water_g_per_m3: Annotated[Real, Field(ge=0, le=10)] = 0.0
+    liquid_water_g_per_m3: Annotated[NoneOrSome, Field(le=10)] = 0.0
     fog_visibility_m: Visibility | None = None
     haze_visibility_m: Visibility | None = None
     dust_visibility_m: Visibility | None = None

@@ -35,12 +35,14 @@ class BuiltScene:
     ground_m: height of the bare ground at horizontal positions, voids filled; NaN beyond the terrain.
     caster: rays against all surfaces.
     may_overhang: there may be air under some of them.
+    posting_m: distance of the heights of the terrain's file; see `Landscape`.
     """
 
     scene: Scene
     ground_m: Heights
     caster: RayCaster
     may_overhang: bool = False
+    posting_m: float | None = None
 
 
 def build_scene(
@@ -107,6 +109,7 @@ def build_scene(
         ground_m=land.ground_m,
         caster=ground.caster,
         may_overhang=land.may_overhang or bool(scenario.objects),
+        posting_m=land.posting_m,
     )
 
 

@@ -54,6 +54,8 @@ class Landscape:
     materials: those that come with the terrain.
     heights: the raster from which the triangles were made, if any.
     may_overhang: there may be air under some of it.
+    posting_m: distance of the heights of the file that it was made from, between which it has no detail; None if it was
+        made from none, or has detail of its own there.
     """
 
     surfaces: tuple[Surface, ...]
@@ -64,6 +66,7 @@ class Landscape:
     materials: dict[str, Backscatter] = field(default_factory=dict)
     heights: Raster | None = None
     may_overhang: bool = False
+    posting_m: float | None = None
 
 
 def landscape_of_heights(

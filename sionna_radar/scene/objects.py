@@ -43,6 +43,41 @@ def upright(table: MeshShape, key: str) -> tuple[MeshPart, ...]:
     return placed
 
 
+def about_box(parts: Sequence[MeshPart], table: MeshFile) -> tuple[MeshPart, ...]:
+    """Return an upright mesh about what of it stands at its position."""
+    if table.centre == "origin":
+        return tuple(parts)
+    low, high = corners_of(parts)
+    middle = np.array([*(low + high)[:2] / 2, low[2]])
+    return tuple(MeshPart(name=p.name, vertices=p.vertices - middle, faces=p.faces) for p in parts)
+
+
+def box_text(place_m: Float[np.ndarray, "n 3"]) -> str:
+    """Return the box around some places, in words."""
+    ends = zip("xyz", place_m.min(axis=0), place_m.max(axis=0), strict=True)
+    return ", ".join(f"{axis} = {low:.1f} to {high:.1f} m" for axis, low, high in ends)
+
+
+def placed_boxes(surfaces: Sequence[Surface]) -> dict[str, str]:
+    """Return where meshes stand in a scene, by their keys in the scenario: the boxes around them, in words."""
+    corners: dict[str, list[Float[np.ndarray, "2 3"]]] = {}
+    for surface in surfaces:
+        kind, number, *_ = f"{surface.name}--".split("-")
+        key = {"object": f"objects.{number}", "terrain": "terrain"}.get(kind) if surface.divided else None
+        if key:
+            corners.setdefault(key, []).append(surface.bounds_m)
+    return {key: box_text(np.concatenate(ends)) for key, ends in corners.items()}
+
+
+def _far_from_origin(place_m: Float[np.ndarray, "n 3"]) -> str:
+    """Return what is said of a mesh that lies farther from its own origin than it is large; empty for others."""
+    low, high = place_m.min(axis=0), place_m.max(axis=0)
+    away_m = float(np.linalg.norm((low + high)[:2] / 2))
+    if away_m <= float(np.max(high - low)):
+        return ""
+    return f"; its file's origin lies {away_m:,.0f} m from the middle of its box: set centre = 'box'"
+
+
 def _check_size(parts: Sequence[MeshPart], table: MeshShape, key: str) -> None:
     low, high = corners_of(parts)
     largest = float(np.max(high - low))
@@ -139,7 +174,7 @@ def build_objects(tables: Sequence[MeshObject], ground_m: Heights, datum_m: floa
 
 
 def _read(table: MeshObject, key: str) -> ReadObject:
-    parts = upright(table, key)
+    parts = about_box(upright(table, key), table)
     materials = material_of_parts(parts, table, key)
     return ReadObject(mesh=repair(parts, f"{key}.path = {shown(table.path)}"), materials=materials)
 
@@ -148,11 +183,15 @@ def _placed(table: MeshObject, index: int, found: ReadObject, ground_m: Heights,
     """Return an object where it stands."""
     mesh, key = found.mesh, f"objects.{index}.position_m"
     east, north, *height = table.position_m
+    used = mesh.vertices_m[np.unique(mesh.faces)]
     if table.on_ground:
-        used = mesh.vertices_m[np.unique(mesh.faces)]
         ground = float(np.min(ground_m(_under(used[:, :2]) + np.array([east, north]))))
         if not np.isfinite(ground):
-            message = f"the object at {table.position_m} extends beyond the terrain; move it or enlarge the terrain"
+            box = box_text(used + np.array([east, north, 0.0])).rsplit(", z", 1)[0]
+            message = (
+                f"the object at {table.position_m}, {box}, extends beyond the terrain; move it or enlarge the terrain"
+                f"{_far_from_origin(used)}"
+            )
             raise ScenarioError([Problem(key, message)])
         up = ground - float(used[:, 2].min())
     else:
@@ -170,8 +209,8 @@ def check_reach(place_m: Float[np.ndarray, "n 3"], key: str, path: Path) -> None
     farthest = float(np.abs(place_m).max())
     if farthest > LARGEST_M:
         message = (
-            f"{shown(path)} lies up to {farthest / 1000:,.0f} km from the local origin; place it nearer, or, if its "
-            "coordinates are those of a map, give terrain.crs of a mesh terrain"
+            f"{shown(path)} lies up to {farthest / 1000:,.0f} km from the local origin, {box_text(place_m)}; place it "
+            "nearer, set centre = 'box', or, if its coordinates are those of a map, give terrain.crs of a mesh terrain"
         )
         raise ScenarioError([Problem(key, message)])
 

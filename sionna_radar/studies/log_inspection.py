@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.interpolation import course_attitudes, position_spline
-from sionna_radar.flight.logs.cleaning import CleanLog, clean
+from sionna_radar.flight.logs.cleaning import CleanLog, clean, stretches
 from sionna_radar.flight.logs.log import FlightLog
 from sionna_radar.flight.logs.metric import in_metres
 from sionna_radar.flight.logs.reader import read_log
@@ -34,6 +34,7 @@ class LogInspection:
     georeference: of the metres; None where they are the log's own.
     moved_m: by how much east and north the flight was moved to the terrain.
     ground_under_m: height of the terrain under each position, NaN beyond it.
+    stretches: from when to when it can be flown, the longest of them.
     """
 
     path: Path
@@ -46,6 +47,7 @@ class LogInspection:
     georeference: Georeference | None = None
     moved_m: tuple[float, float] | None = None
     ground_under_m: Float[np.ndarray, " n"] | None = None
+    stretches: tuple[tuple[float, float], ...] = ()
 
     @property
     def refusals(self) -> tuple[str, ...]:
@@ -82,7 +84,8 @@ def inspect_log(
     log = read_log(path, "log")
     frame = map_frame(terrain) if terrain is not None else None
     placed = log.on_map and frame is not None
-    part = clean(in_metres(log, frame if placed else None), start_s, np.inf if stop_s is None else stop_s, gap_s)
+    metric, last_s = in_metres(log, frame if placed else None), np.inf if stop_s is None else stop_s
+    part = clean(metric, start_s, last_s, gap_s)
     if len(part.positions.time_s) < 2:
         message = f"log {shown(path)}: has {len(part.positions.time_s)} positions in this part; choose a longer one"
         raise InputFileError(message)
@@ -111,6 +114,7 @@ def inspect_log(
         georeference=georeference if placed else None,
         moved_m=moved,
         ground_under_m=under,
+        stretches=stretches(metric, start_s, last_s, gap_s) if part.findings else (part.span_s,),
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sionna_radar.accuracy.compare import DemError
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
@@ -20,6 +21,7 @@ from sionna_radar.foundation.progress import Progress, default_progress
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.workers import Workers
 from sionna_radar.mapping.mapper import DemMethod
+from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
@@ -37,6 +39,7 @@ from sionna_radar.survey.warnings import (
     burst_warnings,
     direction_warnings,
     idle_receiver_warnings,
+    map_warnings,
     saturation_warnings,
     sight_warnings,
     steered_warnings,
@@ -231,7 +234,7 @@ def _run(
         chirp=chirp,
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
-        warnings=_warnings(prepared, recording),
+        warnings=_warnings(prepared, recording, points, comparison.lit_error),
         sensor=sensor,
         saturation=_saturation(prepared, recording),
         no_echo=recording.silent & comparison.lit & ~estimate.dem.filled,
@@ -265,8 +268,8 @@ def _louder(prepared: Prepared) -> str:
     return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
 
 
-def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
-    """Return, and log, what degrades a survey's result."""
+def _warnings(prepared: Prepared, recording: Recording, points: Points, lit: DemError) -> tuple[str, ...]:
+    """Return what degrades a survey's result, and log what was not said while it was prepared."""
     warnings = prepared.flown.warnings + warnings_of(
         len(recording.echoes),
         recording.rain_echoes,
@@ -286,8 +289,10 @@ def _warnings(prepared: Prepared, recording: Recording) -> tuple[str, ...]:
     warnings += _burst_warnings(prepared)
     mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
+    spacing_m = prepared.mapper.grid.spacing_m
+    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:
         logger.warning("%s", warning)
-    return warnings
+    return prepared.warnings + warnings

@@ -20,6 +20,7 @@ from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, Steps, silent
 from sionna_radar.foundation.stopwatch import Stopwatch
@@ -57,7 +58,7 @@ from sionna_radar.survey.checks import (
 )
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
-from sionna_radar.survey.warnings import described
+from sionna_radar.survey.warnings import described, warn_of_posting
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.sampled_beams import SampledBeams
 
@@ -138,6 +139,7 @@ class Prepared(Brief):
     custom: what the caller gave in place of parts of the scenario.
     beams: the antenna steered to each beam of an electronic scan.
     ground_extent_m: west, south, east and north of the ground that the beam's axis meets.
+    warnings: what was said while it was prepared, such as of repaired meshes.
 
     Examples
     --------
@@ -162,6 +164,7 @@ class Prepared(Brief):
     beams: tuple[Antenna, ...] = ()
     angle: AngleEstimator | None = None
     bursts: Bursts | None = None
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.flight)
@@ -261,9 +264,14 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     True
 
     """
+    with LogCapture() as said:
+        prepared = _prepare(scenario, custom or CustomParts(), progress)
+    return replace(prepared, warnings=said.warnings)
+
+
+def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Prepared:
     # The flight before the scene, the scene, the flight over it, and what it looks at.
     step = Steps(progress, "preparing", BUILDING_STEPS + 3)
-    custom = custom or CustomParts()
     local = in_local_frame(scenario)
     chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
     scan = custom.scan or build_scan(local.radar.scan)
@@ -308,6 +316,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     sweeps = build_sweeps(local.radar)
     others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
     check_reference(local, scene, scan.incidence_rad)
+    warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()
     return Prepared(

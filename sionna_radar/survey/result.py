@@ -121,7 +121,20 @@ class Survey(Brief):
             points=self.points,
             walls=self.prepared.truth().walls,
             seed=self.scenario.seed,
+            covered={"walls and what is beside them": self._beside_walls, "plants": self._among_plants},
         )
+
+    @property
+    def _beside_walls(self) -> float:
+        """Share of the lit cells within half a footprint of a wall."""
+        off = self.off_wall_error
+        return 0.0 if off is None or self.lit_error.count == 0 else 1 - off.count / self.lit_error.count
+
+    @property
+    def _among_plants(self) -> float:
+        """Share of the filled cells with plants."""
+        reading = self.canopy_reading
+        return 0.0 if reading is None or self.dem_error.count == 0 else reading.count / self.dem_error.count
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:

@@ -1,5 +1,6 @@
 """What a reader must know beside the numbers of a survey: which parts were replaced, and what degrades the result."""
 
+import logging
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,10 +10,17 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.range_strips import range_strips
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.angle_of_arrival import NEEDED
 from sionna_radar.scenario.second_receiver import SecondReceiverTable
 
+logger = logging.getLogger("sionna_radar")
+
+# A map of less than this share of the cells that the main beam reached, and more pulses without an echo, are told.
+LEAST_COVERAGE, MOST_SILENT = 0.2, 0.5
+# Echoes on a strip narrower than these cells of the DEM are those of a line.
+NARROWEST_CELLS = 3
 # Echoes of rain lie tens of metres above the ground, so that a few of them ruin a DEM.
 RAIN_SHARE_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
@@ -85,6 +93,57 @@ def warnings_of(
             *lost,
         )
     return lost
+
+
+def map_warnings(
+    points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
+) -> tuple[str, ...]:
+    """Return what is said of a map that is none: of a line, empty, or of few of the cells that were to be mapped.
+
+    pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
+    spacing_m: of its cells. louder: keys that raise echoes.
+    """
+    if len(points) == 0:
+        return ()
+    silent = pulses - len(np.unique(points.pulse))
+    warnings: tuple[str, ...] = ()
+    if silent > MOST_SILENT * pulses:
+        share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
+        warnings = (f"{share} have no echo; raise {louder}, or fly lower",)
+    width_m = _strip_m(points)
+    if width_m < NARROWEST_CELLS * spacing_m:
+        warnings += (
+            f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
+            "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side",
+        )
+    elif coverage < LEAST_COVERAGE:
+        share = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
+        remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
+        warnings += (f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}",)
+    return warnings
+
+
+def _strip_m(points: Points) -> float:
+    """Return the width of the strip on which points lie, across its length."""
+    if len(points) < 3:
+        return 0.0
+    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
+    across = np.linalg.svd(place_m, full_matrices=False)[2][1]
+    return float(np.ptp(place_m @ across))
+
+
+def warn_of_posting(
+    posting_m: float | None, range_m: Float[np.ndarray, " look"], beamwidths_rad: tuple[float, float]
+) -> None:
+    """Log that a terrain's file has no detail as fine as a footprint, so that a DEM's error seems too small."""
+    footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
+    if posting_m is not None and posting_m > footprint_m:
+        logger.warning(
+            "terrain: the heights of its file are %.3g m apart, footprints %.2g m wide: the error is that against "
+            "ground interpolated between them, without finer detail; give a finer file, or set terrain.roughen",
+            posting_m,
+            footprint_m,
+        )
 
 
 def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:

@@ -110,6 +110,19 @@ def test_too_few_cells_are_no_test() -> None:
     assert checkpoint_test(noise(one), flat(one), np.ones(one.shape, dtype=bool), seed=0).count == 30
 
 
+def test_no_class_is_stated_where_walls_or_plants_hold_a_fifth_of_the_map() -> None:
+    grid = grid_of(80, 80)
+    lit = np.ones(grid.shape, dtype=bool)
+    tested, hidden = (
+        checkpoint_test(noise(grid), flat(grid), lit, 3, {"plants": 0.05, "walls": share}) for share in (0.19, 0.31)
+    )
+    assert tested.where in tested.statement
+    assert (tested.class_cm, hidden.class_cm) == (int(np.ceil(100 * tested.rms_m)), None)
+    assert hidden.statement.startswith("not tested")
+    assert "walls hold 31% of the cells" in hidden.statement
+    assert "plants" not in hidden.statement
+
+
 # ---------------------------------------------------------------------------------------------- classes
 
 

@@ -13,6 +13,7 @@ import rasterio
 from rasterio import Affine
 
 from flight_logs import flown, regular, write_csv
+from sionna_radar.foundation.errors import WorkersLostError
 
 
 def bad_dem(tmp_path):
@@ -391,3 +392,24 @@ def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(c
     missing = cli("log", tmp_path / "none.csv")
     assert (missing.returncode, missing.stdout) == (2, "")
     assert "does not exist; give a log of a flight" in missing.stderr
+
+
+def test_control_characters_of_names_reach_no_terminal(cli, small, tmp_path):
+    evil = tmp_path / "a\x1b[31m\x07b"
+    done = cli("run", small, "-o", evil)
+    assert done.returncode == 0, done.stderr
+    assert r"a\x1b[31m\x07b" in done.stdout
+    missing = cli("run", evil / "c.toml")
+    refused = cli("validate", small, "--set", 'description="a\\u001bb"')
+    assert (missing.returncode, refused.returncode) == (2, 2)
+    assert "description: holds the control character" in refused.stderr
+    assert not {"\x1b", "\x07"} & set(done.stdout + done.stderr + missing.stderr + refused.stderr)
+
+
+def test_workers_that_are_lost_are_no_bad_input(cli, small, tmp_path, monkeypatch):
+    def lost(*_, **__):
+        raise WorkersLostError("the dask scheduler is gone")  # noqa: EM101
+
+    monkeypatch.setattr("sionna_radar.foundation.cluster.open_workers", lost)
+    done = cli("sweep", small, "--vary", "seed=1,2", "-q", "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (1, "error: the dask scheduler is gone\n")

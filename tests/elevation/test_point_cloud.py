@@ -157,3 +157,26 @@ def test_bad_clouds(cloud, file, tmp_path):
         path.write_bytes(content)
         with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"):
             load_ground(PointsTerrain(path=path), WINDOW)
+
+
+@pytest.mark.parametrize(("place", "width"), [(100, 4), (96, 4), (235, 8), (243, 4)])
+@pytest.mark.parametrize("value", [0x01, 0x7F, 0xFF])
+def test_a_header_that_claims_records_without_room_is_refused_at_once(file, tmp_path, place, width, value):
+    """The reader makes as many records as a header claims: four thousand million from one byte."""
+    content = bytearray(file.read_bytes())
+    content[place + width - 1] = value
+    if place == 235:
+        content[243:247] = (5).to_bytes(4, "little")
+    path = tmp_path / f"lying.{file.suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"):
+        load_ground(PointsTerrain(path=path), WINDOW)
+
+
+def test_extended_records_behind_the_points_are_none_of_the_scenes(file, cloud, tmp_path):
+    content = bytearray(file.read_bytes())
+    content[235:243], content[243:247] = len(content).to_bytes(8, "little"), (2).to_bytes(4, "little")
+    path = tmp_path / f"more.{file.suffix}"
+    path.write_bytes(bytes(content) + 2 * bytes(60))
+    if file.suffix == ".las":
+        load_ground(PointsTerrain(path=path), WINDOW)

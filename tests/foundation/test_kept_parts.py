@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import shutil
 import signal
 
 import pytest
@@ -103,6 +104,34 @@ def test_a_part_without_room_is_one_clear_error(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OutputError, match="No space left"), kept_parts(tmp_path / "out", RUN, resume=False) as parts:
+    with (
+        pytest.raises(OutputError, match=r"No space left on device\); free some space"),
+        kept_parts(tmp_path / "out", RUN, resume=False) as parts,
+    ):
         parts.put("a", b"a")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("above", [0, 1, 2])
+def test_an_output_folder_that_is_removed_meanwhile_is_one_clear_error(tmp_path, above):
+    out = tmp_path / "deep" / "out"
+    removed = [out / FOLDER, out, out.parent][above]
+
+    def run():
+        with kept_parts(out, RUN, resume=False) as parts:
+            parts.put("a", b"a")
+            shutil.rmtree(removed)
+            assert parts.get("a") is None
+            parts.put("b", b"b")
+
+    with pytest.raises(OutputError, match=r"cannot be kept in .*; it was removed during the run: leave it there"):
+        run()
+    assert how_to_go_on() == ""
+    assert not removed.exists()
+
+
+def test_a_result_whose_parts_are_removed_at_the_end_is_written_all_the_same(tmp_path):
+    with kept_parts(tmp_path / "out", RUN, resume=False) as parts:
+        parts.put("a", b"a")
+        shutil.rmtree(tmp_path / "out")
     assert not (tmp_path / "out").exists()

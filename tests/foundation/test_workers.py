@@ -16,7 +16,7 @@ import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
 from sionna_radar.foundation.cluster import open_workers
-from sionna_radar.foundation.errors import ScenarioError, WorkerError
+from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.kept_parts import kept_parts
 from sionna_radar.foundation.network import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
@@ -103,7 +103,7 @@ def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_
         found = dict(each_kept(pair, look, dict(reversed(tasks.items())), parts))
         assert len(parts) == 5
         assert parts.get("deadly") is None
-    assert found["deadly"] == Failure(kind="WorkerError", text="its worker died 3 times; is there memory enough?")
+    assert found["deadly"] == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
     assert [seen(found[f"{n}"])["x"] for n in range(5)] == list(range(5))
     assert len(set((tmp_path / "deaths").read_text().split())) == 3
 
@@ -182,3 +182,81 @@ def test_a_signal_ends_all_processes_and_says_how_to_go_on(tmp_path, number, cod
     assert said == "interrupted; finished parts are kept; the same command with --resume goes on from them\n"
     assert all_ended(process.pid)
     assert {path.name for path in tmp_path.iterdir()} == {"script.py", "out"}
+
+
+CLUSTER = """
+import sys, time
+from distributed import LocalCluster
+if __name__ == "__main__":
+    there = {"protocol": "tcp", "host": "127.0.0.1", "dashboard_address": None}
+    with LocalCluster(n_workers=int(sys.argv[1]), processes=False, **there) as cluster:
+        print(cluster.scheduler_address, flush=True)
+        time.sleep(120)
+"""
+
+
+@pytest.fixture
+def cluster_of(tmp_path):
+    """Return what starts a cluster of so many workers in a process of its own."""
+    (tmp_path / "cluster.py").write_text(CLUSTER)
+    paths = {"PYTHONPATH": str(Path(cluster_tasks.__file__).parent)}
+    started = []
+
+    def start(workers):
+        command = [sys.executable, tmp_path / "cluster.py", str(workers)]
+        process = subprocess.Popen(command, env=os.environ | paths, stdout=subprocess.PIPE, text=True, cwd=tmp_path)
+        started.append(process)
+        return process, process.stdout.readline().strip()
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_a_cluster_without_workers_is_told_of_before_it_is_given_up(cluster_of, monkeypatch, caplog):
+    monkeypatch.setattr("sionna_radar.foundation.cluster.LONELY_S", 0.1)
+    monkeypatch.setattr("sionna_radar.foundation.cluster.FIRST_WORKER_S", 0.2)
+    _, address = cluster_of(0)
+    with pytest.raises(WorkerError, match="has no workers; start some with"), open_workers(None, address):
+        pass
+    assert caplog.messages == ["the cluster has no worker yet; waiting 0.2 s for one"]
+
+
+def test_a_scheduler_that_dies_is_one_error(cluster_of, caplog):
+    process, address = cluster_of(1)
+    with open_workers(None, address) as workers:
+        results = workers.each(look, [{"do": "look", "x": 0}, {"do": "sleep"}])
+        next(results)
+        process.kill()
+        with pytest.raises(WorkersLostError, match="the dask scheduler"):
+            next(results)
+    assert [record for record in caplog.records if record.levelno < logging.CRITICAL] == []
+
+
+KILLED = """
+import os, signal
+from sionna_radar.foundation.cluster import open_workers
+if __name__ == "__main__":
+    with open_workers(2):
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_run_left_in_the_temporary_folder_the_next_one_removes(tmp_path, monkeypatch):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED)
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    began = {"start_new_session": True, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, script], env=os.environ | {"TMPDIR": str(folder)}, **began) as process:
+        _, said = process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert said == ""
+    assert all_ended(process.pid, within_s=20.0)
+    assert len(list(folder.iterdir())) == 1
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    with open_workers(1) as workers:
+        assert [seen(found)["x"] for _, found in workers.each(look, TASKS[:1])] == [0.1]
+        assert len(list(folder.iterdir())) == 1
+    assert list(folder.iterdir()) == []

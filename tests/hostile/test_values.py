@@ -15,6 +15,7 @@ from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.loading import parse_overrides
 from sionna_radar.scene.build import build_scene
 from sionna_radar.studies.planning import Wanted, plan_flight
+from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 
 BASE = {
@@ -225,6 +226,16 @@ def fuzzed(seed: int) -> str:
 def is_a_result_or_one_clear_error(said: str) -> bool:
     """Nothing said of what can be flown; else short lines without a word of pydantic's or Python's."""
     return len(said) < 5000 and not any(word in said for word in ("Traceback", "pydantic", "validation error"))
+
+
+@pytest.mark.parametrize("sensor", ["radar", "lidar"])
+@pytest.mark.parametrize("key", ["rain_rate_mm_per_h", "snowfall_mm_per_h", "liquid_water_g_per_m3"])
+def test_weather_is_none_or_enough_to_compute_with(key, sensor):
+    flown = {"platform.length_m": 1.0, "sensor": sensor}
+    for vanishing in (5e-324, 1e-300, 1e-16):
+        with pytest.raises(ScenarioError, match=rf"weather.{key}: .* is refused: it must be at least 1e-15"):
+            load_scenario("hills", {**flown, f"weather.{key}": vanishing})
+    run(load_scenario("hills", {**flown, f"weather.{key}": 1e-15}))
 
 
 @pytest.mark.parametrize("tens", range(20))

@@ -1,6 +1,7 @@
 """A folder of results is whole or absent, and nothing that this program did not write is touched."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -298,6 +299,16 @@ def test_the_working_folder_takes_a_result(tmp_path: Path, monkeypatch: pytest.M
         write_folder(Path(), MARKER, filling(a=text))
         assert files(tmp_path) == {"a.txt": text}
         assert Path.cwd().samefile(tmp_path)
+
+
+def test_a_folder_that_is_removed_while_it_is_written_is_one_clear_error(tmp_path: Path) -> None:
+    def fill(into: Path) -> None:
+        shutil.rmtree(tmp_path / "here")
+        (into / "a.txt").write_text("1")
+
+    (tmp_path / "here" / "out").mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"cannot be written .*; it was removed during the run"):
+        write_folder(tmp_path / "here" / "out", MARKER, fill)
 
 
 # ------------------------------------------------------------------------------------------ plan files

@@ -34,6 +34,17 @@ def test_every_key_of_every_table_says_what_it_means():
         assert not silent, f"{section.place} {section.chosen}: {silent}"
 
 
+def test_every_meaning_is_a_sentence():
+    """An entry that stands in the middle of another one takes its end away."""
+    broken = {
+        f"{section.place} {key.name}: {key.meaning}"
+        for section in sections()
+        for key in section.keys
+        if key.meaning and (not key.meaning.rstrip().endswith(".") or key.meaning.count("(") != key.meaning.count(")"))
+    }
+    assert not broken
+
+
 def test_every_number_has_a_unit_or_counts_something():
     """A number without a unit in its name is a ratio, an exponent, a count or a seed."""
     bare = {key.name for s in sections() for key in s.keys if re.match(r"(whole )?number", key.values) and not key.unit}

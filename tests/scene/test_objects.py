@@ -136,6 +136,28 @@ def test_an_object_that_cannot_stand_there_says_why(keys, error, message, tmp_pa
         build(objects=[{"path": path, **keys}])
 
 
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0])
+def test_a_mesh_far_from_its_own_origin_stands_by_the_middle_of_its_box(heading_deg, tmp_path):
+    path = write(tmp_path / "far.ply", [(5000, -7000, 40), (5004, -6994, 45)])
+    thing = {"path": path, "position_m": [10.0, 20.0], "heading_deg": heading_deg}
+    with pytest.raises(ScenarioError, match=r"x = .* extends beyond .* 8,601 m from the middle of its box: set"):
+        build(objects=[thing])
+    half = np.array([2.0, 3.0] if heading_deg == 0 else [3.0, 2.0])
+    built = build(objects=[thing | {"centre": "box"}])
+    low, high = span(*built.scene.surfaces[1:])
+    np.testing.assert_allclose(
+        [low, high], [[10 - half[0], 20 - half[1], 0], [10 + half[0], 20 + half[1], 5]], atol=1e-3
+    )
+    raised = build(objects=[thing | {"centre": "box", "on_ground": False, "position_m": [10.0, 20.0, 7.0]}])
+    assert span(*raised.scene.surfaces[1:])[:, 2] == pytest.approx([7.0, 12.0], abs=1e-3)
+    west, east = 10 - half[0], 10 + half[0]
+    said = objects.placed_boxes(built.scene.surfaces)
+    assert list(said) == ["objects.0"]
+    assert said["objects.0"].startswith(f"x = {west:.1f} to {east:.1f} m")
+    ground = build({"kind": "mesh", "path": path, "centre": "box", "heading_deg": heading_deg})
+    np.testing.assert_allclose(span(*ground.scene.surfaces), [[*-half, 0], [*half, 5]], atol=1e-3)
+
+
 @pytest.fixture
 def site(tmp_path):
     """Ground with a bottom plate at -5 m, a bridge over it from 4 to 5 m, a house, and a ball on a thin post."""
@@ -228,6 +250,7 @@ def test_a_mesh_of_a_projection_that_stretches_is_moved_into_its_zone(tmp_path):
         ({"crs": "EPSG:4326"}, r"terrain.crs: 'WGS 84' is not projected"),
         ({"crs": "nowhere"}, r"terrain.crs: 'nowhere' is not a coordinate reference system"),
         ({"crs": UTM, "position_m": [1.0, 0.0, 0.0]}, r"terrain.position_m: a mesh with a CRS has its place"),
+        ({"crs": UTM, "centre": "box"}, r"terrain.centre: a mesh with a CRS has its place"),
         ({"position_m": [4e5, 5e6, 0.0]}, r"terrain.position_m: .* lies up to 5,000 km .* give terrain.crs"),
     ],
 )

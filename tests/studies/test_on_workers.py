@@ -143,7 +143,7 @@ def test_surveys_that_end_their_worker_are_rows_with_their_reason(pair, plan, mo
     monkeypatch.setattr(sweep_module, "fly_trial", cluster_tasks.fly_or_die)
     found = fly_sweep(plan, workers=pair)
     assert [len(case.trials) for case in found.cases] == [1, 0]
-    assert found.cases[1].reason == "seed 5: WorkerError: its worker died 3 times; is there memory enough?"
+    assert found.cases[1].reason == "seed 5: WorkersLostError: its worker died 3 times; is there memory enough?"
 
 
 @pytest.mark.study

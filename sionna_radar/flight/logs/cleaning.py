@@ -6,6 +6,7 @@ Not flown: a clock that runs back, gaps, jumps, turns that no aircraft makes, a 
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -25,6 +26,7 @@ TURN_RAD_S, TURN_RAD = np.deg2rad(1500.0), np.deg2rad(20.0)
 # What GPS at rest wanders over.
 STANDSTILL_M = 5.0
 LEAST_ROWS = 4
+MOST_STRETCHES = 10
 Stream = TypeVar("Stream", Positions, Attitudes, Spreads)
 
 
@@ -93,6 +95,24 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
     return CleanLog(positions=positions, attitudes=attitudes, spreads=spreads, findings=ordered, notes=tuple(notes))
 
 
+def stretches(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> tuple[tuple[float, float], ...]:
+    """Return the longest parts of a log that can be flown, from when to when, in the order of time."""
+    part = clean(log, start_s, stop_s, longest_gap_s)
+    time_s = part.positions.time_s
+    broken = np.diff(time_s) > longest_gap_s
+    broken[_jump_rows(part.positions)[0]] = True
+    if part.attitudes is not None:
+        at_s = part.attitudes.time_s
+        for row in np.flatnonzero((np.diff(at_s) > longest_gap_s) | _reset(part.attitudes)):
+            broken[
+                max(np.searchsorted(time_s, at_s[row], side="right") - 1, 0) : np.searchsorted(time_s, at_s[row + 1])
+            ] = True
+    edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(time_s)]])
+    parts = [(float(time_s[a]), float(time_s[b - 1])) for a, b in pairwise(edges) if b - a >= LEAST_ROWS]
+    longest = sorted(parts, key=lambda ends: ends[0] - ends[1])[:MOST_STRETCHES]
+    return tuple(sorted(ends for ends in longest if not clean(log, *ends, longest_gap_s).findings))
+
+
 def _in_order(
     stream: Stream, start_s: float, stop_s: float, name: str, findings: list[Finding], notes: list[str]
 ) -> Stream:
@@ -136,8 +156,8 @@ def _gaps(time_s: Float[np.ndarray, " n"], name: str, longest_s: float) -> list[
     return [Finding(time_s=float(time_s[row]), message=message)]
 
 
-def _jumps(positions: Positions) -> list[Finding]:
-    """Return the first step that no flight takes, with how many there are."""
+def _jump_rows(positions: Positions) -> tuple[Int[np.ndarray, " jump"], Float[np.ndarray, "step 3"]]:
+    """Return the rows before steps that no flight takes, and all steps."""
     step_s = np.diff(positions.time_s)
     step = np.diff(positions.place, axis=0)
     if positions.velocity_mps is None:
@@ -148,7 +168,13 @@ def _jumps(positions: Positions) -> list[Finding]:
         velocity = (positions.velocity_mps[1:] + positions.velocity_mps[:-1]) / 2
         off_m = np.linalg.norm(step - velocity * step_s[:, None], axis=1)
         excess = off_m / step_s - 2 * np.linalg.norm(velocity, axis=1)
-    jumps = np.flatnonzero((excess > JUMP_MPS) & (off_m > JUMP_M))
+    return np.flatnonzero((excess > JUMP_MPS) & (off_m > JUMP_M)), step
+
+
+def _jumps(positions: Positions) -> list[Finding]:
+    """Return the first step that no flight takes, with how many there are."""
+    jumps, step = _jump_rows(positions)
+    step_s = np.diff(positions.time_s)
     if not len(jumps):
         return []
     row = jumps[0]
@@ -171,6 +197,17 @@ def _standstill(positions: Positions) -> list[Finding]:
     return [Finding(time_s=float(positions.time_s[0]), message=message)]
 
 
+def _turns_rad(attitudes: Attitudes) -> Float[np.ndarray, " step"]:
+    turned = Rotation.from_quat(attitudes.quaternion)
+    return np.asarray((turned[:-1].inv() * turned[1:]).magnitude())
+
+
+def _reset(attitudes: Attitudes) -> Bool[np.ndarray, " step"]:
+    """Return which steps turn as no aircraft does."""
+    angle = _turns_rad(attitudes)
+    return np.asarray((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(attitudes.time_s)))
+
+
 def _attitude_findings(
     attitudes: Attitudes, position_s: Float[np.ndarray, " n"], longest_gap_s: float
 ) -> list[Finding]:
@@ -186,9 +223,8 @@ def _attitude_findings(
             findings.append(Finding(time_s=float(at), message=message + remedy))
     inside = (time_s >= position_s[0] - longest_gap_s) & (time_s <= position_s[-1] + longest_gap_s)
     findings += _gaps(time_s[inside], "attitude", longest_gap_s)
-    turned = Rotation.from_quat(attitudes.quaternion)
-    angle = (turned[:-1].inv() * turned[1:]).magnitude()
-    resets = np.flatnonzero((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(time_s)) & inside[1:])
+    angle = _turns_rad(attitudes)
+    resets = np.flatnonzero(_reset(attitudes) & inside[1:])
     for row in resets[:1]:
         others = f" ({len(resets) - 1:,} more)" if len(resets) > 1 else ""
         message = (

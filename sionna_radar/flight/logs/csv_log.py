@@ -6,12 +6,19 @@
 `sigma_up_m`, `sigma_velocity_east_mps`, ..., `sigma_roll_deg`, `sigma_pitch_deg`, `sigma_heading_deg`. An empty cell,
 or nan, has no value: streams of different rates share a file so. North is grid north for metres, and true north for
 longitude and latitude.
+
+Columns of other names are found by `ALIASES`, those of common ground stations, or by `platform.log_columns`. Cells are
+parted by commas, semicolons or tabs, as the header is; a comma within a number is a decimal one. Times are seconds, or
+dates as ISO 8601 writes them; a name that ends in (millisecond), (ms), (feet) or (ft) has that unit.
 """
 
 import csv
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
@@ -32,16 +39,40 @@ SIGMAS = (
     ("sigma_roll_deg", "sigma_pitch_deg", "sigma_heading_deg"),
 )
 KNOWN = {"time_s", *METRES, *DEGREES, *EULER, *QUATERNION, *VELOCITY, *(name for group in SIGMAS for name in group)}
+# Names in lower case, the first that a file has counts: AirData UAV's, QGroundControl's, and plain words.
+ALIASES = {
+    "time_s": ("time(millisecond)", "timestamp", "datetime(utc)", "datetime", "time"),
+    "lon_deg": ("longitude", "gps.lon", "lon", "lng"),
+    "lat_deg": ("latitude", "gps.lat", "lat"),
+    "height_m": (
+        "altitude_above_sealevel(meters)",
+        "altitude_above_sealevel(feet)",
+        "altitudeamsl",
+        "altitude(m)",
+        "altitude",
+        "alt",
+    ),
+    "roll_deg": ("roll(degrees)", "roll"),
+    "pitch_deg": ("pitch(degrees)", "pitch"),
+    "heading_deg": ("compass_heading(degrees)", "heading", "yaw"),
+}
+UNITS = {"(millisecond)": 1e-3, "(ms)": 1e-3, "(feet)": 0.3048, "(ft)": 0.3048}
+# Seconds since 1970 have ten digits; more are milliseconds.
+MOST_SECONDS = 1e11
+NOTHING = {"", "nan", "--", "--.--", "n/a", "null"}
 MOST_ROWS = 3_000_000
 LONGEST_LINE = 100_000
+DELIMITERS = (",", ";", "\t")
+AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
 
 
-def read_csv(path: Path, name: str) -> FlightLog:
+def read_csv(path: Path, name: str, named: Mapping[str, str] = AS_THEY_ARE) -> FlightLog:
     """Return the flight in a CSV file.
 
-    Raises InputFileError, with the line, for a header without time and position, and for a cell that is no number.
+    named: its columns by our names. Raises InputFileError, with the line, for a header without time and position, for a
+    name that the header does not have, and for a cell that is no number.
     """
-    columns, notes = _columns(path, name)
+    columns, notes = _columns(path, name, named)
     time_s = columns["time_s"]
     on_map = all(key in columns for key in DEGREES)
     place = DEGREES if on_map else METRES
@@ -72,15 +103,24 @@ def read_csv(path: Path, name: str) -> FlightLog:
     )
 
 
-def _columns(path: Path, name: str) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
+def _columns(
+    path: Path, name: str, named: Mapping[str, str]
+) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
+    where = f"{name} {shown(path)}"
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.reader(_lines(file, f"{name} {shown(path)}"), strict=True)
-            header = [cell.strip() for cell in next(rows, [])]
-            _check_header(header, f"{name} {shown(path)}")
-            return _numbers(header, rows, f"{name} {shown(path)}")
+            lines = _lines(file, where)
+            first = next(lines, "")
+            delimiter = max(DELIMITERS, key=first.count)
+            rows = csv.reader(chain([first], lines), strict=True, delimiter=delimiter)
+            found = [cell.strip() for cell in next(rows, [])]
+            header = _renamed(found, named, where)
+            _check_header(header, where)
+            columns, notes = _numbers(header, rows, where, [_unit(cell) for cell in found], delimiter != ",")
+            changed = [f"{cell} as {key}" for cell, key in zip(found, header, strict=True) if cell != key]
+            return columns, (*notes, *([f"columns read: {shown(', '.join(changed))[1:-1]}"] if changed else []))
     except (UnicodeDecodeError, csv.Error, OSError) as error:
-        message = f"{name} {shown(path)} is not CSV ({str(error)[:100]}); save it in UTF-8, with commas and a header"
+        message = f"{name} {shown(path)} is not CSV ({str(error)[:100]}); save it in UTF-8, with a header"
         raise InputFileError(message) from error
 
 
@@ -92,12 +132,46 @@ def _lines(file: Iterator[str], where: str) -> Iterator[str]:
         yield line
 
 
+def _renamed(header: Sequence[str], named: Mapping[str, str], where: str) -> list[str]:
+    """Return a header with our names in place of those that are given, or known."""
+    for key, column in named.items():
+        if key not in KNOWN:
+            message = f"platform.log_columns: {key} is no column of a flight; give one of {', '.join(sorted(KNOWN))}"
+            raise InputFileError(message)
+        if column not in header:
+            message = (
+                f"{where}: platform.log_columns.{key} = {shown(column)} is not in line 1: {shown(','.join(header))}"
+            )
+            raise InputFileError(message)
+    ours = {column: key for key, column in named.items()}
+    renamed = [ours.get(cell, "" if cell in named else cell) for cell in header]
+    lower = [cell.lower() for cell in renamed]
+    there = {
+        key: next((lower.index(alias) for alias in aliases if alias in lower), None)
+        for key, aliases in ALIASES.items()
+        if key not in renamed
+    }
+    if "east_m" in renamed:
+        there = {key: place for key, place in there.items() if key not in DEGREES}
+    if "qw" in renamed or not all(key in renamed or there.get(key) is not None for key in EULER):
+        there = {key: place for key, place in there.items() if key not in EULER}
+    for key, place in there.items():
+        if place is not None:
+            renamed[place] = key
+    return renamed
+
+
+def _unit(column: str) -> float:
+    return next((unit for end, unit in UNITS.items() if column.lower().endswith(end)), 1.0)
+
+
 def _check_header(header: Sequence[str], where: str) -> None:
     doubled = sorted({key for key in header if key in KNOWN and header.count(key) > 1})
     complete = [group for group in (METRES, DEGREES) if set(group) <= set(header)]
     if "time_s" not in header or not complete:
         wanted = f"time_s with {','.join(METRES)} or {','.join(DEGREES)}"
-        message = f"{where}: line 1 {shown(','.join(header))} is no header of a flight; give {wanted}"
+        message = f"{where}: line 1 {shown(','.join(header))} is no header of a flight; give {wanted}, or say by "
+        message += "platform.log_columns which column is which"
     elif doubled:
         message = f"{where}: line 1 has {doubled[0]} twice; remove one"
     elif len(complete) > 1:
@@ -114,7 +188,7 @@ def _check_header(header: Sequence[str], where: str) -> None:
 
 
 def _numbers(
-    header: Sequence[str], rows: Iterator[list[str]], where: str
+    header: Sequence[str], rows: Iterator[list[str]], where: str, unit: Sequence[float], decimal_comma: bool
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], tuple[str, ...]]:
     used = [(place, key) for place, key in enumerate(header) if key in KNOWN]
     found = {key: array("d") for _, key in used}
@@ -128,24 +202,38 @@ def _numbers(
             message = f"{where}: line {count + 2} has {len(row)} cells and the header {len(header)}; correct the line"
             raise InputFileError(message)
         for place, key in used:
-            found[key].append(_number(row[place], key, f"{where}: line {count + 2}"))
+            cell = row[place].replace(",", ".") if decimal_comma else row[place]
+            found[key].append(_number(cell, key, f"{where}: line {count + 2}") * unit[place])
     unused = [key for key in header if key not in KNOWN]
     notes = (f"columns not used: {shown(', '.join(unused))[1:-1]}",) if unused else ()
-    return {key: np.array(values) for key, values in found.items()}, notes
+    columns = {key: np.array(values) for key, values in found.items()}
+    if np.nanmax(np.abs(columns["time_s"]), initial=0.0) > MOST_SECONDS:
+        columns["time_s"] /= 1000.0
+        notes = (*notes, "times since 1970 are taken for milliseconds")
+    return columns, notes
 
 
 def _number(cell: str, key: str, where: str) -> float:
     text = cell.strip()
-    if not text:
+    if text.lower() in NOTHING:
         return np.nan
     try:
         value = float(text)
     except ValueError:
-        value = np.inf
+        value = _seconds(text) if key == "time_s" else np.inf
     if np.isinf(value) or abs(value) > 1e15:
         message = f"{where}: {key} = {shown(text)} is no number; correct it, or leave the cell empty"
         raise InputFileError(message)
     return value
+
+
+def _seconds(text: str) -> float:
+    """Return the seconds since 1970 of a date, taken for UTC where it does not say; infinite for anything else."""
+    try:
+        date = datetime.fromisoformat(text)
+    except ValueError:
+        return np.inf
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _stacked(columns: dict[str, Float[np.ndarray, " n"]], keys: Sequence[str]) -> Float[np.ndarray, "n k"]:

@@ -1,13 +1,13 @@
 """Reading a log whatever its format, which is told by its first bytes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from sionna_radar.flight.logs.csv_log import read_csv
+from sionna_radar.flight.logs.csv_log import AS_THEY_ARE, read_csv
 from sionna_radar.flight.logs.dataflash import MAGIC, read_dataflash
 from sionna_radar.flight.logs.gpx import read_gpx
 from sionna_radar.flight.logs.log import FlightLog
@@ -29,7 +29,7 @@ READERS: dict[str, tuple[Reader, str | None]] = {
 }
 
 
-def read_log(path: Path, name: str = "log") -> FlightLog:
+def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY_ARE) -> FlightLog:
     """Return the flight in a log, its times counted from the first position.
 
     Parameters
@@ -38,6 +38,8 @@ def read_log(path: Path, name: str = "log") -> FlightLog:
         The file.
     name:
         What requested it, as error messages begin.
+    columns:
+        Columns of a CSV file by our names, where it has others.
 
     Raises
     ------
@@ -51,7 +53,10 @@ def read_log(path: Path, name: str = "log") -> FlightLog:
     if package is not None and find_spec(package) is None:
         message = f"{name} {shown(path)} needs {package}; install it: pip install 'sionna_radar[logs]'"
         raise InputFileError(message)
-    log = read(path, name)
+    if columns and kind != "csv":
+        message = f"{name} {shown(path)} is no CSV file, and platform.log_columns names columns of one; remove it"
+        raise InputFileError(message)
+    log = read_csv(path, name, columns) if kind == "csv" else read(path, name)
     log = replace(log, positions=log.positions.rows(np.isfinite(log.positions.time_s)))
     if len(log.positions.time_s) < 2:
         message = f"{name} {shown(path)}: has {len(log.positions.time_s)} positions; a flight needs more"

@@ -41,6 +41,7 @@ def log_summary(found: LogInspection) -> dict[str, Any]:
         "moved_to_terrain_m": found.moved_m,
         "notes": [*log.notes, *found.clean.notes],
         "refused": list(found.refusals),
+        "stretches_s": [list(ends) for ends in found.stretches],
     }
 
 
@@ -61,6 +62,11 @@ def print_log(found: LogInspection) -> None:
         out.print(f"... and {len(refused) - MOST_SHOWN:,} more")
     if not refused:
         out.print("nothing in it would be refused")
+        return
+    for start_s, stop_s in numbers["stretches_s"]:
+        out.print(f"can be flown: log_start_s = {start_s:.2f}, log_stop_s = {stop_s:.2f} ({stop_s - start_s:.1f} s)")
+    if not numbers["stretches_s"]:
+        out.print("no stretch of it can be flown")
 
 
 def _rows(numbers: dict[str, Any]) -> dict[str, str]:

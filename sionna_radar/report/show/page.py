@@ -166,7 +166,7 @@ def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, hits: Bores
             markup.section(
                 "world-view",
                 "Before it is flown",
-                markup.warnings(prepared.flown.warnings),
+                markup.warnings(prepared.warnings + prepared.flown.warnings),
                 markup.tiles(tiles),
                 markup.controls(
                     markup.choice("upright", "Heights", ["to scale", "x 2", "x 4"]),

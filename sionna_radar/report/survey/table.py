@@ -50,7 +50,7 @@ def _errors(survey: Survey) -> dict[str, str]:
         rows["in stated 68, 90, 95 % intervals"] = ", ".join(f"{shares[p]:.0%}" for p in ("68", "90", "95"))
     test = survey.breakdown.checkpoints
     if test.class_cm is not None:
-        rows["ASPRS 2023"] = f"{test.class_cm}-cm class, {test.rms_m:.3f} m at {test.count} checkpoints"
+        rows["ASPRS 2023"] = f"{test.class_cm}-cm class at {test.count} checkpoints on {test.where}"
     return rows
 
 

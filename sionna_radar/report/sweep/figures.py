@@ -2,7 +2,6 @@
 
 import re
 from functools import partial
-from itertools import cycle
 from numbers import Real
 from pathlib import Path
 from typing import Any
@@ -63,9 +62,8 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True).ravel()
     for axes, statistic in zip(panels, statistics, strict=True):
-        for index, ((title, cases), (colour, marker)) in enumerate(
-            zip(lines, zip(cycle(COLOURS), cycle(MARKERS), strict=False), strict=False)
-        ):
+        for index, (title, cases) in enumerate(lines):
+            colour, marker = _style(index)
             shift = (index - (len(lines) - 1) / 2) * min(0.12, 0.6 / len(lines))
             _draw_line(axes, across, cases, statistic, (title, colour, marker, shift), joined=_joined(sweep, across))
         axes.set_ylabel(PANELS[statistic])
@@ -82,6 +80,12 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
     return figure
+
+
+def _style(index: int) -> tuple[str, str]:
+    """Return a colour and a marker; as many lines as there are pairs of them differ."""
+    turn, count = divmod(index, len(COLOURS))
+    return COLOURS[count], MARKERS[(count + turn) % len(MARKERS)]
 
 
 def _panels(sweep: Sweep) -> list[str]:

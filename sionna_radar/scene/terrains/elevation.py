@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,10 @@ def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> L
         raster, georeference = cut(dataset, cutout)
     if isinstance(terrain, RasterTerrain):
         raster = _roughened(treat_holes(raster, terrain.holes), post_m, terrain.roughen)
-    return landscape_of_heights(raster, terrain, georeference)
+        if terrain.roughen:
+            return landscape_of_heights(raster, terrain, georeference)
+    land = landscape_of_heights(raster, terrain, georeference)
+    return replace(land, posting_m=max(post_m, raster.grid.spacing_m))
 
 
 def _roughened(raster: Raster, post_m: float, roughness: Roughness | None) -> Raster:

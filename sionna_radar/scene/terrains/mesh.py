@@ -19,7 +19,7 @@ from sionna_radar.scene.layers import bare_ground
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.objects import check_reach, corners_of, material_of_parts, surfaces_of, upright
+from sionna_radar.scene.objects import about_box, check_reach, corners_of, material_of_parts, surfaces_of, upright
 from sionna_radar.scene.raycast import RayCaster
 
 KEY = "terrain"
@@ -46,6 +46,7 @@ def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
         parts = tuple(_local(part, crs, frame) for part in parts)
     elif terrain.centre_lonlat_deg:
         frame = frame_at(*terrain.centre_lonlat_deg)
+    parts = about_box(parts, terrain)
     materials = material_of_parts(parts, terrain, KEY)
     found = repair(parts, f"{KEY}.path = {shown(terrain.path)}")
     found = replace(found, vertices_m=found.vertices_m + np.array(terrain.position_m))

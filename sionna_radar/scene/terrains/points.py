@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
+from sionna_radar.elevation.cutout import MOVE
 from sionna_radar.elevation.holes import treat_holes
 from sionna_radar.elevation.local_frame import frame_about, map_part, stated_crs
 from sionna_radar.elevation.map_frame import MapFrame
@@ -135,7 +136,7 @@ def _grid(
         message = (
             f"the flight sees x = {window_m[0]:.0f} to {window_m[2]:.0f} m, y = {window_m[1]:.0f} to "
             f"{window_m[3]:.0f} m, but the cloud covers x = {x.min():.0f} to {x.max():.0f} m, y = {y.min():.0f} to "
-            f"{y.max():.0f} m; move the flight or set terrain.centre_lonlat_deg"
+            f"{y.max():.0f} m; {MOVE}"
         )
         raise ScenarioError([Problem("terrain", message)])
     area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))

@@ -1,0 +1,56 @@
+"""Planes through heights on a line, as a fixed beam leaves them: level across it, whatever the noise."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.coarse_map import lowest_in_view_m
+from sionna_radar.mapping.heights import Heights, plane_through
+from sionna_radar.mapping.planes import robust_plane
+
+AWAY_M = np.array([400.0, -250.0])
+
+
+def on_a_line(width_m: float, heading_deg: float, count: int = 500):
+    rng = np.random.default_rng(4)
+    ahead = np.array([np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg))])
+    across = np.array([ahead[1], -ahead[0]])
+    along_m = rng.uniform(-100, 100, count)
+    place_m = AWAY_M + along_m[:, None] * ahead + rng.normal(0, width_m, (count, 1)) * across
+    # Roofs and streets, which no plane explains, on ground that rises by 0.1 along the line.
+    return place_m, 20 + 0.1 * along_m + rng.choice([0.0, 12.0], count), ahead, across
+
+
+@pytest.mark.parametrize("width_m", [0.0, 1e-6, 1e-3, 0.1])
+@pytest.mark.parametrize("heading_deg", [0.0, 33.0, 90.0])
+def test_a_plane_through_a_line_is_level_across_it(width_m, heading_deg):
+    place_m, height_m, ahead, across = on_a_line(width_m, heading_deg)
+    slopes = plane_through(place_m, height_m)[1:]
+    assert slopes @ ahead == pytest.approx(0.1, abs=0.02)
+    assert slopes @ across == pytest.approx(0.0, abs=1e-3)
+    plane = robust_plane(Heights.at_places(place_m, height_m - 12 * (height_m > 26), np.full(len(place_m), 0.1)))
+    assert abs(plane.coefficients[1:] @ across) < 1e-3
+    away = plane.middle_m + 40.0 * across
+    assert plane.sigma_m(away[None])[0] > 5.0
+
+
+def test_a_plane_through_one_place_is_level():
+    place_m = np.tile(AWAY_M, (20, 1))
+    np.testing.assert_allclose(plane_through(place_m, np.full(20, 7.0)), [7.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_plane_through_a_swath_is_that_of_least_squares():
+    rng = np.random.default_rng(2)
+    place_m = AWAY_M + rng.uniform(-1, 1, (300, 2)) * [100.0, 8.0]
+    height_m = 3 + place_m @ [0.2, -0.4] + rng.normal(0, 0.1, 300)
+    design = np.column_stack([np.ones(300), place_m])
+    np.testing.assert_allclose(plane_through(place_m, height_m), np.linalg.lstsq(design, height_m, rcond=None)[0])
+
+
+def test_what_hides_a_cell_is_looked_for_inside_the_map_alone():
+    """A cell a little below the radar, and another far below, would have it looked for over a million kilometres."""
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=8, rows=8)
+    height_m = np.zeros(grid.shape)
+    height_m[2, 2] = 1e9
+    origin_m = np.tile([3.0, 3.0, 1e-4], (*grid.shape, 1))
+    assert lowest_in_view_m(height_m, grid, origin_m).shape == grid.shape

@@ -1,0 +1,107 @@
+"""A map that is none is said to be none, with the cause and the remedy; and presets fly a scan that maps."""
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import trimesh
+
+from sionna_radar import load_scenario, run
+from sionna_radar.report.survey.products import write_survey
+from sionna_radar.scenario.presets import PRESETS
+
+SHORT = {"platform.length_m": 20.0}
+
+
+def warned(over: dict, scene: str = "hills") -> tuple[str, ...]:
+    return run(load_scenario(scene, SHORT | over)).warnings
+
+
+def has(warnings: tuple[str, ...], *words: str) -> bool:
+    return any(all(word in warning for word in words) for warning in warnings)
+
+
+def test_a_beam_that_draws_a_line_makes_no_map():
+    for heading_deg in (0.0, 77.0):
+        warnings = warned({"radar.scan": {"mode": "fixed"}, "platform.heading_deg": heading_deg})
+        assert has(warnings, "strip 0.0 m wide", "radar.scan.mode = 'whisk_broom'")
+        assert len(warnings) == 1
+
+
+def test_pulses_without_echoes_and_cells_without_heights_are_told():
+    faint = warned({"radar.snr_db": -15.0})
+    assert has(faint, "pulses", "have no echo; raise radar.snr_db")
+    assert has(faint, "no cell that the beam reached is filled")
+    sparse = warned({"radar.scan.rotation_rpm": 60.0, "platform.speed_mps": 20.0, "dem.max_gap_m": 0.5})
+    assert has(sparse, "filled: echoes lie farther apart than dem.max_gap_m")
+    assert not has(sparse, "have no echo")
+
+
+def test_a_map_that_is_one_is_told_nothing():
+    assert warned({}) == ()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_fly_a_scan_that_maps(preset):
+    assert PRESETS[preset].radar["scan"]["mode"] != "fixed"
+    # Low enough to be heard; AVTIS2 looks at what is 60 m away and farther.
+    altitude_m = 50.0 if preset == "avtis2" else 15.0
+    over = {"radar": {"preset": preset}, "platform.altitude_m": altitude_m, "platform.length_m": 40.0}
+    survey = run(load_scenario("hills", over))
+    assert survey.warnings == ()
+    assert survey.lit_error.coverage > 0.5
+
+
+def grid_file(path: Path, posting_m: float) -> Path:
+    count = round(600 / posting_m) + 1
+    height_m = 3 * np.sin(np.arange(count) * posting_m / 40)[None] * np.ones((count, 1))
+    place = rasterio.Affine(posting_m, 0, 690_000 - posting_m / 2, 0, -posting_m, 5_330_600 + posting_m / 2)
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=count,
+        height=count,
+        count=1,
+        dtype="float32",
+        crs="EPSG:32632",
+        transform=place,
+    ) as file:
+        file.write(height_m.astype("float32"), 1)
+    return path
+
+
+def test_ground_without_detail_below_the_footprint_is_told(tmp_path):
+    """The error is that against interpolated heights: 30 m apart, they look easier than 1 m apart."""
+    coarse, fine = (grid_file(tmp_path / f"{posting:g}.tif", posting) for posting in (30.0, 1.0))
+    said = [
+        warned({"terrain": {"kind": "raster", "path": str(path), **more}})
+        for path, more in ((coarse, {}), (coarse, {"spacing_m": 1.0}), (fine, {}), (fine, {"spacing_m": 10.0}))
+    ]
+    told = [has(warnings, "are 30 m apart", "footprints 2", "terrain.roughen") for warnings in said[:2]]
+    assert told == [True, True]
+    assert said[2] == ()
+    assert has(said[3], "are 10 m apart")
+    rough = warned({"terrain": {"kind": "raster", "path": str(coarse), "roughen": {"rms_m": 0.1}}})
+    assert has(rough, "seeded detail of 0.1 m RMS")
+    assert not has(rough, "apart, footprints")
+
+
+def test_what_the_console_says_is_in_the_result(tmp_path, caplog):
+    """Repaired meshes, in the first survey and in the next ones, which take the scene from it."""
+    box = trimesh.creation.box((4.0, 4.0, 3.0))
+    torn = trimesh.Trimesh(box.vertices, np.vstack([box.faces, [0, 0, 1]]), process=False)
+    torn.export(tmp_path / "torn.ply")
+    objects = [{"path": str(tmp_path / "torn.ply"), "position_m": [0.0, 0.0], "material": "building"}]
+    for number in range(2):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            survey = run(load_scenario("hills", SHORT | {"objects": objects}))
+        assert has(survey.warnings, "repaired")
+        assert [r.getMessage() for r in caplog.records if r.name == "sionna_radar"] == list(survey.warnings)
+        write_survey(survey, tmp_path / f"out{number}")
+        assert json.loads((tmp_path / f"out{number}" / "summary.json").read_text())["warnings"] == list(survey.warnings)
+        assert "repaired" in (tmp_path / f"out{number}" / "report.html").read_text()
