@@ -113,6 +113,12 @@ class TiledUncertainty:
                 return float(tile.after(alone, np.column_stack([x, y]), window_m)[0])
         return float("nan")
 
+    @property
+    def unexplained(self) -> int:
+        """Number of echoes that the surface does not explain."""
+        own = ((tile, tile.outstanding) for tile in self.tiles)
+        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in own if out is not None)
+
     @cached_property
     def _heights(self) -> Heights:
         """The heights of all tiles, each from the tile that it lies in."""

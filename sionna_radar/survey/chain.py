@@ -20,7 +20,7 @@ from sionna_radar.foundation.memory import let_rest, peak_memory_mb, release_mem
 from sionna_radar.foundation.progress import Progress, default_progress
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.foundation.workers import Workers
-from sionna_radar.mapping.mapper import DemMethod
+from sionna_radar.mapping.mapper import DemMethod, Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import release_arrays
@@ -43,6 +43,7 @@ from sionna_radar.survey.warnings import (
     saturation_warnings,
     sight_warnings,
     steered_warnings,
+    unexplained_warnings,
     warnings_of,
 )
 from sionna_radar.tracing.engine import Engine, EngineInputs
@@ -234,7 +235,7 @@ def _run(
         chirp=chirp,
         timing_s=watch.seconds(),
         peak_memory_mb=peak_memory_mb(),
-        warnings=_warnings(prepared, recording, points, comparison.lit_error),
+        warnings=_warnings(prepared, recording, points, comparison.lit_error, estimate),
         sensor=sensor,
         saturation=_saturation(prepared, recording),
         no_echo=recording.silent & comparison.lit & ~estimate.dem.filled,
@@ -268,7 +269,9 @@ def _louder(prepared: Prepared) -> str:
     return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
 
 
-def _warnings(prepared: Prepared, recording: Recording, points: Points, lit: DemError) -> tuple[str, ...]:
+def _warnings(
+    prepared: Prepared, recording: Recording, points: Points, lit: DemError, estimate: Estimate
+) -> tuple[str, ...]:
     """Return what degrades a survey's result, and log what was not said while it was prepared."""
     warnings = prepared.flown.warnings + warnings_of(
         len(recording.echoes),
@@ -291,6 +294,7 @@ def _warnings(prepared: Prepared, recording: Recording, points: Points, lit: Dem
     warnings += saturation_warnings(recording.saturated_pulses, len(prepared), headroom_db)
     spacing_m = prepared.mapper.grid.spacing_m
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
+    warnings += unexplained_warnings(estimate.uncertainty, found, mapper.name)
     warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
     warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
     for warning in warnings:

@@ -11,6 +11,7 @@ from sionna_radar.detection.angle.range_strips import range_strips
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.angle_of_arrival import NEEDED
 from sionna_radar.scenario.second_receiver import SecondReceiverTable
@@ -26,6 +27,8 @@ RAIN_SHARE_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
 # beam of 8 deg at 71 m a speckled cell then moves points by some 0.2 m.
 STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
+# Echoes that a map without walls does not explain, where more are told.
+UNEXPLAINED_SHARE_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
 
@@ -183,6 +186,18 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
     if points == 0:
         warnings += ("no direction was found for any echo; raise radar.snr_db, or change radar.second_receiver",)
     return warnings
+
+
+def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> tuple[str, ...]:
+    """Return what is said of a map without steps over ground with objects."""
+    count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
+    if count <= UNEXPLAINED_SHARE_WARNED * echoes:
+        return ()
+    return (
+        f"{count:,} of {echoes:,} echoes are not of the surface of dem.method = {method!r}, which knows no walls: "
+        "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
+        "'linear', or map buildings with 'stepped'",
+    )
 
 
 def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> tuple[str, ...]:

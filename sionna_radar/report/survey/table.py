@@ -6,6 +6,8 @@ from sionna_radar.report.survey.summary import crs_name
 from sionna_radar.report.terminal import console
 from sionna_radar.survey.result import Survey
 
+# Errors of `refined` over those of `linear`, RMS: least and most over ten lidar DEMs (docs/theory/maps.md).
+REFINED_OVER_LINEAR = 0.48, 0.70
 # The ranges of a chirp are printed if it has no more echoes than this.
 FEW_ECHOES = 4
 
@@ -33,6 +35,20 @@ def _flown(survey: Survey) -> dict[str, str]:
     return rows
 
 
+def _could_be_refined(survey: Survey) -> bool:
+    """Return whether whole echoes of ground without walls, in clear air, were mapped by their points alone."""
+    local = survey.prepared.local
+    whole = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
+    return (
+        whole
+        and local.processing.average.chirps == 1
+        and survey.prepared.mapper.name == "linear"
+        and survey.off_wall_error is None
+        and not local.weather.falling
+        and survey.lit_error.count > 0
+    )
+
+
 def _errors(survey: Survey) -> dict[str, str]:
     lit, off_wall = survey.lit_error, survey.off_wall_error
     rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
@@ -56,6 +72,9 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    if _could_be_refined(survey):
+        least, most = REFINED_OVER_LINEAR
+        rows["a better map"] = f"dem.method = 'refined': {least:.2f} to {most:.2f} of this error over ten lidar DEMs"
     if survey.overhang is not None and survey.overhang.cells:
         over = survey.overhang
         west, south, east, north = over.places[0].extent_m
