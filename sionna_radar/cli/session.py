@@ -200,6 +200,6 @@ def log_to_stderr(quiet: bool = False) -> None:
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(Literal("%(levelname)s: %(message)s"))
         logger.addHandler(handler)
-    for handler in logger.handlers:
+    for each in logger.handlers:
         # Not that of the logger: results hold warnings whether they are shown or not.
-        handler.setLevel(logging.ERROR if quiet else logging.WARNING)
+        each.setLevel(logging.ERROR if quiet else logging.WARNING)
