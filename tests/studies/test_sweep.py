@@ -3,10 +3,12 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drawn_texts import texts_outside
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted, how_to_go_on
 from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
@@ -318,3 +320,26 @@ def test_long_values_are_told_in_short_and_apart():
     told = label({"targets": vans, "radar.snr_db": 20.0})
     assert told == "targets = [{'position_m': [0.0, 0.0], 'rcs ... sm': 10.0}], snr_db = 20"
     assert label({}) == "nothing changed"
+
+
+def test_each_line_of_the_figure_has_a_style_of_its_own_and_one_trial_no_bars(flown):
+    sweep = flown[1]
+    beams, names = (1.0, 2.0), tuple(f"a_long_name_of_a_method_{n}" for n in range(14))
+    cases = tuple(
+        replace(case, setting={BEAM: beam, "processing.ranging": name}, trials=case.trials[:1])
+        for name in names
+        for beam, case in zip(beams, sweep.cases[:2], strict=True)
+    )
+    axes = (Axis(key=BEAM, values=beams), Axis(key="processing.ranging", values=names))
+    single = replace(sweep, cases=cases, axes=axes, repeat=1)
+    panel = errors(single).axes[0]
+    styles = [(line.get_color(), line.get_marker()) for line in panel.lines]
+    assert len(styles) == len(set(styles)) == 14
+    assert not any(bars.has_yerr for bars in panel.containers)
+    assert texts_outside(errors(single)) == []
+    failed = tuple(
+        replace(case, trials=()) if case.setting["processing.ranging"] == names[0] else case for case in cases
+    )
+    texts = errors(replace(single, cases=failed)).legends[0].texts
+    assert len(texts) == 13
+    assert all(bars.has_yerr for bars in errors(sweep).axes[0].containers)

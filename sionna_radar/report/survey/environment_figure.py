@@ -25,6 +25,8 @@ from sionna_radar.report.shading import shaded
 from sionna_radar.survey.result import Survey
 
 MAX_OVERLAY = 3_000
+# Width of a figure that takes three entries of the legend side by side.
+LEAST_WIDE_IN = 6.5
 
 
 def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
@@ -46,7 +48,8 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     finish_map(plan, bounds, "True surface and flight", frame)
     colour_bar(plan, height_colours(limits, frame), frame.height, width)
     _draw_profile(profile, survey, flight, frame)
-    figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=3, frameon=False)
+    columns = 3 if width + 2.0 >= LEAST_WIDE_IN else 2
+    figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 

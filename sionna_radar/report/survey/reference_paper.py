@@ -36,7 +36,7 @@ class Reported:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """The comparable rows, if there are any, and under which conditions the paper got them."""
+    """The comparable rows, if there are any, and under which conditions the paper got them; "" for none."""
 
     rows: tuple[Reported, ...]
     conditions: str
@@ -45,7 +45,7 @@ class Reference:
 def reference_for(prepared: Prepared) -> Reference:
     """Return what the paper reports for a survey flown as its examples were."""
     if not _flown_alike(prepared):
-        return Reference(rows=(), conditions=f"The reference paper ({CITATION}) reports no error for such a flight.")
+        return Reference(rows=(), conditions="")
     scenario = prepared.scenario
     beam = float(np.rad2deg(np.mean(prepared.antenna.beamwidths_rad)))
     over_buildings = scenario.buildings and scenario.terrain.kind == "flat"
@@ -62,7 +62,7 @@ def reference_for(prepared: Prepared) -> Reference:
             name=f"Paper, Table 3: {width:g} deg", rms_m=rms, mean_m=mean, std_m=std, min_m=least, max_m=most
         )
         return Reference(rows=(row,), conditions=_conditions(f"rolling hills, a beam of {width:g} deg"))
-    return Reference(rows=(), conditions=f"The reference paper ({CITATION}) reports no error for such ground.")
+    return Reference(rows=(), conditions="")
 
 
 def _flown_alike(prepared: Prepared) -> bool:

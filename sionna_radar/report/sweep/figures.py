@@ -4,6 +4,7 @@ import re
 from functools import partial
 from numbers import Real
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ BESIDE_PT = 7.0
 # A rank correlation of fewer settings says nothing.
 LEAST_RANKED = 8
 MAX_LEGEND = 14
+# Letters of a name in half the width of the figure.
+MOST_IN_HALF = 50
 # Number of label letters that fit side by side under one panel.
 MOST_LETTERS = 45
 
@@ -77,8 +80,10 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     trials = several if sweep.repeat > 1 else "one trial each"
     figure.suptitle(f"{sweep.source}: elevation error\n{trials}", fontsize="medium", parse_math=False)
     if 1 < len(lines) <= MAX_LEGEND:
-        handles = panels[0].get_legend_handles_labels()
-        figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
+        handles, names = panels[0].get_legend_handles_labels()
+        columns = 2 if max(map(len, names)) <= MOST_IN_HALF else 1
+        texts = [fill(name, MOST_IN_HALF * 2 // columns) for name in names]
+        figure.legend(handles, texts, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
@@ -129,6 +134,7 @@ def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
         name = ", ".join(f"{readable(key)}: {short(value)}" for key, value in others.items())
         if across.key in case.setting:
             lines.setdefault(repr(others), (name, []))[1].append(case)
+    lines = {key: line for key, line in lines.items() if any(case.trials for case in line[1])}
     if _numeric(across):
         return [(name, sorted(cases, key=lambda c: c.setting[across.key])) for name, cases in lines.values()]
     return list(lines.values())
@@ -166,10 +172,10 @@ def _draw_line(
             at = np.full(len(values), place)
             axes.plot(at, values, ls="", marker="o", ms=4, mew=0, color=colour, alpha=0.6, transform=beside)
     mean = [case.mean(statistic) for case in cases]
-    spread = [case.spread(statistic) for case in cases]
+    spread = np.array([case.spread(statistic) for case in cases])
+    bars = spread if np.isfinite(spread).any() else None
     line, size = ("-", 6) if joined else ("", 4)
-    mean = [case.mean(statistic) for case in cases]
-    axes.errorbar(x, mean, spread, ls=line, lw=1.2, marker=marker, ms=size, capsize=4, color=colour, label=name)
+    axes.errorbar(x, mean, bars, ls=line, lw=1.2, marker=marker, ms=size, capsize=4, color=colour, label=name)
 
 
 def _place(across: Axis, value: Any) -> float:

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from drawn_texts import texts_outside
+from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.survey import environment_figure, figures
@@ -52,6 +54,13 @@ def test_text_keeps_apart_on_small_and_large_ground(draw: Callable[[Survey], Fig
         figure = draw(make_survey(size_m=size_m, height_m=700.0, sampling="iq"))
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+def test_no_text_is_cut_off(survey: Survey, draw: Callable[[Survey], Figure]) -> None:
+    narrow = run(load_scenario("hills", {"platform.length_m": 5.0}))
+    for flown in (survey, make_survey(size_m=2000.0, height_m=700.0), narrow):
+        assert texts_outside(draw(flown)) == []
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
