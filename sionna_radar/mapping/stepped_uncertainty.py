@@ -20,9 +20,13 @@ NEPERS = 16.0
 
 @dataclass(frozen=True)
 class SteppedUncertainty:
-    """The standard deviations of the cells of a map with steps."""
+    """The standard deviations of the cells of a map with steps.
+
+    other_side: probability that a cell is of the part beyond its border, and wrong by the whole step.
+    """
 
     cell_sigma_m: Float[np.ndarray, "row column"]
+    other_side: Float[np.ndarray, "row column"]
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells; NaN elsewhere. The grid is that of the map."""
@@ -77,4 +81,4 @@ def with_steps(
     highest, lowest = maximum_filter(height_m, 3, mode="nearest"), minimum_filter(height_m, 3, mode="nearest")
     step_m = np.maximum(highest - height_m, height_m - lowest)
     beyond = 0.5 * np.exp(-margin / NEPERS)
-    return SteppedUncertainty(np.hypot(sigma_m, step_m * np.sqrt(beyond * (1 - beyond))))
+    return SteppedUncertainty(np.hypot(sigma_m, step_m * np.sqrt(beyond * (1 - beyond))), beyond)

@@ -14,6 +14,7 @@ from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.versions import versions
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.folder import costs_json, write_folder, write_text
 from sionna_radar.report.manifest import COSTS
@@ -144,6 +145,10 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     if survey.dem_sigma_navigation is not None:
         shared = survey.dem_sigma_navigation
         rasters["dem_sigma_navigation"] = (shared, "standard deviation of the DEM height from navigation", 0.0)
+    if isinstance(survey.uncertainty, SteppedUncertainty):
+        other_side = np.where(survey.dem.filled, survey.uncertainty.other_side, np.nan)
+        raster = Raster(grid=survey.dem.grid, height_m=other_side)
+        rasters["dem_other_side"] = (raster, "probability that the cell is of the other side of a step", 0.0)
     if survey.no_echo is not None and survey.no_echo.any():
         silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan))
         rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back", 0.0)
