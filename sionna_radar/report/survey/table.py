@@ -7,7 +7,7 @@ from sionna_radar.report.terminal import console
 from sionna_radar.survey.result import Survey
 
 # Errors of `refined` over those of `linear`, RMS: least and most over ten lidar DEMs (docs/theory/maps.md).
-REFINED_OVER_LINEAR = 0.48, 0.70
+REFINED_OVER_LINEAR = 0.47, 0.85
 # The ranges of a chirp are printed if it has no more echoes than this.
 FEW_ECHOES = 4
 
