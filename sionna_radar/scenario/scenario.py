@@ -9,13 +9,14 @@ from __future__ import annotations
 import copy
 import unicodedata
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.averaging import check_average
@@ -132,6 +133,17 @@ class Scenario(Table):
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
     dem: DemTable = Field(default_factory=DemTable)
 
+    @cached_property
+    def source(self) -> str:
+        """The file or shipped name that it was read from, which leads its errors; "scenario" without one."""
+        return UNNAMED
+
+    def read_from(self, source: str) -> Scenario:
+        """Return the scenario with the name of its file; scenarios that differ by it alone are equal."""
+        named = self.model_copy()
+        named.__dict__["source"] = source  # as `cached_property` keeps it: no field, so neither compared nor written
+        return named
+
     def replace(self, changes: Mapping[str, Any]) -> Scenario:
         """Return a copy with values of dotted keys replaced, validated anew.
 
@@ -154,9 +166,9 @@ class Scenario(Table):
         give_way(data, changes)
         resolve_paths(data, Path())
         try:
-            return Scenario.model_validate(data)
+            return Scenario.model_validate(data).read_from(self.source)
         except ValidationError as error:
-            raise ScenarioError(translate(error.errors(), Scenario), "changed scenario") from error
+            raise ScenarioError(translate(error.errors(), Scenario), self.source) from error
 
     @model_validator(mode="after")
     def _materials_exist(self) -> Scenario:

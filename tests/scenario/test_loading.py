@@ -219,5 +219,5 @@ def test_a_changed_copy_leaves_the_scenario_and_the_changes_alone():
 
 
 def test_a_change_that_does_not_fit_names_its_key():
-    with pytest.raises(ScenarioError, match=r"changed scenario: 1 problem\n  radar.snr_db: -1000 is refused"):
+    with pytest.raises(ScenarioError, match=r"hills: 1 problem\n  radar.snr_db: -1000 is refused"):
         load_scenario("hills").replace({"radar.snr_db": -1000})
