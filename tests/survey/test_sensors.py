@@ -230,10 +230,12 @@ def test_chirps_recorded_together_are_those_recorded_one_by_one(sweep):
 
 def test_a_radar_and_its_threads_end_with_its_last_user():
     """Without the collector of cycles: a loop of surveys would keep the threads and scenes of many."""
+    prepared = prepare(scenario_of())
+    prepared.build_sensor()  # what is compiled on first use holds what it was compiled for
     gc.collect()
     gc.disable()
     try:
-        sensor = prepare(scenario_of()).build_sensor()
+        sensor = prepared.build_sensor()
         gone = weakref.ref(sensor)
         del sensor
         assert gone() is None
