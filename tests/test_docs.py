@@ -10,6 +10,8 @@ import typer.main
 
 from sionna_radar import parse_scenario
 from sionna_radar.cli.app import app
+from sionna_radar.scenario.mesh_file import MeshFile
+from sionna_radar.scenario.platform import OF_A_LOG
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -170,3 +172,13 @@ def test_every_page_and_example_page_is_in_the_contents():
     for page in PAGES:
         if page.is_relative_to(DOCS) and page.stem != "index":
             assert re.search(rf"^{page.stem}$|/{page.stem}$", linked, re.MULTILINE), f"{name(page)} is in no contents"
+
+
+@pytest.mark.parametrize("key", [*OF_A_LOG, *MeshFile.model_fields])
+def test_the_page_of_real_worlds_names_every_key_of_logs_and_meshes(key):
+    assert re.search(rf"\b{key}\b", (ROOT / "examples" / "WORLDS.md").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("word", ["bit for bit", "without a password", "memory of one process grows"])
+def test_the_limits_say_plainly(word):
+    assert word in " ".join((DOCS / "limits.md").read_text(encoding="utf-8").lower().split())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from sionna_radar.foundation.errors import named_after
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.kept_parts import KeptParts, has_parts, kept_parts
 from sionna_radar.foundation.network import allow_network
@@ -78,9 +79,11 @@ class Session:
             scheduler=team[1],
         )
 
-    def reach(self) -> AbstractContextManager[None]:
-        """Return the context in which files are read: with the network, if the user allows it."""
-        return allow_network() if self.network else nullcontext()
+    @contextmanager
+    def reach(self) -> Iterator[None]:
+        """Read files in this context: with the network, if the user allows it, and errors named after the scenario."""
+        with named_after(shown(Path(self.scenario))), allow_network() if self.network else nullcontext():
+            yield
 
     def team(self) -> "AbstractContextManager[Workers]":
         """Return the context of the workers that share the work: this process alone, unless the user has others."""

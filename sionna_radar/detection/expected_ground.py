@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
-from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ExpectedGroundTable

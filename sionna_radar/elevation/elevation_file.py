@@ -18,11 +18,11 @@ from sionna_radar.elevation.cutout import Cutout, grid_of, outside
 from sionna_radar.elevation.file_heights import heights_on
 from sionna_radar.elevation.local_frame import place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
-from sionna_radar.elevation.raster_file import open_raster
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.georeference import Georeference, MapCells
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster_file import open_raster
 
 
 @contextmanager

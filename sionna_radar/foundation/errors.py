@@ -1,6 +1,7 @@
 """The errors a user can cause, each naming the field, the value and the remedy."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -29,6 +30,10 @@ class Problem:
         return f"{self.field}: {self.message}"
 
 
+# What an error calls a scenario whose file is not known.
+UNNAMED = "scenario"
+
+
 class ScenarioError(RadarError, ValueError):
     """A scenario that cannot be simulated, with every problem found in it.
 
@@ -45,7 +50,7 @@ class ScenarioError(RadarError, ValueError):
 
     """
 
-    def __init__(self, problems: Iterable[Problem], source: str = "scenario") -> None:
+    def __init__(self, problems: Iterable[Problem], source: str = UNNAMED) -> None:
         self.problems = tuple(problems)
         self.source = source
         super().__init__(str(self))
@@ -53,6 +58,17 @@ class ScenarioError(RadarError, ValueError):
     def __str__(self) -> str:
         lines = [f"{self.source}: {len(self.problems)} problem{'s' * (len(self.problems) != 1)}"]
         return "\n".join(lines + [f"  {problem}" for problem in self.problems])
+
+
+@contextmanager
+def named_after(source: str) -> Iterator[None]:
+    """Put the name of a scenario's file into the errors that do not name one."""
+    try:
+        yield
+    except ScenarioError as error:
+        if error.source == UNNAMED:
+            error.source = source
+        raise
 
 
 class InputFileError(RadarError, ValueError):

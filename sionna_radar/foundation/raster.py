@@ -1,10 +1,19 @@
 """Elevation rasters in the local frame."""
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import map_coordinates
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import shown
+
+# Cells of the largest raster that is read as a whole, 800 MB in memory.
+MOST_READ_CELLS = 100_000_000
+REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <spacing> <spacing>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +114,7 @@ class Raster:
     Examples
     --------
     >>> import numpy as np
-    >>> from sionna_radar.foundation import Grid
-    >>> grid = Grid(west_m=0.0, south_m=0.0, spacing_m=2.0, columns=2, rows=2)
-    >>> raster = Raster(grid=grid, height_m=np.array([[1.0, 2.0], [3.0, 4.0]]))
+    >>> raster = Raster.from_array(np.array([[1.0, 2.0], [3.0, 4.0]]), spacing_m=2.0, west_m=0.0, south_m=0.0)
     >>> float(raster.at(np.array([[1.0, 1.0]]))[0])
     2.5
 
@@ -115,6 +122,60 @@ class Raster:
 
     grid: Grid
     height_m: Float[np.ndarray, "row column"]
+
+    @staticmethod
+    def from_array(
+        height_m: Shaped[np.ndarray, "row column"],
+        spacing_m: float,
+        *,
+        west_m: float | None = None,
+        south_m: float | None = None,
+    ) -> "Raster":
+        """Return a raster of heights in metres, rows from south to north; an empty cell is NaN.
+
+        west_m, south_m: centre of the first cell; without them the raster is centred on the local origin. An image with
+        north up is turned first: `np.flipud(image)`.
+
+        Raises ValueError for anything but a table of real numbers, and for a spacing that is not positive.
+        """
+        table = np.asarray(height_m)
+        if table.ndim != 2 or table.size == 0 or table.dtype.kind not in "fiu":
+            message = (
+                f"height_m = {table.dtype} of shape {table.shape}; give a table of heights (row, column) in metres"
+            )
+            raise ValueError(message)
+        if not 0 < spacing_m < math.inf:
+            message = f"spacing_m = {spacing_m:g} is refused; give the distance of cell centres in metres, above 0"
+            raise ValueError(message)
+        rows, columns = table.shape
+        grid = Grid(
+            west_m=-spacing_m * (columns - 1) / 2 if west_m is None else west_m,
+            south_m=-spacing_m * (rows - 1) / 2 if south_m is None else south_m,
+            spacing_m=float(spacing_m),
+            columns=columns,
+            rows=rows,
+        )
+        return Raster(grid=grid, height_m=table if table.dtype.kind == "f" else table.astype(np.float64))
+
+    @staticmethod
+    def read(path: str | Path) -> "Raster":
+        """Return the heights of a GeoTIFF or another raster file, in its own map coordinates.
+
+        Cells are square, with north up, in metres; a file without a CRS is taken to be in metres. Rasters that a survey
+        wrote (`dem.tif`, `error.tif`, ...) are such files.
+
+        Raises InputFileError for a file that cannot be read, or has other cells or units.
+        """
+        from sionna_radar.foundation.raster_file import open_raster, read_square_cells
+
+        path = Path(path)
+        named = f"raster = {shown(path)}"
+        with open_raster(path, "raster") as file:
+            if file.crs and (file.crs.is_geographic or not math.isclose(file.crs.linear_units_factor[1], 1.0)):
+                message = f"{named} counts in {file.crs.units_factor[0]}, not in metres; {REMEDY}"
+                raise InputFileError(message)
+            cells = read_square_cells(file, named, REMEDY, MOST_READ_CELLS)
+        return Raster.from_array(cells.height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m)
 
     @property
     def filled(self) -> Bool[np.ndarray, "row column"]:

@@ -9,7 +9,7 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
-from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, give_way, parse_overrides, read_overrides, resolve_paths
 from sionna_radar.scenario.problems import nearest, translate
@@ -113,7 +113,7 @@ def find_scenario(path_or_name: str | Path) -> Path:
     return path
 
 
-def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenario:
+def parse_scenario(data: Mapping[str, Any], source: str = UNNAMED) -> Scenario:
     """Validate a scenario given as nested tables; all problems are reported at once.
 
     Parameters
@@ -140,7 +140,7 @@ def parse_scenario(data: Mapping[str, Any], source: str = "scenario") -> Scenari
 
     """
     try:
-        return Scenario.model_validate(data)
+        return Scenario.model_validate(data).read_from(source)
     except ValidationError as error:
         raise ScenarioError(translate(error.errors(), Scenario), source) from error
 

@@ -177,6 +177,8 @@ def give_way(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
         if key in overrides and overrides[key] == value:
             _drop(data, overrides, meaningless)
     antennas = [kind for own, kind in IMPLIED_ANTENNAS.items() if f"radar.antenna.{own}" in overrides]
+    if antennas:
+        _drop(data, overrides, ["radar.antenna.kind"])
     for key, value in [*(("radar.antenna.kind", kind) for kind in antennas), *overrides.items()]:
         known = _keys_beside(key, value)
         table = _at(data, key.rpartition(".")[0])

@@ -6,12 +6,17 @@ or the flight to judge is checked when the survey is prepared (`sionna_radar.sur
 
 from __future__ import annotations
 
+import copy
 import unicodedata
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.averaging import check_average
@@ -23,9 +28,10 @@ from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
+from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_paths
 from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
-from sionna_radar.scenario.problems import nearest
+from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable, RadarTable
 from sionna_radar.scenario.table import Seed, Table, refuse
@@ -126,6 +132,43 @@ class Scenario(Table):
     tracing: TracingTable = Field(default_factory=TracingTable)
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
     dem: DemTable = Field(default_factory=DemTable)
+
+    @cached_property
+    def source(self) -> str:
+        """The file or shipped name that it was read from, which leads its errors; "scenario" without one."""
+        return UNNAMED
+
+    def read_from(self, source: str) -> Scenario:
+        """Return the scenario with the name of its file; scenarios that differ by it alone are equal."""
+        named = self.model_copy()
+        named.__dict__["source"] = source  # as `cached_property` keeps it: no field, so neither compared nor written
+        return named
+
+    def replace(self, changes: Mapping[str, Any]) -> Scenario:
+        """Return a copy with values of dotted keys replaced, validated anew.
+
+        changes: values by dotted key, as `load_scenario` takes them: None takes a key out, a table replaces the whole
+        table, and what they contradict in this scenario gives way. Relative paths count from the working folder.
+
+        Raises ScenarioError, with every problem, for values that do not fit.
+
+        Examples
+        --------
+        >>> from sionna_radar import load_scenario
+        >>> wide = load_scenario("hills").replace({"radar.antenna.beamwidth_deg": 4.0})
+        >>> wide.radar.antenna.beamwidth_deg
+        4.0
+
+        """
+        # A copy: what is put into the tables must not come back to the caller.
+        changes, data = copy.deepcopy(dict(changes)), self.model_dump(mode="json", exclude_none=True)
+        apply_overrides(data, changes)
+        give_way(data, changes)
+        resolve_paths(data, Path())
+        try:
+            return Scenario.model_validate(data).read_from(self.source)
+        except ValidationError as error:
+            raise ScenarioError(translate(error.errors(), Scenario), self.source) from error
 
     @model_validator(mode="after")
     def _materials_exist(self) -> Scenario:

@@ -15,10 +15,10 @@ from rasterio.windows import Window
 
 from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
-from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.cover import CoverRaster, CoverVector
 from sionna_radar.scene.model import Surface

@@ -13,7 +13,7 @@ from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
 from sionna_radar.foundation.decibel import to_db
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import let_rest, peak_memory_mb, release_memory
@@ -146,7 +146,8 @@ def run(
         raise TypeError(message)
     if block_size < 1:
         raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
-    with default_progress(progress) as shown:
+    source = (scenario.scenario if isinstance(scenario, Prepared) else scenario).source
+    with named_after(source), default_progress(progress) as shown:
         return _run(scenario, custom, block_size, _Recordings.of(recordings, sample_type), parts, workers, shown)
 
 

@@ -19,7 +19,7 @@ from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, Steps, silent
@@ -264,7 +264,7 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     True
 
     """
-    with LogCapture() as said:
+    with named_after(scenario.source), LogCapture() as said:
         prepared = _prepare(scenario, custom or CustomParts(), progress)
     return replace(prepared, warnings=said.warnings)
 

@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.report.rasters import write_geotiff
 
 GRID = Grid(west_m=10.0, south_m=-4.0, spacing_m=2.0, columns=3, rows=2)
 
@@ -41,3 +44,48 @@ def test_outside_and_beside_empty_cells_there_is_no_height():
     raster = Raster(grid=GRID, height_m=np.array([[0.0, 2.0, np.nan], [10.0, 12.0, 14.0]]))
     assert np.isnan(raster.at(np.array([[9.0, -4.0], [15.0, -3.0], [13.0, -3.0], [12.0, 0.0]]))).all()
     np.testing.assert_array_equal(raster.filled, [[True, True, False], [True, True, True]])
+
+
+def test_an_array_is_a_raster_about_the_origin_or_where_it_is_said_to_be():
+    height_m = np.array([[1, 2, 3], [4, 5, 6]])
+    about = Raster.from_array(height_m, 2.0)
+    assert about.grid == Grid(west_m=-2.0, south_m=-1.0, spacing_m=2.0, columns=3, rows=2)
+    assert about.at(np.array([[0.0, 0.0]]))[0] == pytest.approx(3.5)
+    assert Raster.from_array(height_m, 2.0, west_m=10.0, south_m=-4.0).grid == GRID
+
+
+@pytest.mark.parametrize("height_m", [np.zeros((0, 3)), np.array([["a"]]), np.array([[1j]])])
+def test_what_is_no_table_of_heights_is_refused(height_m):
+    with pytest.raises(ValueError, match=r"height_m = .*; give a table of heights"):
+        Raster.from_array(height_m, 1.0)
+
+
+@pytest.mark.parametrize("spacing_m", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_spacing_that_is_none_is_refused(spacing_m):
+    with pytest.raises(ValueError, match=r"spacing_m = .*; give the distance"):
+        Raster.from_array(np.zeros((2, 2)), spacing_m)
+
+
+@pytest.mark.parametrize("georeference", [None, Georeference(crs_wkt="EPSG:32632", origin_m=(5e5, 5e6, 0.0))])
+def test_a_written_raster_is_read_where_it_was(georeference, tmp_path):
+    height_m = np.array([[0.0, 2.0, np.nan], [10.0, 12.0, 14.0]], dtype=np.float32)
+    path = tmp_path / "dem.tif"
+    write_geotiff(path, Raster(grid=GRID, height_m=height_m), georeference, "heights", 0.0)
+    east_m, north_m, _ = georeference.origin_m if georeference else (0.0, 0.0, 0.0)
+    copy = Raster.read(path)
+    assert (copy.grid.west_m, copy.grid.south_m) == (GRID.west_m + east_m, GRID.south_m + north_m)
+    assert (copy.grid.shape, copy.grid.spacing_m) == (GRID.shape, GRID.spacing_m)
+    np.testing.assert_array_equal(copy.height_m, height_m)
+
+
+@pytest.mark.parametrize(("crs", "unit"), [("EPSG:4326", "degree"), ("EPSG:2263", "US survey foot")])
+def test_a_raster_that_does_not_count_in_metres_is_refused(crs, unit, tmp_path):
+    write_geotiff(
+        tmp_path / "far.tif",
+        Raster(grid=GRID, height_m=np.zeros(GRID.shape)),
+        Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0)),
+        "heights",
+        0.0,
+    )
+    with pytest.raises(InputFileError, match=rf"counts in {unit}, not in metres; convert it"):
+        Raster.read(tmp_path / "far.tif")

@@ -132,12 +132,21 @@ def test_only_an_array_is_steered():
 
 
 BAD = {
-    "empty": ("", "no pattern of a known format"),
-    "words": ("hello, world\n" * 9, "no pattern of a known format"),
-    "no rows": ("angle_deg,azimuth_db,elevation_db\n", "has no rows"),
-    "letters": ("angle_deg,azimuth_db,elevation_db\n0,1,2\n1,x,2\n", "line 3 holds"),
-    "short row": ("theta_deg,phi_deg,gain_db\n0,0\n", "line 2 has 2 numbers"),
-    "falling": ("angle_deg,azimuth_db,elevation_db\n2,0,0\n1,0,0\n0,0,0\n", "must increase"),
+    "empty": ("", "no pattern of a known format: its first line is ''"),
+    "words": ("hello, world\n" * 9, "its first line is 'hello, world'; give a CSV of cuts"),
+    "no rows": (
+        "angle_deg,azimuth_db,elevation_db\n",
+        "nothing follows line 1; expected rows of 3 numbers .angle_deg, azimuth_db",
+    ),
+    "letters": (
+        "angle_deg,azimuth_db,elevation_db\n0,1,2\n1,x,2\n",
+        "line 3 holds '1, x, 2'; expected 3 numbers .angle_deg",
+    ),
+    "short row": ("theta_deg,phi_deg,gain_db\n0,0\n", "line 2 holds '0, 0'; expected 3 numbers .theta_deg"),
+    "falling": (
+        "angle_deg,azimuth_db,elevation_db\n2,0,0\n\n1,0,0\n0,0,0\n",
+        "line 4 has angle_deg = 1 after 2; it must increase",
+    ),
     "holes": ("theta_deg,phi_deg,gain_db\n10,0,0\n20,90,0\n30,180,1\n", "are missing"),
     "radians": ("theta_deg,phi_deg,gain_db\n500,0,0\n20,90,0\n", "theta beyond 180"),
     "two quantities": ('"Theta [deg]","Phi [deg]","dB(GainX)","dB(GainY)"\n0,0,1,2\n', "several columns"),
@@ -145,12 +154,30 @@ BAD = {
         "\"Theta [deg]\",\"dB(G) Freq='1GHz' Phi='0deg'\",\"dB(G) Freq='2GHz' Phi='0deg'\"\n0,1,2\n",
         "frequen",
     ),
-    "short section": ("NAME x\nHORIZONTAL 360\n0 0\nVERTICAL 360\n0 0\n", "announces 360 rows"),
-    "huge section": ("NAME x\nHORIZONTAL 99999999999\n0 0\nVERTICAL 360\n0 0\n", "how many rows follow"),
-    "huge field": ("0 180 99999\n0 360 99999\n1 2 3 4\n", "directions, more than"),
-    "truncated field": ("0 180 19\n0 360 37\n1 2 3 4\n", "announces 703 directions, and holds 1"),
+    "short section": (
+        "NAME x\nHORIZONTAL 360\n0 0\nVERTICAL 360\n0 0\n",
+        "line 4 holds 'VERTICAL 360'; expected an angle and a loss",
+    ),
+    "huge section": (
+        "NAME x\nHORIZONTAL 99999999999\n0 0\nVERTICAL 360\n0 0\n",
+        "line 2 holds 'HORIZONTAL 99999999999'; expected HORIZONTAL and how many rows follow",
+    ),
+    "huge field": ("0 180 99999\n0 360 99999\n1 2 3 4\n", "lines 1 and 2 announce .* directions, more than"),
+    "truncated field": ("0 180 19\n0 360 37\n1 2 3 4\n", "lines 1 and 2 announce 703 directions, and 1 rows follow"),
+    "few angles": ("angle_deg,azimuth_db,elevation_db\n0,0,0\n1,0,0\n", "lines 2 to 3 are 2 angles; give three"),
+    "far angle": ("angle_deg,azimuth_db,elevation_db\n0,0,0\n1,0,0\n270,0,0\n", "line 4 has angle_deg = 270; give"),
+    "ended section": ("HORIZONTAL 3\n0 0\n1 0\n2 0\nVERTICAL 3\n0 0\n", "line 5 announces 3 rows .* ends after 1"),
+    "broken field": ("0 90 2\n0 90 2\nFrequencies 1\nFrequency 1e9\n1 2 3 4\n1 2 x 4\n", "line 6 holds '1 2 x 4'"),
+    "broken table": (
+        "Theta [deg.]  Phi [deg.]  Abs(Gain)[      ]\n---\n0 0 0\n0 90\n",
+        "line 4 holds '0 90'; expected 3",
+    ),
+    "broken source": (
+        "// CST Farfield Source File\n// >> Phi, Theta, Re(E_Theta), Im(E_Theta), ...\n0 0 1 0 0 0\n0 5 1\n",
+        "line 4 holds '0 5 1'; expected 6 numbers .phi, theta",
+    ),
     "frequencies": ("// CST Farfield Source File\n// #Frequencies\n3\n", "holds 3 frequencies"),
-    "no fields": ("// CST Farfield Source File\n", "lacks the table"),
+    "no fields": ("// CST Farfield Source File\n", "expected a line .* over the table of fields"),
     "zeros": ("Theta [deg.]  Phi [deg.]  Abs(Gain)[      ]\n---\n0 0 0\n0 90 0\n90 0 0\n90 90 0\n", "all zero"),
 }
 

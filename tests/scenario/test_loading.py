@@ -192,3 +192,32 @@ def test_a_file_is_merged_into_a_scenario(tmp_path):
     path.write_text("[radar\n")
     with pytest.raises(InputFileError, match=r"more\.toml: not valid TOML"):
         read_overrides(path)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"seed": 7, "platform.length_m": None},
+        {"radar.transmit_power_dbm": 10.0, "radar.noise_figure_db": 12.0},
+        {"radar.antenna.pattern": "/of/an/antenna.csv"},
+        {"terrain": {"kind": "flat"}},
+        {"radar.scan.mode": "conical"},
+        {"platform.log": "/of/a/flight.csv"},
+    ],
+)
+def test_a_changed_copy_is_the_scenario_loaded_with_the_changes(changes):
+    assert load_scenario("hills").replace(changes) == load_scenario("hills", changes)
+
+
+def test_a_changed_copy_leaves_the_scenario_and_the_changes_alone():
+    scenario, terrain = load_scenario("hills"), {"kind": "flat"}
+    flat = scenario.replace({"terrain": terrain, "terrain.size_m": [300.0, 300.0]})
+    assert flat.terrain.size_m == (300.0, 300.0)
+    assert terrain == {"kind": "flat"}
+    assert scenario == load_scenario("hills")
+
+
+def test_a_change_that_does_not_fit_names_its_key():
+    with pytest.raises(ScenarioError, match=r"hills: 1 problem\n  radar.snr_db: -1000 is refused"):
+        load_scenario("hills").replace({"radar.snr_db": -1000})

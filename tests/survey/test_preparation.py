@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sionna_radar.flight.scan import Pointing, build_scan
-from sionna_radar.foundation.errors import PluginError
-from sionna_radar.scenario import parse_scenario
+from sionna_radar.foundation.errors import PluginError, ScenarioError
+from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import CustomParts, prepare
@@ -86,3 +86,19 @@ def test_a_scan_without_its_spacing_is_refused_by_the_name_of_what_it_lacks():
 def test_other_parts_are_refused_the_same_way(part, lacks):
     with pytest.raises(PluginError, match=f"{part} = object is not a .*: it lacks {lacks}"):
         CustomParts(**{part: object()})
+
+
+def test_the_file_s_name_leads_what_is_said_of_its_flight(tmp_path):
+    path = tmp_path / "low.toml"
+    path.write_text(
+        '[terrain]\nkind = "flat"\n[platform]\naltitude_m = 1000.0\nspeed_mps = 5.0\n[radar]\nsnr_db = 30.0\n',
+        encoding="utf-8",
+    )
+    scenario = load_scenario(path)
+    for refused in (scenario, scenario.replace({"seed": 2})):
+        with pytest.raises(ScenarioError) as caught:
+            prepare(refused)
+        assert str(caught.value).startswith(f"{path}: 1 problem\n")
+    with pytest.raises(ScenarioError, match=r"^scenario: 1 problem"):
+        prepare(parse_scenario(scenario.model_dump(exclude_none=True)))
+    assert scenario == parse_scenario(scenario.model_dump(exclude_none=True))

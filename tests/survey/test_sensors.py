@@ -1,5 +1,7 @@
 """The sensors behind one seam, what each knows of the flight, and a survey mapped again."""
 
+import gc
+import weakref
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -224,3 +226,18 @@ def test_chirps_recorded_together_are_those_recorded_one_by_one(sweep):
         alone = sensor.record_chirp(prepared.flight.pulses(np.array([pulse])))
         for field in fields(one):
             np.testing.assert_array_equal(getattr(one, field.name), getattr(alone, field.name), field.name)
+
+
+def test_a_radar_and_its_threads_end_with_its_last_user():
+    """Without the collector of cycles: a loop of surveys would keep the threads and scenes of many."""
+    prepared = prepare(scenario_of())
+    prepared.build_sensor()  # what is compiled on first use holds what it was compiled for
+    gc.collect()
+    gc.disable()
+    try:
+        sensor = prepared.build_sensor()
+        gone = weakref.ref(sensor)
+        del sensor
+        assert gone() is None
+    finally:
+        gc.enable()

@@ -37,23 +37,40 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
     header = [name.strip().strip('"') for name in next(rows, [])]
     names = [name.lower().replace("_dbi", "_db") for name in header]
     if len(names) > MOST_COLUMNS or len(set(names)) < len(names):
-        message = "line 1 has a column twice, or too many of them"
+        message = f"line 1 has {len(names):,} columns, or one of them twice; give each once, at most {MOST_COLUMNS:,}"
         raise ValueError(message)
-    values = _numbers(rows, len(header))
+    lines, values = _numbers(rows, header)
     if set(CUTS) <= set(names):
         angle, azimuth, elevation = (values[:, names.index(name)] for name in CUTS)
+        _check_angles(lines, angle)
         return _cuts(angle, azimuth, elevation)
     if set(GRID) <= set(names):
         return grid_of(*(values[:, names.index(name)] for name in GRID))
     return _report(header, values)
 
 
+def _check_angles(lines: Sequence[int], angle_deg: Float[np.ndarray, " n"]) -> None:
+    """Raise ValueError for angles that are no cut, naming the line of the first that is wrong."""
+    if len(angle_deg) < 3:
+        message = f"lines {lines[0]} to {lines[-1]} are {len(angle_deg)} angles; give three or more"
+        raise ValueError(message)
+    beyond = np.flatnonzero((angle_deg < -180) | (angle_deg > 180))
+    falling = np.flatnonzero(np.diff(angle_deg) <= 0) + 1
+    if len(beyond):
+        message = f"line {lines[beyond[0]]} has angle_deg = {angle_deg[beyond[0]]:g}; give angles within -180 to 180"
+        raise ValueError(message)
+    if len(falling):
+        at = falling[0]
+        message = (
+            f"line {lines[at]} has angle_deg = {angle_deg[at]:g} after {angle_deg[at - 1]:g}; it must increase from "
+            "row to row"
+        )
+        raise ValueError(message)
+
+
 def _cuts(
     angle: Float[np.ndarray, " n"], azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]
 ) -> PatternCuts:
-    if len(angle) < 3 or np.any(np.diff(angle) <= 0) or angle[0] < -180 or angle[-1] > 180:
-        message = "angle_deg must increase from row to row, within -180 to 180, in three rows or more"
-        raise ValueError(message)
     if angle[-1] - angle[0] > 360 - 1e-9 and azimuth[0] != azimuth[-1]:
         azimuth = np.append(azimuth[:-1], azimuth[0])  # -180 and 180 deg are one direction
     return PatternCuts(angle, azimuth, angle, elevation)
@@ -72,13 +89,14 @@ def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> P
         )
         raise ValueError(message)
     if len({match.group(1) for i in power if (match := FREQUENCY.search(header[i]))}) > 1:
-        message = "it holds several frequencies; export the one of the carrier"
+        message = "line 1 names several frequencies; export the one of the carrier"
         raise ValueError(message)
     if phi is not None and len(power) == 1:
         return grid_of(values[:, theta], values[:, phi], values[:, power[0]])
     varied = [(i, match) for i in power if (match := VARIED.search(header[i]))]
     if phi is not None or len(varied) != len(power):
-        message = "it has several columns in dB; export one quantity, such as dB(GainTotal)"
+        named = ", ".join(header[i] for i in power[:4])
+        message = f"line 1 has several columns in dB ({named}); export one quantity, such as dB(GainTotal)"
         raise ValueError(message)
     count = len(values)
     return grid_of(
@@ -88,21 +106,23 @@ def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> P
     )
 
 
-def _numbers(rows: Iterator[list[str]], columns: int) -> Float[np.ndarray, "row column"]:
-    found = []
+def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int], Float[np.ndarray, "row column"]]:
+    """Return the numbers of the rows under a header, and the line of each."""
+    expected = f"{len(header)} numbers ({', '.join(header)[:80]})"
+    lines, found = [], []
     for number, row in enumerate(rows, start=2):
         if not row or not "".join(row).strip():
             continue
         try:
             values = [float(cell) for cell in row]
         except ValueError:
-            message = f"line {number} holds {', '.join(row)[:60]!r}; give numbers"
-            raise ValueError(message) from None
-        if len(values) != columns or np.isnan(values).any():
-            message = f"line {number} has {len(values)} numbers, or one that is none; give {columns}"
+            values = []
+        if len(values) != len(header) or np.isnan(values).any():
+            message = f"line {number} holds {', '.join(row)[:60]!r}; expected {expected}"
             raise ValueError(message)
+        lines.append(number)
         found.append(values)
     if not found:
-        message = "it has no rows under its header"
+        message = f"nothing follows line 1; expected rows of {expected}"
         raise ValueError(message)
-    return np.array(found)
+    return lines, np.array(found)

@@ -1,6 +1,7 @@
 """Far fields as solvers export them as text: CST's tables (.txt) and sources (.ffs), HFSS's fields (.ffd)."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +25,8 @@ def read_cst_table(text: str) -> PatternGrid:
     lines = text.splitlines()
     name = re.split(r"\s{2,}|(?<=\])\s*", lines[0].strip())
     total = next((part for part in name if part.lower().startswith("abs")), "")
-    values = _rows("\n".join(line for line in lines[1:] if not line.strip().startswith("--")), 3)
+    table = [(at, line) for at, line in enumerate(lines[1:], start=2) if not line.strip().startswith("--")]
+    values = _rows(table, ("theta", "phi", "total"))
     if "db" in total.lower():
         power = values[:, 2]
     else:  # fields are amplitudes, gains and directivities are not
@@ -48,9 +50,11 @@ def read_cst_source(text: str) -> PatternGrid:
         raise ValueError(message)
     head = re.search(r"//[^\n]*Phi,\s*Theta,\s*Re\(E_Theta\)[^\n]*\n", text)
     if head is None:
-        message = "it lacks the table of fields, '>> Phi, Theta, Re(E_Theta), ...'"
+        message = "expected a line '// >> Phi, Theta, Re(E_Theta), ...' over the table of fields, and found none"
         raise ValueError(message)
-    values = _rows(text[head.end() :], 6)
+    first = text.count("\n", 0, head.end()) + 1
+    table = list(enumerate(text[head.end() :].splitlines(), start=first))
+    values = _rows(table, ("phi", "theta", "Re(E_Theta)", "Im(E_Theta)", "Re(E_Phi)", "Im(E_Phi)"))
     return grid_of(values[:, 1], values[:, 0], _decibels((values[:, 2:6] ** 2).sum(axis=1)))
 
 
@@ -64,48 +68,56 @@ def read_hfss_field(text: str) -> PatternGrid:
 
     Raises ValueError for a file of several frequencies, or of another number of rows than it says.
     """
+    blank = len(text[: len(text) - len(text.lstrip())].splitlines())
     lines = text.lstrip().splitlines()
     axes = []
-    for line in lines[:2]:
+    for at, line in enumerate(lines[:2], start=1 + blank):
         start, stop, count = line.split()
         if not 2 <= int(count) <= 100_000:
-            message = f"{count} angles along an axis; give 2 to 100,000"
+            message = f"line {at} announces {count} angles along an axis; expected start, stop and 2 to 100,000 of them"
             raise ValueError(message)
         axes.append((float(start), float(stop), int(count)))
     size = axes[0][2] * axes[1][2]
     if size > MOST_SAMPLES:
-        message = f"it announces {size:,} directions, more than {MOST_SAMPLES:,}; export a coarser grid"
+        message = (
+            f"lines {1 + blank} and {2 + blank} announce {size:,} directions, more than {MOST_SAMPLES:,}; export a "
+            "coarser grid"
+        )
         raise ValueError(message)
     named = [line for line in lines[2:20] if line[:4].lower() == "freq"]
     if len(named) > 2:
         message = "it holds several frequencies; export the one of the carrier"
         raise ValueError(message)
-    values = _rows("\n".join(line for line in lines[2:] if line[:4].lower() != "freq"), 4)
+    table = [(at, line) for at, line in enumerate(lines[2:], start=3 + blank) if line[:4].lower() != "freq"]
+    values = _rows(table, ("Re(E_Theta)", "Im(E_Theta)", "Re(E_Phi)", "Im(E_Phi)"))
     if len(values) != size:
-        message = f"it announces {size:,} directions, and holds {len(values):,}; export it anew"
+        message = (
+            f"lines {1 + blank} and {2 + blank} announce {size:,} directions, and {len(values):,} rows follow; export "
+            "it anew"
+        )
         raise ValueError(message)
     theta, phi = np.meshgrid(*(np.linspace(*axis) for axis in axes), indexing="ij")
     return grid_of(theta.ravel(), phi.ravel(), _decibels((values**2).sum(axis=1)))
 
 
-def _rows(text: str, columns: int) -> Float[np.ndarray, "row column"]:
-    """Return the first columns of rows of numbers."""
+def _rows(lines: Sequence[tuple[int, str]], columns: Sequence[str]) -> Float[np.ndarray, "row column"]:
+    """Return the first columns of rows of numbers, given with their line in the file."""
+    expected = f"{len(columns)} numbers ({', '.join(columns)})"
     found = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in lines:
         words = line.split()
         if not words:
             continue
         try:
-            values = [float(word) for word in words[:columns]]
+            values = [float(word) for word in words[: len(columns)]]
         except ValueError:
-            message = f"row {number} of its table holds {line.strip()[:60]!r}; give numbers"
-            raise ValueError(message) from None
-        if len(values) < columns or not np.isfinite(values).all():
-            message = f"row {number} of its table has fewer than {columns} numbers"
+            values = []
+        if len(values) < len(columns) or not np.isfinite(values).all():
+            message = f"line {number} holds {line.strip()[:60]!r}; expected {expected}"
             raise ValueError(message)
         found.append(values)
     if not found:
-        message = "its table is empty"
+        message = f"its table is empty; expected rows of {expected}"
         raise ValueError(message)
     return np.array(found)
 

@@ -35,7 +35,8 @@ def read_planet(text: str) -> PatternCuts:
         if words and words[0].upper() in SECTIONS:
             cuts[words[0].upper()] = _section(lines, number, words)
     if set(cuts) != set(SECTIONS):
-        message = "it lacks a HORIZONTAL or a VERTICAL section"
+        lacking = ", ".join(section for section in SECTIONS if section not in cuts)
+        message = f"expected a line with {lacking} and a number of rows, and found none"
         raise ValueError(message)
     (right, right_loss), (down, down_loss) = (cuts[section] for section in SECTIONS)
     azimuth, elevation = _turned(right, right_loss), _turned(down, down_loss)
@@ -44,17 +45,30 @@ def read_planet(text: str) -> PatternCuts:
 
 def _section(lines: list[str], first: int, words: list[str]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MOST_ROWS:
-        message = f"line {first + 1} does not say how many rows follow, 3 to {MOST_ROWS:,}"
+        message = (
+            f"line {first + 1} holds {lines[first].strip()[:60]!r}; expected {words[0].upper()} and how many rows "
+            f"follow, 3 to {MOST_ROWS:,}"
+        )
         raise ValueError(message)
-    rows = lines[first + 1 : first + 1 + int(words[1])]
-    try:
-        values = np.array([[float(word.replace(",", ".")) for word in row.split()] for row in rows], dtype=np.float64)
-    except ValueError:
-        values = np.zeros((0, 0))
-    if values.shape != (int(words[1]), 2) or not np.isfinite(values).all():
-        message = f"line {first + 1} announces {words[1]} rows of an angle and a loss, which do not follow"
+    count = int(words[1])
+    found = []
+    for number, row in enumerate(lines[first + 1 : first + 1 + count], start=first + 2):
+        try:
+            values = [float(word.replace(",", ".")) for word in row.split()]
+        except ValueError:
+            values = []
+        if len(values) != 2 or not np.isfinite(values).all():
+            message = (
+                f"line {number} holds {row.strip()[:60]!r}; expected an angle and a loss, as line {first + 1} "
+                f"announces {count} rows of them"
+            )
+            raise ValueError(message)
+        found.append(values)
+    if len(found) < count:
+        message = f"line {first + 1} announces {count} rows of an angle and a loss; the file ends after {len(found)}"
         raise ValueError(message)
-    return values[:, 0], values[:, 1]
+    table = np.array(found)
+    return table[:, 0], table[:, 1]
 
 
 def _turned(

@@ -88,5 +88,6 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
             except (ValueError, OverflowError) as error:
                 message = f"{name}: {error}"
                 raise InputFileError(message) from error
-    message = f"{name} is no pattern of a known format; {REMEDY}"
+    first = text.split("\n", 1)[0].strip()
+    message = f"{name} is no pattern of a known format: its first line is {first[:60]!r}; {REMEDY}"
     raise InputFileError(message)

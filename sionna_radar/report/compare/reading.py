@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from sionna_radar.elevation.raster_file import open_raster, require_cells
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.studies.comparison import FlownResult
 
 REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"
 # The numbers and the settings in a folder of each command.
 FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
-# Cells of the largest DEM that a survey makes; heights beyond this are damage.
-MOST_CELLS, HIGHEST_M = 25_000_000, 1e7
+# Cells of the largest DEM that a survey makes.
+MOST_CELLS = 25_000_000
 ERRORS = ("lit_error", "dem_error")
 NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
 
@@ -89,26 +87,8 @@ def _settings(path: Path) -> dict[str, Any]:
 
 def _raster(path: Path) -> tuple[str, Raster]:
     """Return the CRS and the heights of a raster, rows from south to north."""
-    named = f"raster = {shown(path)}"
     with open_raster(path, "raster") as file:
-        require_cells(file, named, "heights")
-        turn = file.transform
-        square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
-        if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
-            message = f"{named} has no square cells with north up; {REMEDY}"
-            raise InputFileError(message)
-        if file.width * file.height > MOST_CELLS:
-            message = f"{named} has {file.width:,} x {file.height:,} cells, more than {MOST_CELLS:,}; {REMEDY}"
-            raise InputFileError(message)
-        values = file.read(1, masked=True).astype(np.float32).filled(np.nan)
+        cells = read_square_cells(file, f"raster = {shown(path)}", REMEDY, MOST_CELLS)
         crs = file.crs.to_wkt() if file.crs else ""
-    rows, columns = values.shape
-    grid = Grid(
-        west_m=turn.c + turn.a / 2,
-        south_m=turn.f - turn.a * (rows - 0.5),
-        spacing_m=turn.a,
-        columns=columns,
-        rows=rows,
-    )
-    values[~(np.abs(values) < HIGHEST_M)] = np.nan
-    return crs, Raster(grid=grid, height_m=values[::-1])
+    raster = Raster.from_array(cells.height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m)
+    return crs, raster

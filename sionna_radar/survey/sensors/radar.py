@@ -1,6 +1,7 @@
 """The radar: one sweep a pulse, or an up- and a down-sweep."""
 
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
@@ -16,6 +17,8 @@ from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.steered import SteeredTracer
+from sionna_radar.tracing.tracer import Tracer
 
 
 class Radar:
@@ -40,7 +43,7 @@ class Radar:
             sweeps=given.receiver.sweeps,
             schedule=given.schedule,
             expected_ground=given.expected_ground,
-            beats=lambda pulses: self._receiver.beats(self._trace(pulses), self._sent(pulses)),
+            beats=_beats_of(given, self.tracer, self._thread),
             bursts=given.bursts,
         )
 
@@ -145,3 +148,16 @@ class Radar:
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
         with self._watch("synthesise"):
             return self._receiver.beats(paths, self._sent(pulses))
+
+
+def _beats_of(
+    given: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
+) -> Callable[[Pulses], Beats]:
+    """Return what traces and receives pulses; it does not hold the radar, whose threads so end with its last user."""
+    receiver, bursts = given.receiver, given.bursts
+
+    def beats(pulses: Pulses) -> Beats:
+        sent = pulses if bursts is None else bursts.chirps_of(pulses)
+        return receiver.beats(thread.submit(tracer.trace, sent).result(), sent)
+
+    return beats

@@ -1,4 +1,4 @@
-"""Opening of all raster files, of terrain and of ground cover.
+"""Opening of all raster files: terrain, ground cover, results.
 
 GDAL opens far more than files: server addresses, XML text instead of a name, and small files that refer to
 others, whatever their suffix. Only regular files of self-contained formats are accepted here, and none that
@@ -10,10 +10,11 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rasterio
+from jaxtyping import Float32
 from pyproj.exceptions import ProjError
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
@@ -32,6 +33,22 @@ TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # A block is decoded as a whole, however little of it is needed.
 MOST_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
+
+
+# Heights beyond this are damage.
+HIGHEST_M = 1e7
+
+
+class SquareCells(NamedTuple):
+    """Heights of a raster file on square cells, rows from south to north.
+
+    west_m, south_m: centre of the first cell in map coordinates. height_m: NaN where the file has none.
+    """
+
+    west_m: float
+    south_m: float
+    spacing_m: float
+    height_m: Float32[np.ndarray, "row column"]
 
 
 # Of a network file: no listing of its folder, no waiting without end.
@@ -107,6 +124,32 @@ def require_cells(dataset: Any, named: str, wanted: str) -> None:
     if dataset.transform.is_degenerate:
         message = f"{named}: has cells of zero size; repair its geotransform with gdal_translate -a_ullr"
         raise InputFileError(message)
+
+
+def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) -> SquareCells:
+    """Return the first band of an open raster with square cells and north up.
+
+    named: the file in messages; remedy: what to do with another raster.
+
+    Raises InputFileError for other cells, for more than `most_cells`, and for a raster without heights.
+    """
+    require_cells(dataset, named, "heights")
+    turn = dataset.transform
+    square = turn.b == turn.d == 0 and 0 < turn.a < 1e6 and math.isclose(turn.a, -turn.e)
+    if not square or not math.isfinite(turn.c) or not math.isfinite(turn.f):
+        message = f"{named} has no square cells with north up; {remedy}"
+        raise InputFileError(message)
+    if dataset.width * dataset.height > most_cells:
+        message = f"{named} has {dataset.width:,} x {dataset.height:,} cells, more than {most_cells:,}; {remedy}"
+        raise InputFileError(message)
+    height_m = dataset.read(1, masked=True).astype(np.float32).filled(np.nan)
+    height_m[~(np.abs(height_m) < HIGHEST_M)] = np.nan
+    return SquareCells(
+        west_m=turn.c + turn.a / 2,
+        south_m=turn.f - turn.a * (dataset.height - 0.5),
+        spacing_m=turn.a,
+        height_m=height_m[::-1],
+    )
 
 
 def _check_side_cars(path: Path, name: str) -> None:
