@@ -55,7 +55,8 @@ def test_a_beam_that_turns_on_within_a_pulse_is_told():
     """720 deg/s around the vertical, at 45 deg from it, for 3 of 1440 chirps a second: 1.06 deg."""
     turned = run(averaged("coherent", **{"radar.antenna.beamwidth_deg": 2.0}))
     assert [text for text in turned.warnings if "turns by 1.06 deg within the 4 chirps" in text]
-    assert not run(averaged("coherent", **{"radar.antenna.beamwidth_deg": 3.0})).warnings
+    wider = run(averaged("coherent", **{"radar.antenna.beamwidth_deg": 3.0}))
+    assert not [text for text in wider.warnings if "turns by" in text]
 
 
 def test_speckle_drawn_anew_steadies_ranges_by_the_square_root_of_the_looks():
