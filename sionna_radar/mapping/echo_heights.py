@@ -29,6 +29,8 @@ ROUGH = 1e-4
 SIMILAR_PULSES = 9
 LEAST_SIGMA_M = 0.02
 OUTLIER_SIGMAS = 4.0
+# Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
+OUTSTANDING_SIGMAS = 6.0
 # A footprint reaches so many standard deviations from its middle.
 FOOTPRINT_SPREADS = 2.0
 
@@ -45,9 +47,11 @@ class EchoSurface:
     fits: Bool[np.ndarray, " pulse"]
 
     def outstanding(self) -> Float[np.ndarray, "echo 4"]:
-        """Return the echoes that do not fit: their places, radii of their footprints, and distances from it, m."""
+        """Return the echoes of other surfaces: their places, radii of their footprints, and distances from it, m."""
         heights = self.heights.rows(~self.fits)
         apart = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
+        other = apart > OUTSTANDING_SIGMAS * heights.sigma_m
+        heights, apart = heights.rows(other), apart[other]
         return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
 
 
