@@ -15,7 +15,6 @@ import typer
 
 from sionna_radar.cli import commands, logs, pages, radar, recordings, tools, writing
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
-from sionna_radar.foundation.interrupts import how_to_go_on
 
 app = typer.Typer(
     help="Simulate airborne millimetre-wave terrain radar, from ray-traced fields to a DEM and its error.",
@@ -63,6 +62,11 @@ def _options(
     pass
 
 
+def _message(error: RadarError) -> str:
+    """Return the line of an error, with the notes that it collected on its way up."""
+    return "; ".join([f"error: {error}", *getattr(error, "__notes__", [])])
+
+
 @contextmanager
 def _errors_reported() -> Iterator[None]:
     """Turn errors of the user's making into one message and exit code 2."""
@@ -71,8 +75,8 @@ def _errors_reported() -> Iterator[None]:
     try:
         yield
     except (BackendError, KeptElsewhereError, WorkersLostError) as error:
-        typer.echo(printable(f"error: {error}{how_to_go_on()}"), err=True)
+        typer.echo(printable(_message(error)), err=True)
         sys.exit(1)
     except RadarError as error:
-        typer.echo(printable(f"error: {error}{how_to_go_on()}"), err=True)
+        typer.echo(printable(_message(error)), err=True)
         sys.exit(2)

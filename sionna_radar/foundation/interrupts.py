@@ -21,8 +21,6 @@ SAME_WITHIN_S = 0.5
 
 _received: list[int] = []
 _last_at: list[float] = [0.0]
-# What a program that ends early should tell.
-_how_to_go_on: list[str] = []
 
 
 class Interrupted(BaseException):
@@ -35,36 +33,27 @@ def raise_received() -> None:
         raise Interrupted
 
 
-def say_how_to_go_on(text: str) -> None:
-    """Have a program that ends early, by a signal or an error, tell how to go on."""
-    _how_to_go_on[:] = [text]
-
-
-def how_to_go_on() -> str:
-    """Return what a program that ends early should tell after its own line; empty for nothing."""
-    return f"; {_how_to_go_on[0]}" if _how_to_go_on else ""
-
-
 @contextmanager
 def interrupts_reported() -> Iterator[None]:
     """Run the whole program: an interrupt ends it with one line on standard error and exit code 128 + signal."""
     _received.clear()
-    _how_to_go_on.clear()
     for number in SIGNALS:
         # A shell that starts a program in the background makes it ignore Ctrl-C; this is kept.
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
+    notes: list[str] = []
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         if not _received:
             raise
+        notes = getattr(error, "__notes__", notes)
     finally:
         # Everything is written by now; a traceback from the interpreter's shutdown would be meaningless.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     if _received:
-        sys.stderr.write(f"interrupted{how_to_go_on()}\n")
+        sys.stderr.write("; ".join(["interrupted", *notes]) + "\n")
         sys.exit(128 + _received[0])
 
 

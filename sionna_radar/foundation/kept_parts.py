@@ -17,7 +17,6 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.interrupts import say_how_to_go_on
 from sionna_radar.foundation.staging import remedy_of
 
 FOLDER = ".sionna-radar-parts"
@@ -97,10 +96,10 @@ def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iter
         _take_over(parts, directory, json.loads(json.dumps(run)), resume)
         begun = True
         yield parts
-    except BaseException:
+    except BaseException as error:
         lock.release()
         if len(parts) and begun:
-            say_how_to_go_on("finished parts are kept; the same command with --resume goes on from them")
+            error.add_note("finished parts are kept; the same command with --resume goes on from them")
         elif len(parts) == 0:
             _remove(folder, directory if made else None)
         raise

@@ -7,21 +7,14 @@ import signal
 
 import pytest
 
-from sionna_radar.foundation import interrupts
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.interrupts import how_to_go_on
 from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}
 
 
-@pytest.fixture(autouse=True)
-def nothing_said(monkeypatch):
-    monkeypatch.setattr(interrupts, "_how_to_go_on", [])
-
-
 def leave(directory, count, run=RUN):
-    """An interrupted run."""
+    """An interrupted run; returns what it says."""
 
     def interrupted():
         with kept_parts(directory, run, resume=True) as parts:
@@ -29,8 +22,9 @@ def leave(directory, count, run=RUN):
                 parts.put(f"part {number}", b"x" * number)
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt) as raised:
         interrupted()
+    return "".join(getattr(raised.value, "__notes__", []))
 
 
 def test_parts_stay_after_an_interrupt_and_go_at_the_end(tmp_path):
@@ -46,18 +40,16 @@ def test_parts_stay_after_an_interrupt_and_go_at_the_end(tmp_path):
 
 
 def test_an_interrupt_before_the_first_part_leaves_nothing(tmp_path):
-    leave(tmp_path / "out", 0)
+    assert leave(tmp_path / "out", 0) == ""
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("key", ["scenario", "seed", "version"])
 def test_parts_of_another_run_are_refused(tmp_path, key):
-    leave(tmp_path / "out", 2)
-    assert "--resume" in how_to_go_on()
-    interrupts._how_to_go_on.clear()
-    with pytest.raises(OutputError, match=rf"2 finished parts of a run with another {key};"):
+    assert "--resume" in leave(tmp_path / "out", 2)
+    with pytest.raises(OutputError, match=rf"2 finished parts of a run with another {key};") as refused:
         leave(tmp_path / "out", 0, RUN | {key: "other"})
-    assert how_to_go_on() == ""
+    assert not hasattr(refused.value, "__notes__")
     assert len(KeptParts(tmp_path / "out" / FOLDER)) == 2
 
 
@@ -124,9 +116,11 @@ def test_an_output_folder_that_is_removed_meanwhile_is_one_clear_error(tmp_path,
             assert parts.get("a") is None
             parts.put("b", b"b")
 
-    with pytest.raises(OutputError, match=r"cannot be kept in .*; it was removed during the run: leave it there"):
+    with pytest.raises(
+        OutputError, match=r"cannot be kept in .*; it was removed during the run: leave it there"
+    ) as raised:
         run()
-    assert how_to_go_on() == ""
+    assert not hasattr(raised.value, "__notes__")
     assert not removed.exists()
 
 
