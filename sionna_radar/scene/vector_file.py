@@ -8,6 +8,7 @@ import json
 import sqlite3
 import warnings
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -228,10 +229,9 @@ def _read_by_gdal(
 
 def _check_tables(path: Path, name: str) -> None:
     """Refuse a GeoPackage whose layers are not plain tables: a view may take for ever, or reach other files."""
-    with sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True) as database:
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
         layers = [row[0] for row in database.execute("SELECT table_name FROM gpkg_contents LIMIT 1000")]
         made = dict(database.execute("SELECT name, type || ' ' || coalesce(sql, '') FROM sqlite_master"))
-    database.close()
     for layer in layers:
         how = str(made.get(layer, "nothing"))
         if not how.lower().startswith("table create table"):

@@ -128,8 +128,8 @@ def test_text_in_place_of_a_path_is_no_raster(key, tmp_path):
 @pytest.mark.parametrize("key", AS_RASTER)
 def test_a_small_file_that_claims_many_cells_is_refused_before_it_is_read(key, tmp_path):
     path = asc(tmp_path / "small.asc", cells=100, claimed=1_000_000)
-    with pytest.raises(InputFileError, match=r"1,000,000 x 1,000,000 cells, more than"):
-        AS_RASTER[key](path)
+    with pytest.raises(InputFileError, match=r"1,000,000 x 1,000,000 cells, more than|Too large raster dimension"):
+        AS_RASTER[key](path)  # newer GDAL says so itself
     asc(path, cells=100, claimed=20_000)
     with pytest.raises(InputFileError, match=r"claims 20,000 x 20,000 cells but has only"):
         AS_RASTER[key](path)
