@@ -58,7 +58,7 @@ from sionna_radar.survey.checks import (
 )
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
-from sionna_radar.survey.warnings import described, warn_of_posting
+from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.sampled_beams import SampledBeams
 
@@ -316,6 +316,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     sweeps = build_sweeps(local.radar)
     others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
     check_reference(local, scene, scan.incidence_rad)
+    if local.sensor == "radar":
+        rate_mps = flight.sample(SAMPLED_PULSES).true.boresight_range_rate_mps
+        warn_of_folded(sweeps, hits.range_m, rate_mps, local.processing.min_range_m)
     warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()
