@@ -145,8 +145,8 @@ def warn_of_posting(
     footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
     if posting_m is not None and posting_m > footprint_m:
         logger.warning(
-            "terrain: the heights of its file are %.3g m apart, footprints %.2g m wide: the error is that against "
-            "ground interpolated between them, without finer detail; give a finer file, or set terrain.roughen",
+            "terrain: its heights are %.3g m apart, footprints %.2g m wide: the error is that against "
+            "ground interpolated between them, without finer detail; give finer ones, or set terrain.roughen of a file",
             posting_m,
             footprint_m,
         )
