@@ -27,8 +27,9 @@ from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.signal.rounding import rounding_over_noise
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.survey.given_terrain import GivenTerrain
 from sionna_radar.survey.navigation_sigma import navigation_sigma
-from sionna_radar.survey.preparation import CustomParts, GivenTerrain, Prepared, prepare
+from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs

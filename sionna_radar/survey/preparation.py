@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 
 from sionna_radar.accuracy.truth import GroundTruth
 from sionna_radar.detection.angle.arrival import AngleEstimator
@@ -24,7 +24,6 @@ from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, 
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import Progress, Steps, silent
-from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.mapping.dem_grid import Extent, dem_grid
 from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
@@ -35,12 +34,10 @@ from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.averaging import speckle_looks
-from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
-from sionna_radar.scenario.terrain import RasterTerrain
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
+from sionna_radar.scene.landscape import map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.interference import build_interference
@@ -60,15 +57,12 @@ from sionna_radar.survey.checks import (
     check_rotors,
     check_vegetation,
 )
+from sionna_radar.survey.given_terrain import GivenTerrain, checked_terrain, over_file
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
 from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.sampled_beams import SampledBeams
-
-GivenTerrain = (
-    Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,14 +104,7 @@ class CustomParts:
         for name, kind in kinds.items():
             if getattr(self, name) is not None:
                 require(getattr(self, name), kind, name)
-        if isinstance(self.terrain, tuple):
-            object.__setattr__(self, "terrain", _raster_of(self.terrain))
-        if not (self.terrain is None or callable(self.terrain) or isinstance(self.terrain, Raster | str | Path)):
-            message = (
-                f"terrain is of the type {type(self.terrain).__name__}; give (heights, spacing_m) with heights as a "
-                "NumPy array (row, column), a Raster, the path of an elevation file, or a function that builds it"
-            )
-            raise PluginError(message)
+        object.__setattr__(self, "terrain", checked_terrain(self.terrain))
         for name in ("engine", "sensor"):
             if getattr(self, name) is not None and not callable(getattr(self, name)):
                 message = f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function"
@@ -138,18 +125,6 @@ class CustomParts:
                 "dem.method": self.dem_method,
             },
         )
-
-
-def _raster_of(given: tuple[object, ...]) -> Raster:
-    """Return the raster of an array of heights and its spacing, centred on the local origin."""
-    try:
-        heights, spacing_m = given
-        return Raster.from_array(heights, spacing_m)  # type: ignore[arg-type]
-    except (TypeError, ValueError) as error:
-        message = (
-            f"{error}; a tuple is (heights, spacing_m): an array (row, column), rows from south to north, and metres"
-        )
-        raise ScenarioError([Problem("terrain", message)]) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,17 +270,9 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     custom = custom or CustomParts()
     with named_after(scenario.source), LogCapture() as said:
         if isinstance(custom.terrain, str | Path):
-            scenario, custom = _over_file(scenario, custom.terrain), replace(custom, terrain=None)
+            scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
         prepared = _prepare(scenario, custom, progress)
     return replace(prepared, warnings=said.warnings)
-
-
-def _over_file(scenario: Scenario, path: str | Path) -> Scenario:
-    """Return a scenario over an elevation file, with the material and the covers of its own terrain."""
-    own = scenario.terrain.model_dump(exclude_unset=True)
-    kept = RasterTerrain.model_fields if isinstance(scenario.terrain, RasterTerrain) else CoveredTerrain.model_fields
-    terrain = {name: value for name, value in own.items() if name in kept} | {"kind": "raster", "path": path}
-    return scenario.replace({"terrain": terrain})
 
 
 def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Prepared:
