@@ -1,9 +1,12 @@
 """Progress of long computations."""
 
+import math
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from sionna_radar.foundation.interrupts import raise_received
 
@@ -13,6 +16,8 @@ if TYPE_CHECKING:
 # Called at the start of a stage and after each of its steps with the stage's name, the steps done, and the total number
 # of steps, 0 if unknown.
 Progress = Callable[[str, int, int], None]
+# A notebook's bar is drawn no more often.
+REDRAWN_S = 0.2
 
 
 # Called after each step by what does not know of which stage it is a part.
@@ -81,7 +86,7 @@ def default_progress(progress: Progress | None) -> Iterator[Progress]:
     if progress is not None or not in_notebook():
         yield progress or silent
         return
-    with progress_bar() as shown:
+    with notebook_bar() as shown:
         yield shown
 
 
@@ -95,8 +100,50 @@ def in_notebook() -> bool:
 
 
 @contextmanager
-def progress_bar(console: "Console | None" = None) -> Iterator[Progress]:
-    """Yield a progress callback that draws a bar for each stage, on a console or in a notebook."""
+def notebook_bar() -> Iterator[Progress]:
+    """Yield a progress callback that draws one bar below a notebook's cell, and removes it at the end.
+
+    It is no widget, which would stay behind without its model, and all runs of a cell share its place.
+    """
+    from IPython import get_ipython
+
+    shell = get_ipython()
+    handle = _place_below(shell, shell.execution_count)
+    began_s, drawn_s = {}, -math.inf
+
+    def show(stage: str, done: int, total: int) -> None:
+        nonlocal drawn_s
+        raise_received()
+        now_s = time.monotonic()
+        if done == 0:
+            began_s[stage] = now_s
+        elif now_s < drawn_s + REDRAWN_S:
+            return
+        drawn_s = now_s
+        words = stage
+        if total and done:
+            left_s = (now_s - began_s.get(stage, now_s)) * (total - done) / done
+            words = f"{stage} {done:,}/{total:,}, {left_s:.0f} s left"
+        filled = f' value="{done}" max="{total}"' if total else ""
+        handle.update({"text/html": f"<progress{filled}></progress> {words}", "text/plain": words}, raw=True)
+
+    try:
+        yield show
+    finally:
+        handle.update({"text/plain": ""}, raw=True)
+
+
+@lru_cache(maxsize=1)
+def _place_below(shell: Any, cell: int) -> Any:
+    """Return the handle of an empty output of a shell's cell, by the count of executions."""
+    from IPython.display import display
+
+    return display({"text/plain": ""}, raw=True, display_id=True)
+
+
+@contextmanager
+def progress_bar(console: "Console") -> Iterator[Progress]:
+    """Yield a progress callback that draws a bar for each stage on a console."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -109,7 +156,7 @@ def progress_bar(console: "Console | None" = None) -> Iterator[Progress]:
 
     counted = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     columns = (*counted, TextColumn("left"), TimeRemainingColumn())
-    with Bars(*columns, console=console, transient=console is not None) as bars:
+    with Bars(*columns, console=console, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
         def show(stage: str, done: int, total: int) -> None:

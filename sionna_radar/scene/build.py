@@ -10,6 +10,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import MATERIALS
@@ -48,7 +49,7 @@ class BuiltScene:
 def build_scene(
     scenario: Scenario,
     window_m: tuple[float, float, float, float],
-    terrain: Callable[[TerrainInputs], Landscape] | None = None,
+    terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     materials: Mapping[str, Backscatter] | None = None,
     step: Step = no_step,
 ) -> BuiltScene:

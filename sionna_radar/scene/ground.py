@@ -9,13 +9,14 @@ import numpy as np
 from sionna_radar.elevation.map_frame import frame_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.input_files import content_key
 from sionna_radar.scenario.parts import TERRAINS
 from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.buildings import build_box
 from sionna_radar.scene.footprints import build_footprints
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, build_landscape
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, build_landscape, landscape_of_raster
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.objects import build_objects
 from sionna_radar.scene.raycast import RayCaster
@@ -35,7 +36,7 @@ class Ground:
 def build_ground(
     scenario: Scenario,
     given: TerrainInputs,
-    terrain: Callable[[TerrainInputs], Landscape] | None = None,
+    terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     *,
     shared: bool = False,
 ) -> Ground:
@@ -47,7 +48,10 @@ def build_ground(
         It has no surface; a building is beyond it; an input file cannot be used.
 
     """
-    land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
+    if isinstance(terrain, Raster):
+        land = landscape_of_raster(terrain, scenario.terrain, given)
+    else:
+        land = terrain(given) if terrain else build_landscape(scenario.terrain, given)
     require(land, Landscape, "terrain")
     if not land.surfaces or not all(len(s.faces) and np.all(np.isfinite(s.vertices_m)) for s in land.surfaces):
         message = "it has no surface, or a vertex that is not a place; check the heights it is made from"

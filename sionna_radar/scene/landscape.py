@@ -13,6 +13,7 @@ from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.elevation.map_frame import MapFrame, frame_at
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
@@ -54,8 +55,8 @@ class Landscape:
     materials: those that come with the terrain.
     heights: the raster from which the triangles were made, if any.
     may_overhang: there may be air under some of it.
-    posting_m: distance of the heights of the file that it was made from, between which it has no detail; None if it was
-        made from none, or has detail of its own there.
+    posting_m: distance of the heights of the file or array that it was made from, between which it has no detail; None
+        if it was made from none, or has detail of its own there.
     """
 
     surfaces: tuple[Surface, ...]
@@ -100,6 +101,23 @@ def landscape_of_heights(
         georeference=georeference,
         heights=raster,
     )
+
+
+def landscape_of_raster(raster: Raster, terrain: TerrainParameters, given: TerrainInputs) -> Landscape:
+    """Return ground of heights that a caller gives in local metres, with the material and the covers of a table.
+
+    Raises ScenarioError where the survey sees nothing of it.
+    """
+    (west, east, south, north), seen = raster.grid.extent_m, given.window_m
+    if west > seen[2] or east < seen[0] or south > seen[3] or north < seen[1]:
+        message = (
+            f"it spans {west:.0f} to {east:.0f} m east and {south:.0f} to {north:.0f} m north, of which the survey "
+            "sees nothing; give the path of its file, or Raster.from_array(raster.height_m, spacing_m)"
+        )
+        raise ScenarioError([Problem("terrain", message)])
+    if not isinstance(terrain, CoveredTerrain):
+        terrain = CoveredTerrain(kind="raster", centre_lonlat_deg=terrain.centre_lonlat_deg)
+    return replace(landscape_of_heights(raster, terrain), posting_m=raster.grid.spacing_m)
 
 
 def _bridged(raster: Raster) -> Raster:

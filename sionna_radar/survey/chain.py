@@ -25,9 +25,9 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
-from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.signal.rounding import rounding_over_noise
 from sionna_radar.surfaces.backscatter import Backscatter
+from sionna_radar.survey.given_terrain import GivenTerrain
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
@@ -67,7 +67,7 @@ def run(
     antenna: Antenna | None = None,
     scan: Scan | None = None,
     navigation: Navigation | None = None,
-    terrain: Callable[[TerrainInputs], Landscape] | None = None,
+    terrain: GivenTerrain | None = None,
     materials: Mapping[str, Backscatter] | None = None,
     engine: Callable[[EngineInputs], Engine] | None = None,
     sensor: Callable[[SensorInputs], Sensor] | None = None,
@@ -89,8 +89,12 @@ def run(
         Pulses simulated at once; it changes the speed and the memory, never the result.
     antenna, scan, navigation, range_estimator, dem_method:
         Custom parts in place of the scenario's.
-    terrain, engine, sensor:
-        What builds a custom terrain, tracing engine or sensor from what that is built from.
+    terrain:
+        Ground in place of the scenario's, with its material and covers: an array of heights with its spacing,
+        `(height_m, spacing_m)`, rows from south to north, centred on the local origin (`Raster.from_array`); a `Raster`
+        in local metres; the path of an elevation file, as `terrain.path`; or what builds a landscape.
+    engine, sensor:
+        What builds a custom tracing engine or sensor from what that is built from.
     materials:
         Models of backscatter by the names that the scenario's surfaces use.
     recordings:

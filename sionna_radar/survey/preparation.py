@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -36,7 +37,7 @@ from sionna_radar.scenario.averaging import speckle_looks
 from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
+from sionna_radar.scene.landscape import map_frame
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.signal.high_pass import build_high_pass
 from sionna_radar.signal.interference import build_interference
@@ -56,9 +57,10 @@ from sionna_radar.survey.checks import (
     check_rotors,
     check_vegetation,
 )
+from sionna_radar.survey.given_terrain import GivenTerrain, checked_terrain, over_file
 from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
-from sionna_radar.survey.warnings import described, warn_of_posting
+from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
 from sionna_radar.tracing.engine import Engine, EngineInputs
 from sionna_radar.tracing.sampled_beams import SampledBeams
 
@@ -84,7 +86,7 @@ class CustomParts:
     antenna: Antenna | None = None
     scan: Scan | None = None
     navigation: Navigation | None = None
-    terrain: Callable[[TerrainInputs], Landscape] | None = None
+    terrain: GivenTerrain | None = None
     materials: Mapping[str, Backscatter] = field(default_factory=dict)
     engine: Callable[[EngineInputs], Engine] | None = None
     sensor: Callable[[SensorInputs], Sensor] | None = None
@@ -102,7 +104,8 @@ class CustomParts:
         for name, kind in kinds.items():
             if getattr(self, name) is not None:
                 require(getattr(self, name), kind, name)
-        for name in ("terrain", "engine", "sensor"):
+        object.__setattr__(self, "terrain", checked_terrain(self.terrain))
+        for name in ("engine", "sensor"):
             if getattr(self, name) is not None and not callable(getattr(self, name)):
                 message = f"{name} is {getattr(self, name)!r}; give what builds it, a class or a function"
                 raise PluginError(message)
@@ -264,8 +267,11 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     True
 
     """
+    custom = custom or CustomParts()
     with named_after(scenario.source), LogCapture() as said:
-        prepared = _prepare(scenario, custom or CustomParts(), progress)
+        if isinstance(custom.terrain, str | Path):
+            scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
+        prepared = _prepare(scenario, custom, progress)
     return replace(prepared, warnings=said.warnings)
 
 
@@ -287,6 +293,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
     angle = build_angle_estimator(local.radar, detector, antenna)
     step()
+    assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
     scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
     check_bounces(local, scene)
     place = scene.scene.georeference
@@ -316,6 +323,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     sweeps = build_sweeps(local.radar)
     others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
     check_reference(local, scene, scan.incidence_rad)
+    if local.sensor == "radar":
+        rate_mps = flight.sample(SAMPLED_PULSES).true.boresight_range_rate_mps
+        warn_of_folded(sweeps, hits.range_m, rate_mps, local.processing.min_range_m)
     warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()

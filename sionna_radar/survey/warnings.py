@@ -1,7 +1,7 @@
 """What a reader must know beside the numbers of a survey: which parts were replaced, and what degrades the result."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.angle_of_arrival import NEEDED
 from sionna_radar.scenario.second_receiver import SecondReceiverTable
 
@@ -31,6 +32,8 @@ STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
 UNEXPLAINED_SHARE_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
+# Of the pulses, in which an echo lies outside the searched ranges.
+FOLDED_SHARE_WARNED = 0.01
 
 
 def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
@@ -142,11 +145,45 @@ def warn_of_posting(
     footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
     if posting_m is not None and posting_m > footprint_m:
         logger.warning(
-            "terrain: the heights of its file are %.3g m apart, footprints %.2g m wide: the error is that against "
-            "ground interpolated between them, without finer detail; give a finer file, or set terrain.roughen",
+            "terrain: its heights are %.3g m apart, footprints %.2g m wide: the error is that against "
+            "ground interpolated between them, without finer detail; give finer ones, or set terrain.roughen of a file",
             posting_m,
             footprint_m,
         )
+
+
+def warn_of_folded(
+    sweeps: Sequence[Chirp],
+    range_m: Float[np.ndarray, " look"],
+    range_rate_mps: Float[np.ndarray, " look"],
+    min_range_m: float,
+) -> None:
+    """Log that Doppler shifts echoes of the ground out of the searched ranges, where they are lost or fold.
+
+    A real beat signal does not tell a frequency from its negative: ground at the range r, shifted by -d below zero,
+    appears at d - r, and the correction for Doppler puts it at 2 d - r.
+
+    range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
+    """
+    for chirp in sweeps:
+        shift_m = chirp.doppler_range_m(range_rate_mps)
+        room_m = np.where(shift_m < 0, range_m - min_range_m, chirp.max_range_m - range_m)
+        excess = np.where(np.isfinite(range_m) & (room_m > 0), np.abs(shift_m) / np.maximum(room_m, 1e-9), 0.0)
+        if np.mean(excess > 1) > FOLDED_SHARE_WARNED:
+            worst = int(np.argmax(excess))
+            logger.warning(
+                "in %.0f%% of the pulses Doppler shifts the ground's echo out of the searched ranges, %.3g to %.0f m: "
+                "it is lost, or folds to a wrong range (ground %.1f m away shifts by %+.1f m); raise "
+                "radar.chirp_rate_hz to %.3g, or fly %s or slower",
+                100 * np.mean(excess > 1),
+                min_range_m,
+                chirp.max_range_m,
+                range_m[worst],
+                shift_m[worst],
+                1.01 * excess[worst] * chirp.rate_hz / len(sweeps),
+                "higher" if shift_m[worst] < 0 else "lower",
+            )
+            return
 
 
 def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:

@@ -6,6 +6,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from IPython.core.displaypub import CapturingDisplayPublisher
+from IPython.core.interactiveshell import InteractiveShell
+from traitlets import Type
+from traitlets.config import Config
 
 from sionna_radar import crosscheck, fly_images, fly_sweep, load_scenario, navigation_budget, plan_sweep, prepare, run
 from sionna_radar.foundation import progress
@@ -61,15 +65,54 @@ def test_a_notebook_shows_progress_and_a_script_does_not(monkeypatch):
     stages = []
 
     @contextmanager
-    def bar(console=None):
+    def bar():
         yield lambda stage, done, total: stages.append(stage)
 
-    monkeypatch.setattr(progress, "progress_bar", bar)
+    monkeypatch.setattr(progress, "notebook_bar", bar)
     run(load_scenario("hills", SHORT))
     assert stages == []
     monkeypatch.setattr(progress, "in_notebook", lambda: True)
     run(load_scenario("hills", SHORT))
     assert set(stages) == {"preparing", "tracing", "mapping"}
+
+
+class ZMQInteractiveShell(InteractiveShell):
+    """A shell that is taken for a notebook's, and keeps what it is told to show."""
+
+    display_pub_class = Type(CapturingDisplayPublisher)
+
+
+@pytest.fixture
+def shell():
+    config = Config()
+    config.HistoryManager.enabled = False
+    InteractiveShell.clear_instance()
+    shell = ZMQInteractiveShell.instance(config=config)
+    shell.user_ns["default_progress"] = progress.default_progress
+    yield shell
+    ZMQInteractiveShell.clear_instance()
+
+
+LOOP = """
+for _ in range(50):
+    with default_progress(None) as show:
+        for stage in ("preparing", "tracing"):
+            for done in range(4):
+                show(stage, done, 3)
+"""
+
+
+def test_many_surveys_of_a_cell_share_one_bar_that_goes(shell):
+    for cell in (LOOP, LOOP, LOOP + "        raise ValueError"):
+        shell.display_pub.outputs.clear()
+        assert shell.run_cell(cell, store_history=True).success == (cell == LOOP)
+        outputs = shell.display_pub.outputs
+        assert len({output["transient"]["display_id"] for output in outputs}) == 1
+        # One place in the cell; everything else changes what is shown there, and nothing is left in it.
+        assert [output["update"] for output in outputs] == [False] + [True] * (len(outputs) - 1)
+        assert outputs[-1]["data"] == {"text/plain": ""}
+        assert any('<progress value="0" max="3">' in output["data"].get("text/html", "") for output in outputs)
+        assert not any("widget" in kind for output in outputs for kind in output["data"])
 
 
 def test_a_survey_without_an_echo_is_shown_too(empty: Survey) -> None:

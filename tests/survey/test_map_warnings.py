@@ -9,7 +9,7 @@ import pytest
 import rasterio
 import trimesh
 
-from sionna_radar import load_scenario, run
+from sionna_radar import load_scenario, prepare, run
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.presets import PRESETS
 
@@ -47,12 +47,63 @@ def test_a_map_that_is_one_is_told_nothing():
 @pytest.mark.parametrize("preset", PRESETS)
 def test_presets_fly_a_scan_that_maps(preset):
     assert PRESETS[preset].radar["scan"]["mode"] != "fixed"
-    # Low enough to be heard; AVTIS2 looks at what is 60 m away and farther.
+    # Low enough to be heard, and high enough for the Doppler shift of AVTIS2, 33 m at 10 m/s.
     altitude_m = 50.0 if preset == "avtis2" else 15.0
     over = {"radar": {"preset": preset}, "platform.altitude_m": altitude_m, "platform.length_m": 40.0}
     survey = run(load_scenario("hills", over))
     assert survey.warnings == ()
     assert survey.lit_error.coverage > 0.5
+
+
+@pytest.fixture
+def low() -> dict:
+    """AVTIS2 at 10 m/s: 33 m of Doppler shift take ground 22 m away below zero, where it folds to 44 m."""
+    return {"radar": {"preset": "avtis2"}, "platform.altitude_m": 15.0, "platform.length_m": 40.0}
+
+
+def test_echoes_that_doppler_folds_are_told(low, tmp_path, caplog):
+    with caplog.at_level(logging.WARNING):
+        survey = run(load_scenario("hills", low))
+    assert survey.dem_error.mean_m < -10.0
+    (warning,) = (w for w in survey.warnings if "Doppler" in w)
+    assert warning.startswith("in 100% of the pulses")
+    assert warning in caplog.messages
+    write_survey(survey, tmp_path / "out")
+    assert warning in json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert "in 100% of the pulses Doppler" in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    "remedy",
+    [
+        {"radar.chirp_rate_hz": 187.0},
+        {"platform.speed_mps": 5.0},
+        {"platform.altitude_m": 40.0},
+        {"radar.sweep": "down"},
+    ],
+    ids=str,
+)
+def test_echoes_that_doppler_leaves_in_the_searched_ranges_are_right_and_told_nothing(low, remedy):
+    survey = run(load_scenario("hills", low | remedy))
+    assert not has(survey.warnings, "Doppler")
+    assert abs(survey.dem_error.mean_m) < 0.3
+
+
+def test_the_chirp_rate_of_the_warning_is_the_least_that_helps(low):
+    def told(rate_hz: float) -> list[str]:
+        warnings = prepare(load_scenario("hills", low | {"radar.chirp_rate_hz": rate_hz})).warnings
+        return [warning for warning in warnings if "Doppler" in warning]
+
+    needed_hz = float(told(100.0)[0].split("chirp_rate_hz to ")[1].split(",")[0])
+    assert told(0.9 * needed_hz)
+    assert not told(1.05 * needed_hz)
+
+
+@pytest.mark.parametrize("sweep", ["down", "triangular"])
+def test_ground_near_the_greatest_range_is_told_of_where_the_shift_adds(sweep):
+    over = {"radar.sweep": sweep, "radar.samples_per_chirp": 747, "platform.speed_mps": 10.0, "radar.chirp_rate_hz": 45}
+    warnings = prepare(load_scenario("hills", SHORT | over)).warnings
+    assert has(warnings, "Doppler", "fly lower or slower")
 
 
 def grid_file(path: Path, posting_m: float) -> Path:
