@@ -14,6 +14,10 @@ noise. In the basis that diagonalises both terms the likelihood of each amplitud
 logarithm of a^2 has a normal prior over all nodes, about zero, whose width is the likeliest one (empirical Bayes): over
 stationary ground it is small, and all amplitudes are one. The mean of a^2 is used, so that what a few heights cannot
 tell widens the uncertainty.
+
+Waves that footprints average away are not told at all, and a window that stands out for another reason would make them
+huge. So a^2 is at most that at which short waves, not averaged, have the power of all that was measured above a plane,
+or one.
 """
 
 from dataclasses import dataclass, replace
@@ -24,6 +28,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import eigh
 from scipy.spatial import KDTree
+from scipy.special import logsumexp
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
@@ -143,7 +148,8 @@ class Windows:
 
         likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
         overlap = self.member.size / len(np.unique(self.member))
-        mean_square = _posterior_mean(likelihood, overlap)
+        largest = [_largest_square(measured, own, found, fitted) for own in self.member]
+        mean_square = np.minimum(_posterior_mean(likelihood, overlap), np.maximum(largest, 1.0))
         return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
@@ -175,9 +181,27 @@ def local_relief(measured: Measured, fitted: FittedCovariance) -> LocalRelief | 
 
 def _rms_above_plane(measured: Measured, own: Int[np.ndarray, " member"]) -> float:
     """Return the RMS of neighbouring heights above their plane."""
-    design = np.column_stack([np.ones(len(own)), measured.place_m[own] - measured.place_m[own].mean(axis=0)])
-    height = measured.height_m[own]
-    return float(np.std(height - design @ np.linalg.lstsq(design, height, rcond=None)[0]))
+    contrast = _contrast(measured.place_m[own] - measured.place_m[own].mean(axis=0))
+    return float(np.linalg.norm(contrast.T @ measured.height_m[own]) / np.sqrt(len(own)))
+
+
+def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "member contrast"]:
+    """Return an orthonormal basis of what heights at some places are above their plane."""
+    contrast: Float[np.ndarray, "member contrast"]
+    contrast = np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
+    return contrast
+
+
+def _largest_square(
+    measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
+) -> float:
+    """Return the a^2 at which short waves, not averaged, have the power of the measured heights above their plane."""
+    place = np.ascontiguousarray(measured.place_m[own])
+    away = place - place.mean(axis=0)
+    contrast = _contrast(away)
+    _, short = relief.divided(fitted.covariance, 2 * float(np.hypot(*away.T).max()) + 1.0, 0.0, TABLE)
+    expected = np.sum(contrast * (short.between(place, place) @ contrast))
+    return float(np.sum((contrast.T @ measured.height_m[own]) ** 2) / expected)
 
 
 def _log_likelihood(
@@ -186,7 +210,7 @@ def _log_likelihood(
     """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights."""
     place = np.ascontiguousarray(measured.place_m[own])
     away = place - place.mean(axis=0)
-    contrast = np.linalg.qr(np.column_stack([np.ones(len(own)), away]), mode="complete")[0][:, 3:]
+    contrast = _contrast(away)
     spread, farthest = float(np.median(measured.spread_m[own])), 2 * float(np.hypot(*away.T).max()) + 1.0
     long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
     sigma = np.maximum(measured.sigma_m[own], LEAST_NOISE_M)
@@ -204,10 +228,11 @@ def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: fl
 
     overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
     """
-    likelihood = np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
-    prior = np.exp(-((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2)
-    prior /= prior.sum(axis=1, keepdims=True)
-    evidence = np.log(likelihood @ prior.T).sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2
-    posterior = likelihood * prior[np.argmax(evidence)]
-    mean_square: Float[np.ndarray, " node"] = posterior @ np.exp(LOG_SQUARES) / posterior.sum(axis=1)
+    prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
+    prior -= logsumexp(prior, axis=1, keepdims=True)
+    told = logsumexp(log_likelihood[:, None] + prior, axis=2)
+    posterior = log_likelihood + prior[np.argmax(told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2)]
+    mean_square: Float[np.ndarray, " node"] = np.exp(
+        logsumexp(posterior + LOG_SQUARES, axis=1) - logsumexp(posterior, axis=1)
+    )
     return mean_square

@@ -108,3 +108,17 @@ def test_a_pole_is_no_part_of_the_terrain(drawn):
     calm_ground = calm(raised.above(np.zeros(3)))
     assert not calm_ground[pole]
     assert calm_ground[np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1) > 25].mean() > 0.9
+
+
+def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground():
+    """A crest in smooth ground, seen by wide footprints: their covariance leaves next to nothing for short waves."""
+    rng = np.random.default_rng(6)
+    smooth = Covariance(1.9, 23.0, 1.0)
+    place = rng.uniform(0, 110, (600, 2))
+    total = smooth.at(cdist(place, place), 4.5) + SIGMA_M**2 * np.eye(600)
+    height = np.linalg.cholesky(total) @ rng.standard_normal(600) + 1.2 * np.exp(-0.5 * ((place[:, 0] - 80) / 3) ** 2)
+    heights = Heights.at_places(place, height, np.full(600, SIGMA_M))
+    measured = replace(heights.above(np.zeros(3)), spread_m=np.full(600, 4.5))
+    found = local_relief(measured, FittedCovariance(smooth, 1.0))
+    short_m2 = found.divided(smooth, 10.0, 0.0, 50)[1].value_m2[0]
+    assert np.exp(found.log_amplitude).max() * np.sqrt(short_m2) < 1.2
