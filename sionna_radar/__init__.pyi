@@ -18,13 +18,13 @@ from .scene import register_terrain as register_terrain
 from .signal import register_receiver_stage as register_receiver_stage
 from .studies.budget import Budget as Budget
 from .studies.budget import navigation_budget as navigation_budget
+from .studies.crosscheck import CrossCheck as CrossCheck
 from .studies.crosscheck import crosscheck as crosscheck
-from .studies.crosscheck_result import CrossCheck as CrossCheck
 from .studies.images import Imagery as Imagery
 from .studies.images import fly_images as fly_images
+from .studies.sweep import Sweep as Sweep
 from .studies.sweep import fly_sweep as fly_sweep
-from .studies.sweep_plan import plan_sweep as plan_sweep
-from .studies.sweep_result import Sweep as Sweep
+from .studies.sweep import plan_sweep as plan_sweep
 from .surfaces import register_material as register_material
 from .survey import CustomParts as CustomParts
 from .survey import Prepared as Prepared

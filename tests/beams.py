@@ -3,8 +3,8 @@
 import numpy as np
 
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.taylor_array import taylor_cut
 from worlds import GAMMA
 
 

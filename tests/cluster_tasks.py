@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.network import network_allowed
+from sionna_radar.foundation.input_file import network_allowed
 from sionna_radar.foundation.progress import Progress
 from sionna_radar.foundation.threads import cores
 from sionna_radar.foundation.workers import document_bytes

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
-from sionna_radar.mapping.echo_kernels import (
+from sionna_radar.mapping.echo_model.kernels import (
     BEYOND,
     FADING_LEVEL,
     FEWEST_CELLS,
@@ -16,8 +16,8 @@ from sionna_radar.mapping.echo_kernels import (
     LEVEL_TOLERANCE,
     PEDESTAL,
 )
-from sionna_radar.mapping.echo_model import Sightings, footprints, spline_taps
-from sionna_radar.mapping.profile_kernels import OUT_OF_NOISE
+from sionna_radar.mapping.echo_model.model import Sightings, footprints, spline_taps
+from sionna_radar.mapping.echo_model.power_kernels import OUT_OF_NOISE
 
 SPLINE = BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)
 

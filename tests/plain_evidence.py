@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sionna_radar.mapping.evidence import SPILT, SPREAD_CELLS, WIDEST_FOR
+from sionna_radar.mapping.stepped.evidence import SPILT, SPREAD_CELLS, WIDEST_FOR
 
 
 def support(sightings, pulse, patch_m, in_view, reflectivity, typical, alternatives):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sionna_radar.detection.ranging.beam_profile import ITERATIONS, SLOPES, BeamProfile
+from sionna_radar.detection.ranging.plane_fit import ITERATIONS, SLOPES, BeamProfile
 
 
 def fit_plane(

@@ -5,7 +5,7 @@ from typing import Any
 
 from sionna_radar.radar.chirp import build_sweeps
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.high_pass import build_high_pass
+from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.stages import build_chain
 

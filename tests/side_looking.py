@@ -7,8 +7,8 @@ import numpy as np
 from sionna_radar.flight.frames import R_WORLD_NED, conical_from_antenna
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.taylor_array import taylor_cut
 
 HEIGHT_M = 28.0
 SPEED_MPS = 5.0

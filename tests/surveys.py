@@ -11,8 +11,7 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scene.build import BuiltScene
-from sionna_radar.scene.mesh import mesh_of
-from sionna_radar.scene.model import Surface
+from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from statistics import median
 
 import pytest
 
@@ -37,7 +38,7 @@ ROOMS = (
     "cli",
 )
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
-KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/models/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
+KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
 
 
 def name_of(path: Path) -> str:
@@ -128,10 +129,11 @@ def test_a_circle_is_found():
 
 
 def test_modules_keep_to_one_subject():
-    """Seldom over 400 lines, and none over 430."""
+    """Neither fragments nor heaps: at most 350 files, half of them 140 lines or longer, and none over 600."""
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()}
-    assert {name: length for name, length in lengths.items() if length > 430} == {}
-    assert sum(length > 400 for length in lengths.values()) <= 2
+    assert {name: length for name, length in lengths.items() if length > 600} == {}
+    assert len(lengths) <= 350
+    assert median(length for name, length in lengths.items() if MODULES[name].name != "__init__.py") >= 140
 
 
 def test_studies_neither_write_nor_draw():
@@ -205,7 +207,7 @@ def test_every_tracing_module_chooses_the_libllvm_before_the_ray_tracer_loads():
 
 
 def test_the_ray_tracer_works_with_the_libllvm_that_was_chosen():
-    code = "import sionna_radar.tracing.engines.beam, mitsuba as mi; print(mi.Float([1, 2]) + 1)"
+    code = "import sionna_radar.tracing.engines.beam.beam, mitsuba as mi; print(mi.Float([1, 2]) + 1)"
     assert run(code, SIONNA_RADAR_BACKEND="llvm").strip() == "[2, 3]"
 
 
@@ -215,7 +217,10 @@ def test_importing_the_package_loads_neither_numpy_nor_the_ray_tracer():
 
 def test_a_first_survey_waits_for_no_library_that_it_does_not_use():
     """Each of these takes a tenth of a second or more to import."""
-    modules = "sionna_radar.survey.chain, sionna_radar.tracing.engines.persistent, sionna_radar.report.survey.table"
+    modules = ", ".join(
+        f"sionna_radar.{name}"
+        for name in ("survey.chain", "tracing.engines.persistent.persistent", "report.survey.summary")
+    )
     loaded = set(run(f"import sys, {modules}; print(*sys.modules)").split())
     assert not loaded & {"scipy.signal", "scipy.stats", "trimesh", "laspy", "sionna_radar.report.survey.figures"}
 

@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.accuracy.edges import half_footprint_m, near_walls
-from sionna_radar.accuracy.shadow import shadowed
+from sionna_radar.accuracy.illumination import shadowed
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.radar.antenna import build_antenna

@@ -4,12 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import TerrainParameters
 from sionna_radar.scene.landscape import TerrainInputs, build_landscape
-from sionna_radar.scene.mesh import mesh_of
-from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.model import Scene, Surface, mesh_of
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 
 GAMMA = 0.01

@@ -1,26 +1,188 @@
-"""Where a DEM errs, and how: checkpoints, classes of terrain and view, and the variogram of the error."""
+"""Where a DEM errs, and how: checkpoints, classes of terrain and view, canopy, and the variogram of the error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
+from scipy.spatial import KDTree
 
-from sionna_radar.accuracy.checkpoints import NOTHING_COVERED, CheckpointTest, checkpoint_test
-from sionna_radar.accuracy.classes import (
-    DISTANCES_M,
-    INCIDENCES_DEG,
-    SLOPES_DEG,
-    ErrorClass,
-    by_class,
-    incidence_deg,
-)
+from sionna_radar.accuracy.checkpoints import NOTHING_COVERED, CheckpointTest, checkpoint_test, gradient, slope_deg
+from sionna_radar.accuracy.compare import nmad
 from sionna_radar.accuracy.edges import Walls
-from sionna_radar.accuracy.slope import slope_deg
-from sionna_radar.accuracy.variogram import Variogram, variogram
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
+
+SLOPES_DEG = (0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
+INCIDENCES_DEG = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 180.0)
+DISTANCES_M = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, np.inf)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorClass:
+    """The error over the cells of one class; NaN without any.
+
+    low, high: its bounds, in degrees or metres; low belongs to it, high to the next one, if there is one.
+    count: number of cells. Other fields are as in `DemError`.
+    """
+
+    low: float
+    high: float
+    count: int
+    rms_m: float
+    mean_m: float
+    std_m: float
+    nmad_m: float
+
+
+def by_class(
+    error_m: Float[np.ndarray, " cell"], value: Float[np.ndarray, " cell"], bounds: tuple[float, ...]
+) -> tuple[ErrorClass, ...]:
+    """Return the error by classes of a value; cells without the value belong to none, and empty classes are left out.
+
+    Parameters
+    ----------
+    error_m:
+        DEM minus truth, finite.
+    value:
+        What decides about the class.
+    bounds:
+        Of the classes, ascending.
+
+    """
+    number = np.searchsorted(bounds, value, side="right") - 1
+    number[value == bounds[-1]] = len(bounds) - 2
+    classes = []
+    for place, (low, high) in enumerate(pairwise(bounds)):
+        own = error_m[(number == place) & ~np.isnan(value)]
+        if len(own):
+            rms_m, mean_m, std_m = float(np.sqrt(np.mean(own**2))), float(own.mean()), float(own.std())
+            found = ErrorClass(
+                low=low, high=high, count=len(own), rms_m=rms_m, mean_m=mean_m, std_m=std_m, nmad_m=nmad(own)
+            )
+            classes.append(found)
+    return tuple(classes)
+
+
+def incidence_deg(truth: Raster, points: Points, cells: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, " cell"]:
+    """Return the angle between the normal of some cells and the direction to the radar that mapped each.
+
+    That is the radar's measured position at the nearest point. NaN where the surface has no slope, or without points.
+    """
+    count = int(cells.sum())
+    if len(points) == 0 or count == 0:
+        return np.full(count, np.nan)
+    inside = cells.ravel()
+    place = np.column_stack([truth.grid.centres_m[inside], truth.height_m.ravel()[inside]])
+    east, north = (part.ravel()[inside] for part in gradient(truth))
+    nearest = KDTree(points.position_m[:, :2]).query(place[:, :2])[1]
+    to_radar = points.origin_m[nearest] - place
+    # The normal is (-east, -north, 1), not yet of unit length.
+    cos = to_radar[:, 2] - to_radar[:, 0] * east - to_radar[:, 1] * north
+    cos /= np.linalg.norm(to_radar, axis=1) * np.sqrt(1 + east**2 + north**2)
+    return np.rad2deg(np.arccos(np.clip(cos, -1.0, 1.0)))
+
+
+CLASSES = 14
+# Drawn in each class of lags; those with an empty end are dropped.
+PAIRS = 4000
+FEWEST_PAIRS = 30
+# Of the larger side of the mapped area: beyond, few pairs are independent.
+FARTHEST = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariogramLag:
+    """Half the mean squared difference of two errors at about one distance.
+
+    lag_m: mean distance of the pairs.
+    semivariance_m2: Matheron's estimator.
+    robust_m2: Dowd's, from the median of the differences, which outliers do not move.
+    """
+
+    lag_m: float
+    pairs: int
+    semivariance_m2: float
+    robust_m2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variogram:
+    """An empirical variogram.
+
+    variance_m2: of all the errors, which the semivariance approaches at distances without correlation.
+    correlation_length_m: distance at which it passes 1 - 1/e of that; None if it does so nowhere, or from the start.
+    lags: by ascending distance.
+    """
+
+    variance_m2: float
+    correlation_length_m: float | None
+    lags: tuple[VariogramLag, ...]
+
+
+def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -> Variogram | None:
+    """Return the variogram of the error over some cells; None without enough of them.
+
+    Pairs are drawn, as many in each class of lags: one end among the cells, the other in a random direction.
+
+    Parameters
+    ----------
+    error:
+        DEM minus truth.
+    cells:
+        Those that count, as far as they are filled.
+    seed:
+        Of the scenario.
+
+    """
+    inside = error.filled & cells
+    row, column = np.nonzero(inside)
+    if len(row) < FEWEST_PAIRS:
+        return None
+    values = np.where(inside, error.height_m, np.nan)
+    farthest = FARTHEST * max(float(np.ptp(row)), float(np.ptp(column)), 4.0)
+    generator = pulse_generator(seed, Stream.VARIOGRAM, 0)
+    lags = []
+    for low, high in pairwise(np.geomspace(1.0, farthest, CLASSES + 1)):
+        start = generator.integers(len(row), size=PAIRS)
+        distance, angle = generator.uniform(low, high, PAIRS), generator.uniform(0.0, 2 * np.pi, PAIRS)
+        down, right = np.rint(distance * np.sin(angle)).astype(int), np.rint(distance * np.cos(angle)).astype(int)
+        other_row, other_column = row[start] + down, column[start] + right
+        there = (other_row >= 0) & (other_row < values.shape[0]) & (other_column >= 0)
+        there &= other_column < values.shape[1]
+        start, other = start[there], (other_row[there], other_column[there])
+        step = values[other] - values[row[start], column[start]]
+        lag = _lag(step, np.hypot(down[there], right[there]) * error.grid.spacing_m)
+        if lag is not None:
+            lags.append(lag)
+    variance_m2 = float(np.var(error.height_m[inside]))
+    return Variogram(variance_m2=variance_m2, correlation_length_m=_length_m(lags, variance_m2), lags=tuple(lags))
+
+
+def _lag(step_m: Float[np.ndarray, " pair"], distance_m: Float[np.ndarray, " pair"]) -> VariogramLag | None:
+    both = np.isfinite(step_m)
+    if both.sum() < FEWEST_PAIRS:
+        return None
+    step = step_m[both]
+    return VariogramLag(
+        lag_m=float(distance_m[both].mean()),
+        pairs=len(step),
+        semivariance_m2=float(np.mean(step**2) / 2),
+        # 2.198 is the ratio of variance and squared median of |x| of a normal distribution (Dowd 1984).
+        robust_m2=float(2.198 * np.median(np.abs(step)) ** 2 / 2),
+    )
+
+
+def _length_m(lags: list[VariogramLag], variance_m2: float) -> float | None:
+    goal = (1 - np.exp(-1.0)) * variance_m2
+    for before, after in pairwise(lags):
+        if before.semivariance_m2 < goal <= after.semivariance_m2:
+            share = (goal - before.semivariance_m2) / (after.semivariance_m2 - before.semivariance_m2)
+            return before.lag_m + share * (after.lag_m - before.lag_m)
+    return None
+
 
 # Distances and incidence angles are looked up at this many cells of a larger map.
 MOST_CELLS = 100_000
@@ -92,3 +254,50 @@ def _some(cells: Bool[np.ndarray, "row column"], seed: int) -> Bool[np.ndarray, 
     chosen = np.zeros(cells.size, dtype=bool)
     chosen[pulse_generator(seed, Stream.CELLS, 0).choice(found, MOST_CELLS, replace=False)] = True
     return chosen.reshape(cells.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CanopyReading:
+    """The heights of a DEM among plants; the truth is the ground under them.
+
+    count: filled cells with plants.
+    height_m: mean height of these plants.
+    above_ground_m: mean of the DEM over the ground there.
+    share: the second over the first: 0 where it reads the ground, 1 where it reads the tops.
+    ground_rms_m, top_rms_m: root mean square of the DEM less the ground, and less the tops.
+    """
+
+    count: int
+    height_m: float
+    above_ground_m: float
+    share: float
+    ground_rms_m: float
+    top_rms_m: float
+
+
+def read_canopy(error: Raster, height_m: Float[np.ndarray, "row column"]) -> CanopyReading:
+    """Return how high among plants a DEM lies.
+
+    Parameters
+    ----------
+    error:
+        The DEM less the ground.
+    height_m:
+        Height of the plants over each cell; NaN where none stand.
+
+    """
+    among = error.filled & np.isfinite(height_m)
+    if not among.any():
+        nothing = float("nan")
+        return CanopyReading(
+            count=0, height_m=nothing, above_ground_m=nothing, share=nothing, ground_rms_m=nothing, top_rms_m=nothing
+        )
+    above, height = error.height_m[among], height_m[among]
+    return CanopyReading(
+        count=int(among.sum()),
+        height_m=float(height.mean()),
+        above_ground_m=float(above.mean()),
+        share=float(above.mean() / height.mean()),
+        ground_rms_m=float(np.sqrt(np.mean(above**2))),
+        top_rms_m=float(np.sqrt(np.mean((above - height) ** 2))),
+    )

@@ -6,6 +6,8 @@ spread over the whole area; on even ground no steeper than 10 %, so that their h
 accuracy is their RMSE, no multiple of it. The survey's own error, which the standard adds in squares, is zero here.
 Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls hold more of the map than `MOST_COVERED`
 such a class says little of it, and none is stated.
+
+Slopes of a raster by the third-order finite differences of Horn (1981), as GDAL and xDEM have them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,9 +17,31 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.accuracy.slope import slope_deg
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.foundation.raster import Raster
+
+
+def gradient(raster: Raster) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return the slopes toward east and north, as ratios; NaN at the border and next to empty cells.
+
+    From the three differences on both sides of a cell, the middle ones counted twice (Horn 1981, "Hill shading and the
+    reflectance map", Proceedings of the IEEE 69, 14-47).
+    """
+    z, width = raster.height_m, 8 * raster.grid.spacing_m
+    east, north = np.full(z.shape, np.nan), np.full(z.shape, np.nan)
+    if min(z.shape) < 3:
+        return east, north
+    along = z[:, 2:] - z[:, :-2]
+    east[1:-1, 1:-1] = (along[:-2] + 2 * along[1:-1] + along[2:]) / width
+    across = z[2:] - z[:-2]
+    north[1:-1, 1:-1] = (across[:, :-2] + 2 * across[:, 1:-1] + across[:, 2:]) / width
+    return east, north
+
+
+def slope_deg(raster: Raster) -> Float[np.ndarray, "row column"]:
+    """Return the slope of each cell in degrees; NaN as for `gradient`."""
+    return np.rad2deg(np.arctan(np.hypot(*gradient(raster))))
+
 
 FEWEST, MOST = 30, 120
 MOST_COVERED = 0.2

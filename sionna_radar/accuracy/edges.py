@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario.objects import Building
@@ -96,8 +98,6 @@ def _outside(place_m: Float[np.ndarray, "n 2"], building: Building) -> Float[np.
 
 def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     """Return horizontal positions along the edges of a surface's steep faces within a map."""
-    from sionna_radar.accuracy.wall_kernels import walls_among
-
     west, east, south, north = grid.extent_m
     least_m = 0.0 if surface.divided else WALL_HEIGHT_M
     steep = walls_among(surface.vertices_m, surface.faces, least_m, np.cos(np.deg2rad(WALL_SLOPE_DEG)), grid.extent_m)
@@ -125,3 +125,36 @@ def _height_of_walls(corner: Float[np.ndarray, "face 3 3"], spacing_m: float) ->
     np.minimum.at(low, number, corner[..., 2].min(axis=1))
     np.maximum.at(high, number, corner[..., 2].max(axis=1))
     return (high - low)[number]
+
+
+@compiled
+@no_type_check
+def walls_among(vertices, faces, least_m, most_cosine, extent):
+    """Return the faces over a map that are at least so high, and so steep: by the cosine of their slope."""
+    west, east, south, north = extent
+    found, count = np.empty(1024, dtype=np.int64), 0
+    corner = np.empty((3, 3))
+    for face in range(len(faces)):
+        for number in range(3):
+            for axis in range(3):
+                corner[number, axis] = vertices[faces[face, number], axis]
+        z = corner[:, 2]
+        if max(z[0], z[1], z[2]) - min(z[0], z[1], z[2]) < least_m:
+            continue
+        x, y = corner[:, 0], corner[:, 1]
+        if max(x[0], x[1], x[2]) < west or min(x[0], x[1], x[2]) > east:
+            continue
+        if max(y[0], y[1], y[2]) < south or min(y[0], y[1], y[2]) > north:
+            continue
+        ux, uy, uz = x[1] - x[0], y[1] - y[0], z[1] - z[0]
+        vx, vy, vz = x[2] - x[0], y[2] - y[0], z[2] - z[0]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        if abs(nz) >= most_cosine * np.sqrt(nx * nx + ny * ny + nz * nz):
+            continue
+        if count == len(found):
+            grown = np.empty(2 * count, dtype=np.int64)
+            grown[:count] = found
+            found = grown
+        found[count] = face
+        count += 1
+    return found[:count]

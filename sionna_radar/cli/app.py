@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli import commands, logs, pages, radar, recordings, tools, writing
+from sionna_radar.cli import commands, radar, recordings, tools
 from sionna_radar.foundation.errors import BackendError, KeptElsewhereError, RadarError, WorkersLostError
 
 app = typer.Typer(
@@ -26,15 +26,15 @@ app = typer.Typer(
 commands.add_to(app)
 radar.add_to(app)
 recordings.add_to(app)
-logs.add_to(app)
-pages.add_to(app)
-writing.add_to(app)
+tools.add_logs_to(app)
+tools.add_pages_to(app)
+tools.add_writing_to(app)
 tools.add_to(app)
 
 
 def main() -> None:
     """Run the command line."""
-    from sionna_radar.foundation.memory import tune_heaps
+    from sionna_radar.foundation.progress import tune_heaps
     from sionna_radar.report.terminal import print_on_any_encoding
 
     tune_heaps()

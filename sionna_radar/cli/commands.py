@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sionna_radar.cli.options import (
+from sionna_radar.cli.recordings import (
+    RecordAsOption,
+    RecordOption,
+    parse_records,
+    parse_sample_type,
+    with_the_results,
+)
+from sionna_radar.cli.session import (
     BackendOption,
     BlockOption,
     MapOption,
@@ -19,29 +26,23 @@ from sionna_radar.cli.options import (
     ScenarioArgument,
     SchedulerOption,
     SeedOption,
+    Session,
     SetFileOption,
     SetOption,
     WorkersOption,
     complete_key,
+    log_to_stderr,
+    progress_of,
 )
-from sionna_radar.cli.recordings import (
-    RecordAsOption,
-    RecordOption,
-    parse_records,
-    parse_sample_type,
-    with_the_results,
-)
-from sionna_radar.cli.session import Session, log_to_stderr, progress_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.report.survey.contents import MARKER, POINTS_FILES, PointsFile, Report
-from sionna_radar.report.sweep.runs_file import RUNS_FILES, RunsFile
+from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
     from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.budget import Budget
-    from sionna_radar.studies.crosscheck_result import CrossCheck
-    from sionna_radar.studies.sweep_result import Sweep
+    from sionna_radar.studies.crosscheck import CrossCheck
+    from sionna_radar.studies.sweep import Sweep
     from sionna_radar.survey.result import Survey
 
 DEMO = "san_francisco"
@@ -107,9 +108,9 @@ def _fly(
     record: list[str] | None = None,
     record_as: str = "float64",
 ) -> None:
-    from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.survey.table import print_survey
-    from sionna_radar.scenario.input_files import identity
+    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.survey.summary import print_survey
+    from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.recording import BLOCK_SIZE
 
@@ -117,7 +118,7 @@ def _fly(
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
     if PointsFile.PARQUET in files:
-        from sionna_radar.report.survey.points_table import check_parquet
+        from sionna_radar.report.files.points_table import check_parquet
 
         check_parquet()
 
@@ -166,9 +167,8 @@ def crosscheck(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
-    from sionna_radar.report.crosscheck.products import MARKER, write_crosscheck
-    from sionna_radar.report.crosscheck.table import print_crosscheck
-    from sionna_radar.scenario.input_files import identity
+    from sionna_radar.report.studies.crosscheck import MARKER, print_crosscheck, write_crosscheck
+    from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck import crosscheck as check
     from sionna_radar.survey.recording import BLOCK_SIZE
 
@@ -211,9 +211,8 @@ def budget(
     quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
-    from sionna_radar.flight.grades import GRADES, load_grades
-    from sionna_radar.report.budget.products import MARKER, write_budget
-    from sionna_radar.report.budget.table import print_budget
+    from sionna_radar.flight.navigation import GRADES, load_grades
+    from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
     from sionna_radar.studies.budget import GROWTH, identity_of, navigation_budget
 
     session = Session.of(
@@ -272,12 +271,10 @@ def sweep(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
-    from sionna_radar.report.survey.points_table import check_parquet
-    from sionna_radar.report.sweep.products import MARKER, write_sweep
-    from sionna_radar.report.sweep.table import print_sweep
-    from sionna_radar.studies.design_text import parse_design
-    from sionna_radar.studies.sweep import fly_sweep
-    from sionna_radar.studies.sweep_plan import Shard, plan_sweep
+    from sionna_radar.report.files.points_table import check_parquet
+    from sionna_radar.report.studies.sweep import MARKER, print_sweep, write_sweep
+    from sionna_radar.studies.design import parse_design
+    from sionna_radar.studies.sweep import Shard, fly_sweep, plan_sweep
 
     session = Session.of(
         scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
@@ -306,10 +303,8 @@ def merge(
     quiet: QuietOption = False,
 ) -> None:
     """Put the shards of a sweep together: the same files as if it had been flown at once."""
-    from sionna_radar.report.sweep.products import MARKER, write_sweep
-    from sionna_radar.report.sweep.reading import read_sweep
-    from sionna_radar.report.sweep.table import print_sweep
-    from sionna_radar.studies.shards import merge_shards
+    from sionna_radar.report.studies.sweep import MARKER, print_sweep, read_sweep, write_sweep
+    from sionna_radar.studies.sweep import merge_shards
 
     session = Session.of("merge", output, None, None, None, quiet)
     session.produce(

@@ -5,17 +5,17 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.options import (
+from sionna_radar.cli.session import (
     BackendOption,
     NetworkOption,
     OutputOption,
     QuietOption,
     ScenarioArgument,
     SeedOption,
+    Session,
     SetFileOption,
     SetOption,
 )
-from sionna_radar.cli.session import Session
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
 
@@ -42,8 +42,7 @@ def link(
     quiet: QuietOption = False,
 ) -> None:
     """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
-    from sionna_radar.report.link.products import MARKER, write_link
-    from sionna_radar.report.link.table import print_link
+    from sionna_radar.report.studies.link import MARKER, print_link, write_link
     from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
 
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
@@ -83,8 +82,7 @@ def image(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
-    from sionna_radar.report.imagery.products import MARKER, write_imagery
-    from sionna_radar.report.imagery.table import print_image
+    from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
     from sionna_radar.studies.images import fly_images
 
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
@@ -111,8 +109,7 @@ def range_doppler(
     quiet: QuietOption = False,
 ) -> None:
     """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
-    from sionna_radar.report.range_doppler.products import MARKER, write_frames
-    from sionna_radar.report.range_doppler.table import print_frames
+    from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
     from sionna_radar.studies.range_doppler import fly_frames
 
     session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)

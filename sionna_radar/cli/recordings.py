@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from sionna_radar.cli.options import BlockOption, MapOption, OutputOption, QuietOption, SetFileOption, SetOption
-from sionna_radar.cli.session import Session
+from sionna_radar.cli.session import (
+    BlockOption,
+    MapOption,
+    OutputOption,
+    QuietOption,
+    Session,
+    SetFileOption,
+    SetOption,
+)
+from sionna_radar.foundation.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
-from sionna_radar.foundation.staging import abandoned, staged
 
 if TYPE_CHECKING:
     from sionna_radar.survey.recording import SampleType
@@ -106,9 +113,8 @@ def process_command(
     quiet: QuietOption = False,
 ) -> None:
     """Process recorded beat signals again, or those of a real radar: ranges, points and DEM, without the scene."""
-    from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.processed.products import MARKER, write_processed
-    from sionna_radar.report.processed.table import print_processed
+    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
     from sionna_radar.survey.recording import BLOCK_SIZE
     from sionna_radar.survey.reprocessing import process
 

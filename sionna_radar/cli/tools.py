@@ -1,21 +1,32 @@
-"""The commands that plan, check and report; none of them writes a folder of results."""
+"""The commands that plan, check, draw and report; none of them flies."""
 
 import sys
+from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sionna_radar.cli.options import (
+from sionna_radar.cli.session import (
     BackendOption,
+    MapOption,
     NetworkOption,
+    OutputOption,
+    QuietOption,
     ScenarioArgument,
     SeedOption,
+    Session,
     SetFileOption,
     SetOption,
+    log_to_stderr,
+    overrides_of,
+    progress_of,
 )
-from sionna_radar.cli.session import Session, log_to_stderr, overrides_of, progress_of
+from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
+
+if TYPE_CHECKING:
+    from sionna_radar.scenario.bases import TerrainParameters
 
 
 def add_to(app: typer.Typer) -> None:
@@ -45,11 +56,9 @@ def plan(
     most_chirps: Annotated[float, typer.Option(help="Highest chirp rate, Hz.")] = 5000.0,
 ) -> None:
     """Plan a flight that covers an area, fly its beam over the terrain to check it, and write it as a scenario."""
-    from sionna_radar.report.plan.file import PLAN_FILE
-    from sionna_radar.report.plan.table import parse_pair, print_check, print_plan
+    from sionna_radar.report.studies.plan import PLAN_FILE, parse_pair, print_check, print_plan
     from sionna_radar.scenario import load_scenario, to_toml
-    from sionna_radar.studies.plan_check import check_plan
-    from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
+    from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
 
     log_to_stderr()
     PLAN_FILE.check(output)
@@ -127,7 +136,7 @@ def doctor() -> None:
     """Report Python, the ray tracer's variant, libLLVM, the GPU and installed plug-ins; trace one ray."""
     import platform
 
-    from sionna_radar.foundation.versions import versions
+    from sionna_radar.foundation.workers import versions
     from sionna_radar.raytracer.backend import describe_backend
     from sionna_radar.scenario.parts import custom_parts
     from sionna_radar.scenario.registry import load_plugins
@@ -169,9 +178,9 @@ def bench(
     backend: BackendOption = None,
 ) -> None:
     """Measure the speed ratios that the program promises, side by side in one run."""
-    from sionna_radar.report.bench.file import BENCH_FILE, change, read_bench, write_bench
+    from sionna_radar.report.studies.bench import BENCH_FILE, change, read_bench, write_bench
     from sionna_radar.studies.bench import RATIOS, measure
-    from sionna_radar.studies.bench_growth import GROWTH_RATIOS, measure_growth
+    from sionna_radar.studies.bench_cases import GROWTH_RATIOS, measure_growth
 
     if output is not None:
         BENCH_FILE.check(output)
@@ -202,7 +211,7 @@ def fit(
 ) -> None:
     """Report the constant gamma that best matches a material, its residual, and where it fails."""
     from sionna_radar.scenario import load_scenario
-    from sionna_radar.studies.gamma_fit import TOLERANCE_DB, fit_material
+    from sionna_radar.studies.crosscheck import TOLERANCE_DB, fit_material
 
     log_to_stderr()
     result = fit_material(load_scenario(scenario, overrides_of(set_, set_file, None)), material, from_deg, to_deg)
@@ -215,3 +224,137 @@ def fit(
     typer.echo(f"\nwhere it misses by more than {TOLERANCE_DB:g} dB:")
     for failure in result.failures or ["nowhere"]:
         typer.echo(f"  {failure}")
+
+
+def add_writing_to(app: typer.Typer) -> None:
+    """Add the commands, in the order that `--help` lists them."""
+    app.command()(init)
+    app.command()(schema)
+
+
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the scenario goes, such as my_survey.toml.")],
+) -> None:
+    """Write a commented scenario to begin with."""
+    text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
+    path = file.expanduser()
+    try:
+        with path.open("x", encoding="utf-8", newline="\n") as new:
+            new.write(text)
+    except FileExistsError as error:
+        message = f"{path} exists already; name another file"
+        raise OutputError(message) from error
+    except (OSError, ValueError) as error:
+        message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
+        raise OutputError(message) from error
+    typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar run {shown(path)}")
+
+
+def schema() -> None:
+    """Print the JSON Schema of scenarios, by which editors complete keys and say what they mean."""
+    import json
+
+    from sionna_radar.scenario.reference import scenario_schema
+
+    typer.echo(json.dumps(scenario_schema(), indent=2, ensure_ascii=False))
+
+
+def add_logs_to(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(name="log")(log_command)
+
+
+def log_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, .gpx or .csv.")],
+    output: OutputOption = None,
+    over: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
+    ] = None,
+    terrain: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw it over an elevation file with a CRS.")
+    ] = None,
+    start: Annotated[float, typer.Option(help="Begin here, s from the first position.")] = 0.0,
+    stop: Annotated[float | None, typer.Option(help="End here, s from the first position.")] = None,
+    gap: Annotated[float, typer.Option(help="Longest time without a position that is no gap, s.")] = 2.0,
+    quiet: QuietOption = False,
+) -> None:
+    """Show what is inside a log of a flight, and draw it over a map."""
+    from sionna_radar.report.studies.log import MARKER, print_log, write_log
+    from sionna_radar.studies.log_inspection import inspect_log
+
+    ground = _ground(over, terrain)
+    Session.of(str(file), output, None, None, None, quiet).produce(
+        lambda _, __: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
+        suffix="_log",
+        marker=MARKER,
+        write=write_log,
+        show=print_log,
+    )
+
+
+def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
+    from sionna_radar.foundation.errors import Problem, ScenarioError
+    from sionna_radar.scenario import load_scenario
+    from sionna_radar.scenario.terrain import RasterTerrain
+
+    if over is not None and terrain is not None:
+        raise ScenarioError([Problem("--terrain", "contradicts --over; give the one or the other")], "command line")
+    if terrain is not None:
+        return RasterTerrain(path=terrain)
+    return load_scenario(over).terrain if over is not None else None
+
+
+def add_pages_to(app: typer.Typer) -> None:
+    """Add the commands, in the order that `--help` lists them."""
+    app.command()(show)
+    app.command()(compare)
+
+
+def show(
+    scenario: ScenarioArgument,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The page; default NAME_show.html.")
+    ] = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    network: NetworkOption = False,
+    map_coordinates: MapOption = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Show the world, the flight and its footprints before anything is traced, as a page in three dimensions."""
+    from sionna_radar.report.drawing import Coordinates
+    from sionna_radar.report.page.show import PAGE_FILE, show_page
+    from sionna_radar.survey.preparation import prepare
+
+    session = Session.of(scenario, None, set_, set_file, None, quiet, network=network)
+    name = Path(scenario).stem
+    path = PAGE_FILE.check(output or Path(f"{name}_show.html"))
+    checked = session.load()
+    with session.reach():
+        prepared = prepare(checked)
+    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
+    PAGE_FILE.write(path, show_page(prepared, name, coordinates))
+    if not quiet:
+        typer.echo(f"page in {shown(path)}")
+
+
+def compare(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR1 DIR2 ...", help="Folders of results of `run`.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="A folder for compare.html; without it none.")
+    ] = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Compare several results: their errors, what differs in their settings, and their maps side by side."""
+    from sionna_radar.report.files.folder import check_output
+    from sionna_radar.report.page.compare import MARKER, print_comparison, read_results, write_comparison
+    from sionna_radar.studies.comparison import compare_results
+
+    log_to_stderr(quiet)
+    directory = check_output(output, MARKER) if output else None
+    result = compare_results(read_results(folders))
+    written = write_comparison(result, directory) if directory else []
+    if not quiet:
+        print_comparison(result)
+        if directory:
+            typer.echo(f"{len(written)} files in {shown(directory)}")

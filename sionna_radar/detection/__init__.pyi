@@ -1,13 +1,13 @@
 from .detector import Detector as Detector
 from .echoes import Echoes as Echoes
-from .profiles import Profiles as Profiles
-from .range_doppler.clutter_map import ClutterMap as ClutterMap
+from .echoes import Profiles as Profiles
+from .range_doppler.cfar import ClutterMap as ClutterMap
+from .range_doppler.cfar import RingCfar as RingCfar
 from .range_doppler.frames import RangeDoppler as RangeDoppler
 from .range_doppler.frames import RangeDopplerMap as RangeDopplerMap
 from .range_doppler.movers import Movers as Movers
+from .range_doppler.movers import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .range_doppler.movers import find_movers as find_movers
-from .range_doppler.ring_cfar import RingCfar as RingCfar
-from .range_doppler.staggered import StaggeredRangeDoppler as StaggeredRangeDoppler
 from .ranging.estimator import EchoSpans as EchoSpans
 from .ranging.estimator import RangeEstimator as RangeEstimator
 from .ranging.estimator import Ranges as Ranges

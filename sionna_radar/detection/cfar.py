@@ -10,7 +10,7 @@ Near the ends of the spectrum, where only one side fits, that side alone is used
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,6 +28,7 @@ from sionna_radar.detection.false_alarm import (
     mean_weights,
     probability_over_ordered,
 )
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.threads import over_rows
 
 ROWS_AT_ONCE = 64
@@ -139,7 +140,6 @@ class Cfar:
         return self._mean_level(power), both
 
     def _mean_level(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
-        from sionna_radar.detection.cfar_kernels import CELL_AVERAGING, GREATEST_OF, SMALLEST_OF, mean_levels
 
         kind = {"CA": CELL_AVERAGING, "GO": GREATEST_OF, "SO": SMALLEST_OF}[self.kind]
         power, level = np.ascontiguousarray(power, dtype=np.float64), np.empty(power.shape)
@@ -186,3 +186,37 @@ def _place(rank: float, cells: int) -> int:
 def _ranked(cells: Float[np.ndarray, "... cell"], rank: float) -> Float[np.ndarray, "..."]:
     place = _place(rank, cells.shape[-1])
     return np.partition(cells, place, axis=-1)[..., place]
+
+
+CELL_AVERAGING, GREATEST_OF, SMALLEST_OF = 0, 1, 2
+
+
+@compiled
+@no_type_check
+def mean_levels(low, high, power, kind, guard, training, stride, level):
+    """Write the noise level at each bin of some spectra, infinite where the training cells of neither side fit.
+
+    stride: bins in a range cell; the training cells of a bin are whole cells away from it.
+    """
+    bins = power.shape[1]
+    cells, reach = -(-bins // stride), (guard + training) * stride
+    # Sums over range cells, one for each bin within the cell.
+    running = np.zeros((cells + 1) * stride)
+    for row in range(low, high):
+        for k in range(cells * stride):
+            running[k + stride] = running[k] + (power[row, k] if k < bins else 0.0)
+        for b in range(bins):
+            lag = lead = 0.0
+            below, above = b >= reach, b + reach < bins
+            if below:
+                to = b - guard * stride
+                lag = max((running[to] - running[to - training * stride]) / training, 0.0)
+            if above:
+                start = b + (guard + 1) * stride
+                lead = max((running[start + training * stride] - running[start]) / training, 0.0)
+            if not below or not above:
+                level[row, b] = lag if below else lead if above else np.inf
+            elif kind == CELL_AVERAGING:
+                level[row, b] = (lag + lead) / 2
+            else:
+                level[row, b] = max(lag, lead) if kind == GREATEST_OF else min(lag, lead)

@@ -1,4 +1,10 @@
-"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction."""
+"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction.
+
+Range and range rate from the two halves of a triangular sweep, with no other knowledge of the velocity.
+
+Motion shifts the echo of an up-sweep one way and that of a down-sweep the other: the mean of both is the range,
+their difference the range rate (Rouveure et al. 2017, eq. 2, twice).
+"""
 
 from dataclasses import dataclass, replace
 
@@ -6,9 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 
 from sionna_radar.detection.cfar import Cfar
-from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.profiles import Profiles, cut_profiles
-from sionna_radar.detection.ranging.beam_profile import BeamProfile, beam_profile
+from sionna_radar.detection.echoes import Echoes, Profiles, cut_profiles
 from sionna_radar.detection.ranging.estimator import (
     EchoSpans,
     RangeEstimator,
@@ -16,14 +20,15 @@ from sionna_radar.detection.ranging.estimator import (
     build_range_estimator,
     span_cells,
 )
+from sionna_radar.detection.ranging.plane_fit import BeamProfile, beam_profile
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose, rows_of
-from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.signal.high_pass import HighPass
+from sionna_radar.signal.analog_filters import HighPass
 
 # Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.
 SHARED_NOISE = 0.01
@@ -329,3 +334,38 @@ def _first_of_row(row: Int[np.ndarray, " span"], wanted: Bool[np.ndarray, " span
 def _number_within(row: Int[np.ndarray, " echo"]) -> Int[np.ndarray, " echo"]:
     """Return 0, 1, ... for the entries of each group of equal values in a sorted column."""
     return np.arange(len(row)) - np.searchsorted(row, row, side="left")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedEchoes:
+    """Echoes of pairs of sweeps, with ranges free of Doppler shift, and the range rate of each."""
+
+    echoes: Echoes
+    range_rate_mps: Float[np.ndarray, " echo"]
+
+
+def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
+    """Combine the echoes of the rising and the falling halves.
+
+    Parameters
+    ----------
+    up, down:
+        At most one echo per pulse, not corrected for Doppler; a pulse without both is dropped.
+    chirp:
+        The rising half.
+
+    """
+    pulse, first, second = np.intersect1d(up.pulse, down.pulse, return_indices=True)
+    early, late = up.range_m[first], down.range_m[second]
+    # The halves are one sweep duration apart, and the range changes in between.
+    slope = 2 * float(chirp.doppler_range_m(np.ones(1))[0]) - chirp.duration_s
+    snr = [10 ** (echoes.snr_db[rows] / 10) for echoes, rows in ((up, first), (down, second))]
+    echoes = Echoes(
+        pulse=pulse,
+        number=np.zeros(len(pulse), dtype=np.int64),
+        range_m=(early + late) / 2,
+        range_sigma_m=np.hypot(up.range_sigma_m[first], down.range_sigma_m[second]) / 2,
+        power=(up.power[first] + down.power[second]) / 2,
+        snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
+    )
+    return PairedEchoes(echoes=echoes, range_rate_mps=(early - late) / slope)

@@ -1,10 +1,18 @@
-"""The echoes that detection returns."""
+"""The echoes that detection returns.
 
+Range profiles around the echoes of pulses, for mapping methods that model the whole echo.
+
+One value per range cell is kept, in single precision, from one echo length before the nearest echo to one beyond the
+farthest, so that a survey of many pulses stays small.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 
+from sionna_radar.detection.ranging.estimator import EchoSpans
 from sionna_radar.foundation.columns import Columns
 
 
@@ -39,3 +47,170 @@ class Echoes(Columns):
         """Return the echoes of consecutive pulses."""
         first, last = np.searchsorted(self.pulse, [pulse[0], pulse[-1] + 1])
         return self.rows(slice(int(first), int(last)))
+
+
+LEAST_MARGIN_CELLS = 16
+
+
+@dataclass(frozen=True, kw_only=True)
+class VolumeInFront:
+    """The volume in front of the ground in some profiles, such as rain.
+
+    power: mean power in the profiles' cells without ground; in_air: share of it in front of the detected ground.
+    echo_m, echo_sigma_m: detected range of the ground in each profile, and its standard deviation.
+    echo_reach: over how many pulses its error repeats; see `Echoes`.
+    drift_m: by how much motion lengthens the volume's ranges relative to those of stationary ground.
+    spread_m: standard deviation of the drift, from particles that fall at different speeds.
+    """
+
+    power: Float32[np.ndarray, " value"]
+    in_air: Float32[np.ndarray, " value"]
+    echo_m: Float[np.ndarray, " profile"]
+    echo_sigma_m: Float[np.ndarray, " profile"]
+    echo_reach: Float[np.ndarray, " profile"]
+    drift_m: Float[np.ndarray, " profile"]
+    spread_m: float
+
+    def rows(self, chosen: Int[np.ndarray, " kept"], values: Int[np.ndarray, " value"]) -> "VolumeInFront":
+        """Return the volume of some profiles; `values` indexes their power values."""
+        return VolumeInFront(
+            power=self.power[values],
+            in_air=self.in_air[values],
+            echo_m=self.echo_m[chosen],
+            echo_sigma_m=self.echo_sigma_m[chosen],
+            echo_reach=self.echo_reach[chosen],
+            drift_m=self.drift_m[chosen],
+            spread_m=self.spread_m,
+        )
+
+    @staticmethod
+    def concatenate(tables: Sequence["VolumeInFront"]) -> "VolumeInFront | None":
+        """Concatenate tables in order; a survey has a volume in front of all of its profiles or of none."""
+        if not tables:
+            return None
+        return VolumeInFront(
+            power=np.concatenate([t.power for t in tables]),
+            in_air=np.concatenate([t.in_air for t in tables]),
+            echo_m=np.concatenate([t.echo_m for t in tables]),
+            echo_sigma_m=np.concatenate([t.echo_sigma_m for t in tables]),
+            echo_reach=np.concatenate([t.echo_reach for t in tables]),
+            drift_m=np.concatenate([t.drift_m for t in tables]),
+            spread_m=tables[0].spread_m,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profiles:
+    """Profiles of the pulses with an echo, sorted by pulse.
+
+    first: range cell of each profile's first value; start: where its values begin in `power`, plus the overall end.
+    power: calibrated power of the cells; noise: receiver noise power in each profile.
+    volume: the volume in front of the ground; None in clear air.
+    cell_m: length of a range cell; ranges are not corrected for Doppler.
+    """
+
+    pulse: Int[np.ndarray, " profile"]
+    first: Int[np.ndarray, " profile"]
+    start: Int[np.ndarray, " profile+1"]
+    power: Float32[np.ndarray, " value"]
+    noise: Float[np.ndarray, " profile"]
+    cell_m: float
+    volume: "VolumeInFront | None" = None
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+    def values(self, profile: int) -> Float[np.ndarray, " cell"]:
+        """Return the powers of one profile."""
+        return self.power[self.start[profile] : self.start[profile + 1]].astype(np.float64)
+
+    def background(self, profile: int) -> float | Float[np.ndarray, " cell"]:
+        """Return the mean power in the cells of one profile that is not ground: receiver noise and volume clutter."""
+        noise = float(self.noise[profile])
+        if self.volume is None:
+            return noise
+        cells = slice(self.start[profile], self.start[profile + 1])
+        return noise + self.volume.power[cells].astype(np.float64) * self.volume.in_air[cells]
+
+    def of_cells(
+        self, values: Float[np.ndarray, "row cell"], row: Int[np.ndarray, " profile"]
+    ) -> Float32[np.ndarray, " value"]:
+        """Return the values of range cells (one row per profile) at the cells that the profiles cover."""
+        length = np.diff(self.start)
+        cell = np.arange(self.start[-1]) + np.repeat(self.first - self.start[:-1], length)
+        return values[np.repeat(row, length), cell].astype(np.float32)
+
+    def rows(self, chosen: Int[np.ndarray, " kept"]) -> "Profiles":
+        """Return some of the profiles, in increasing order."""
+        length = np.diff(self.start)[chosen]
+        start = np.concatenate([[0], np.cumsum(length)])
+        index = np.arange(start[-1]) + np.repeat(self.start[:-1][chosen] - start[:-1], length)
+        return Profiles(
+            pulse=self.pulse[chosen],
+            first=self.first[chosen],
+            start=start,
+            power=self.power[index],
+            noise=self.noise[chosen],
+            cell_m=self.cell_m,
+            volume=None if self.volume is None else self.volume.rows(chosen, index),
+        )
+
+    @staticmethod
+    def concatenate(tables: Sequence["Profiles"]) -> "Profiles":
+        """Return all profiles of some tables, in order."""
+        length = np.concatenate([np.diff(t.start) for t in tables])
+        return Profiles(
+            pulse=np.concatenate([t.pulse for t in tables]),
+            first=np.concatenate([t.first for t in tables]),
+            start=np.concatenate([[0], np.cumsum(length)]),
+            power=np.concatenate([t.power for t in tables]),
+            noise=np.concatenate([t.noise for t in tables]),
+            cell_m=tables[0].cell_m,
+            volume=VolumeInFront.concatenate([t.volume for t in tables if t.volume is not None]),
+        )
+
+
+def cut_profiles(
+    spans: EchoSpans,
+    pulse: Int[np.ndarray, " pulse"],
+    bins_per_cell: int,
+) -> Profiles:
+    """Return the profiles around the echoes of a block.
+
+    Parameters
+    ----------
+    spans:
+        The echoes.
+    pulse:
+        Indices of the block's pulses in the survey.
+    bins_per_cell:
+        Spectrum bins per range cell.
+
+    """
+    rows, begin = np.unique(spans.row, return_index=True)
+    if len(rows) == 0:
+        nothing = np.zeros(0, dtype=np.int64)
+        return Profiles(
+            pulse=nothing,
+            first=nothing,
+            start=np.zeros(1, dtype=np.int64),
+            power=np.zeros(0, dtype=np.float32),
+            noise=np.zeros(0),
+            cell_m=spans.bin_m * bins_per_cell,
+        )
+    cells = spans.power.shape[1] // bins_per_cell
+    first = np.minimum.reduceat(spans.start, begin) // bins_per_cell
+    last = -(-np.maximum.reduceat(spans.stop, begin) // bins_per_cell)
+    margin = np.maximum(last - first, LEAST_MARGIN_CELLS)
+    first, last = np.maximum(first - margin, 0), np.minimum(last + margin, cells)
+    start = np.concatenate([[0], np.cumsum(last - first)])
+    row = np.repeat(rows, last - first)
+    cell = np.arange(start[-1]) + np.repeat(first - start[:-1], last - first)
+    return Profiles(
+        pulse=pulse[rows],
+        first=first,
+        start=start,
+        power=spans.power[row, cell * bins_per_cell].astype(np.float32),
+        noise=np.min(spans.noise[rows], axis=1),
+        cell_m=spans.bin_m * bins_per_cell,
+    )

@@ -16,8 +16,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp

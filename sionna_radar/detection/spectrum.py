@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.foundation.array_library import HOST, ArrayLibrary
+from sionna_radar.foundation.numerics import window
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.foundation.windows import window
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.high_pass import HighPass
+from sionna_radar.signal.analog_filters import HighPass
 
 # How far around a bin the window's response is evaluated, and in which steps.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4

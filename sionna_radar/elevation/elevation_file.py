@@ -1,11 +1,15 @@
 """Elevation files of any projection, cut out and transformed into the local metric frame.
 
 `local_frame` chooses the frame, `cutout` its cells, and `file_heights` interpolates their heights from the file.
+
+The part of an elevation file that a survey sees, and the cells of the local frame that cover it.
 """
 
+import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +18,141 @@ import rasterio
 from jaxtyping import Shaped
 from rasterio.io import MemoryFile
 
-from sionna_radar.elevation.cutout import Cutout, grid_of, outside
 from sionna_radar.elevation.file_heights import heights_on
-from sionna_radar.elevation.local_frame import place_file
+from sionna_radar.elevation.local_frame import StatedFrame, place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
-from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.georeference import Georeference, MapCells
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
 from sionna_radar.foundation.raster_file import open_raster
+
+logger = logging.getLogger("sionna_radar")
+
+MOVE = "move the flight (platform.log_shift = 'to_terrain' moves a log) or set terrain.centre_lonlat_deg"
+
+MAX_CELLS = 4_000_000
+# Finer cells are no terrain but come of a wrong transform.
+LEAST_SPACING_M = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cutout:
+    """The requested part of a file: the window in local metres (west, south, east, north) and the frame."""
+
+    window_m: tuple[float, float, float, float]
+    frame: StatedFrame
+    spacing_m: float | None = None
+
+
+def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
+    """Return the cells that cover the part of the window within the file, at most MAX_CELLS.
+
+    In the file's own projection the cells are aligned with the file's.
+
+    Raises ScenarioError if the file does not overlap the window, the overlap is smaller than one cell, or cells have no
+    width.
+    """
+    west, south, east, north = _overlap_m(source, cutout)
+    spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
+    if not LEAST_SPACING_M <= spacing < math.inf:
+        message = (
+            f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
+        )
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    if spacing > min(east - west, north - south):
+        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
+        raise ScenarioError([Problem("terrain.spacing_m", message)])
+    anchor = (0.0, 0.0)
+    if not source.is_reprojected:
+        x, y = source.local_of(np.zeros(1), np.zeros(1))
+        anchor = float(x[0]), float(y[0])
+    # The small number keeps a boundary at a cell centre from being rounded past it.
+    while True:
+        first = [math.floor((low - a) / spacing + 1e-6) for low, a in zip((west, south), anchor, strict=True)]
+        last = [math.ceil((high - a) / spacing - 1e-6) for high, a in zip((east, north), anchor, strict=True)]
+        columns, rows = (b - a + 1 for a, b in zip(first, last, strict=True))
+        if columns * rows <= MAX_CELLS:
+            break
+        spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
+    if spacing != wanted:
+        logger.warning(
+            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
+            "Shorten the flight or raise terrain.spacing_m",
+            f"{MAX_CELLS:,}",
+            wanted,
+            spacing,
+        )
+    origin = [a + k * spacing for a, k in zip(anchor, first, strict=True)]
+    return Grid(west_m=origin[0], south_m=origin[1], spacing_m=spacing, columns=columns, rows=rows)
+
+
+def _overlap_m(source: PlacedRaster, cutout: Cutout) -> tuple[float, float, float, float]:
+    """Return the rectangle in local metres that the window and the file's cell centres share."""
+    low, high = np.zeros(2), np.array(source.dataset.shape[::-1]) - 1.0
+    seen = np.array(source.pixel_of(*_outline(cutout.window_m)))
+    # A window that extends beyond the projection is not bounded by its outline.
+    if np.isfinite(seen).all():
+        # Two cells of margin: a sampled outline may cut off a curved edge.
+        low = np.maximum(low, np.floor(seen.min(axis=1)) - 2)
+        high = np.minimum(high, np.ceil(seen.max(axis=1)) + 2)
+    if (low < high).all():
+        west, south, east, north = _extent_m(source, (*low.tolist(), *high.tolist()))
+        # One cell beyond the window, so that it is between cell centres.
+        step = max(source.steps_m)
+        west, south = max(west, cutout.window_m[0] - step), max(south, cutout.window_m[1] - step)
+        east, north = min(east, cutout.window_m[2] + step), min(north, cutout.window_m[3] + step)
+        if west < east and south < north:
+            return west, south, east, north
+    raise outside(source, cutout, "the terrain file does not cover it")
+
+
+def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
+    """Return the error for a window without terrain, for the field that placed it there."""
+    in_metres = "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m"
+    rows, columns = source.dataset.shape
+    covered = _extent_m(source, (0.0, 0.0, columns - 1.0, rows - 1.0))
+    extent = in_metres.format(*covered)
+    message = f"the flight sees {in_metres.format(*cutout.window_m)}, but {what}: the file covers {extent}"
+    authority = source.local.to_authority()
+    if authority and _given_on_the_map(source, cutout, covered):
+        system = ":".join(authority)
+        remedy = f"set coordinates = '{system}' if positions are on the map"
+        problem = Problem("terrain", f"{message} about the local origin; {remedy}")
+    elif cutout.frame.centre_lonlat_deg is None:
+        problem = Problem("terrain", f"{message}; {MOVE}")
+    else:
+        lon, lat = cutout.frame.centre_lonlat_deg
+        problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
+    return ScenarioError([problem])
+
+
+def _given_on_the_map(source: PlacedRaster, cutout: Cutout, covered_m: tuple[float, float, float, float]) -> bool:
+    """Return whether the window's middle would be within the file, were it eastings and northings of the map."""
+    west, south, east, north = cutout.window_m
+    x, y = (west + east) / 2 - source.origin[0], (south + north) / 2 - source.origin[1]
+    return covered_m[0] <= x <= covered_m[2] and covered_m[1] <= y <= covered_m[3]
+
+
+def _extent_m(source: PlacedRaster, pixels: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Return the local rectangle around a box of pixels (columns and rows), as far as the projection is valid."""
+    x, y = source.local_of(*_outline(pixels))
+    placed = np.isfinite(x) & np.isfinite(y)
+    if not placed.any():
+        return math.inf, math.inf, -math.inf, -math.inf
+    x, y = x[placed], y[placed]
+    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+
+def _outline(box: tuple[float, float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return points along the edges of a rectangle (low x, low y, high x, high y)."""
+    low_x, low_y, high_x, high_y = box
+    along = np.linspace(0, 1, 33)
+    x, y = low_x + (high_x - low_x) * along, low_y + (high_y - low_y) * along
+    still = np.ones_like(along)
+    return (
+        np.concatenate([x, x, low_x * still, high_x * still]),
+        np.concatenate([low_y * still, high_y * still, y, y]),
+    )
 
 
 @contextmanager

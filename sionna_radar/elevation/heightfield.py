@@ -1,11 +1,13 @@
 """A surface by its heights on a grid: bilinear between the cells, constant beyond the border."""
 
 from dataclasses import dataclass
+from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_matrix
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
 
 
@@ -52,8 +54,6 @@ class Heightfield:
         Each ray advances by its height above the surface over the fastest rate at which they can close, at least by
         a quarter of a cell, so that it misses nothing wider than that.
         """
-        from sionna_radar.elevation.ray_march import first_hits
-
         origin, direction = np.ascontiguousarray(origin_m), np.ascontiguousarray(direction)
         grid, height = self.grid, np.ascontiguousarray(self.height_m)
         bounds = self.steepest, float(height.max())
@@ -76,3 +76,130 @@ class Heightfield:
         row = np.clip((y_m - grid.south_m) / grid.spacing_m, 0, grid.rows - 1.001)
         west, south = column.astype(np.int64), row.astype(np.int64)
         return south * grid.columns + west, column - west, row - south
+
+
+MARCH_STEPS = 1000
+# Found nearly to the last bit: a coarse hit would jump when the surface moves imperceptibly.
+ROOT_STEPS = 60
+CLOSE_M = 1e-12
+# A surface that has moved little is met again in few steps, unless the ray hardly closes in on it.
+NEWTON_STEPS, LEAST_CLOSING = 8, -0.1
+
+
+@compiled
+@no_type_check
+def corner_of(x, y, west, south, spacing, rows, columns):
+    """Return row and column of the cell south-west of a position, and how far it is from there, in cells."""
+    column = min(max((x - west) / spacing, 0.0), columns - 1.001)
+    row = min(max((y - south) / spacing, 0.0), rows - 1.001)
+    j, i = int(column), int(row)
+    return i, j, row - i, column - j
+
+
+@compiled
+@no_type_check
+def height_at(height, west, south, spacing, x, y):
+    """Return the height at a position."""
+    i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+    below = height[i, j] * (1 - a) + height[i, j + 1] * a
+    above = height[i + 1, j] * (1 - a) + height[i + 1, j + 1] * a
+    return below * (1 - b) + above * b
+
+
+@compiled
+@no_type_check
+def slope_at(height, west, south, spacing, x, y):
+    """Return the slopes toward east and north at a position."""
+    i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+    sw, se, nw, ne = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
+    east = (se - sw) * (1 - b) + (ne - nw) * b
+    north = (nw - sw) * (1 - a) + (ne - se) * a
+    return east / spacing, north / spacing
+
+
+@compiled
+@no_type_check
+def _gap(height, west, south, spacing, origin, direction, reached):
+    x, y = origin[0] + reached * direction[0], origin[1] + reached * direction[1]
+    return origin[2] + reached * direction[2] - height_at(height, west, south, spacing, x, y)
+
+
+@compiled
+@no_type_check
+def _crossing(height, west, south, spacing, origin, direction, low, high):
+    """Return where a ray crosses the surface between two ranges, by the Illinois variant of the false position."""
+    low_gap = _gap(height, west, south, spacing, origin, direction, low)
+    high_gap = _gap(height, west, south, spacing, origin, direction, high)
+    # Below the surface from the start, as under an overhang of the map: bisection went to the far end as well.
+    if low >= high or low_gap <= 0.0:
+        return low
+    side, middle = 0, high
+    for _ in range(ROOT_STEPS):
+        middle = high - high_gap * (high - low) / (high_gap - low_gap)
+        if not low < middle < high:
+            break
+        gap = _gap(height, west, south, spacing, origin, direction, middle)
+        if abs(gap) < CLOSE_M:
+            break
+        if gap < 0.0:
+            low_gap = low_gap / 2 if side < 0 else low_gap
+            high, high_gap, side = middle, gap, -1
+        else:
+            high_gap = high_gap / 2 if side > 0 else high_gap
+            low, low_gap, side = middle, gap, 1
+    return middle
+
+
+@compiled
+@no_type_check
+def first_hit(height, west, south, spacing, origin, direction, reach, steepest, highest):
+    """Return the range at which one ray first meets the surface, NaN if not within reach.
+
+    steepest, highest: of the surface, which bound how fast a ray can close and where it can first meet it.
+    """
+    closing = abs(direction[2]) + steepest * np.hypot(direction[0], direction[1])
+    reached = min(max((origin[2] - highest) / max(-direction[2], 1e-6), 0.0), reach)
+    before = reached
+    for _ in range(MARCH_STEPS):
+        gap = _gap(height, west, south, spacing, origin, direction, reached)
+        if gap <= 0.0:
+            return _crossing(height, west, south, spacing, origin, direction, min(before, reached), reached)
+        if reached >= reach:
+            break
+        before = reached
+        reached += max(gap / closing, spacing / 4)
+    return np.nan
+
+
+@compiled
+@no_type_check
+def hit_near(height, west, south, spacing, origin, direction, guess):
+    """Return the range near a guess at which a ray meets the surface, by Newton's method; NaN if it is not found."""
+    reached = guess
+    for _ in range(NEWTON_STEPS):
+        x, y = origin[0] + reached * direction[0], origin[1] + reached * direction[1]
+        i, j, b, a = corner_of(x, y, west, south, spacing, height.shape[0], height.shape[1])
+        sw, se, nw, ne = height[i, j], height[i, j + 1], height[i + 1, j], height[i + 1, j + 1]
+        below, above = sw + (se - sw) * a, nw + (ne - nw) * a
+        gap = origin[2] + reached * direction[2] - below - (above - below) * b
+        if abs(gap) < CLOSE_M:
+            return reached
+        east, north = (se - sw) * (1 - b) + (ne - nw) * b, above - below
+        closing = direction[2] - (east * direction[0] + north * direction[1]) / spacing
+        # A ray that goes along the surface: what it meets first must be looked for from its beginning.
+        if closing > LEAST_CLOSING:
+            return np.nan
+        reached -= gap / closing
+        if abs(reached - guess) > spacing:
+            return np.nan
+    return np.nan
+
+
+@compiled
+@no_type_check
+def first_hits(height, west, south, spacing, origin, direction, reach, steepest, highest):
+    """Return the ranges at which rays first meet the surface: (ray, 3) and (ray, 3) to (ray)."""
+    hit = np.empty(len(origin))
+    for ray in range(len(origin)):
+        hit[ray] = first_hit(height, west, south, spacing, origin[ray], direction[ray], reach, steepest, highest)
+    return hit

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.body import antenna_place, body_motion
-from sionna_radar.flight.frames import R_WORLD_NED, world_from_body
+from sionna_radar.flight.frames import R_WORLD_NED, antenna_place, body_motion, world_from_body
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.columns import Columns
 

@@ -1,14 +1,17 @@
-"""Antenna scans: the pointing of the antenna at any time."""
+"""Antenna scans, and those by name: rotating, fixed, side-looking, and electronically steered."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar, runtime_checkable
+from functools import cached_property
+from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.flight.frames import conical_from_antenna, steering, whisk_broom_from_antenna
 from sionna_radar.scenario.bases import ScanParameters
 from sionna_radar.scenario.parts import SCANS
+from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 from sionna_radar.scenario.registry import require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
@@ -106,3 +109,148 @@ def build_scan(table: ScanParameters) -> Scan:
     scan: Scan = SCANS.entry(table.mode)(table)
     require(scan, Scan, str(SCANS.entry(table.mode)))
     return scan
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotatingScan:
+    """An antenna that rotates steadily and transmits inside a sector about the middle.
+
+    whisk_broom rotates about the forward axis, at a constant angle from the plane across the track;
+    conical rotates about the downward axis, at a constant angle from nadir; fixed does not rotate.
+    """
+
+    mode: Literal["whisk_broom", "conical", "fixed"]
+    incidence_rad: float
+    half_swath_rad: float
+    rotation_rad_s: float
+    start_rad: float
+    stabilised: bool
+
+    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
+        """Return the pointing at some times."""
+        angle = self.start_rad + self.rotation_rad_s * time_s
+        scan = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+        build = conical_from_antenna if self.mode == "conical" else whisk_broom_from_antenna
+        # A scan angle on the sector's edge must not fall outside by rounding.
+        active = np.abs(scan) <= self.half_swath_rad + 1e-9
+        turn = np.floor((angle + np.pi) / (2 * np.pi)) - np.floor((self.start_rad + np.pi) / (2 * np.pi))
+        return Pointing(build(self.incidence_rad, scan), scan, active, turn.astype(np.int64))
+
+    def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
+        """Return the largest distance between neighbouring beam centres on level ground."""
+        if self.rotation_rad_s == 0:
+            return speed_mps / chirp_rate_hz
+        line = speed_mps * 2 * np.pi / self.rotation_rad_s
+        step = self.rotation_rad_s / chirp_rate_hz
+        if self.mode == "conical":
+            across = height_m * np.tan(self.incidence_rad) * step
+        else:
+            across = height_m / np.cos(self.half_swath_rad) ** 2 / np.cos(self.incidence_rad) * step
+        return float(max(line, across))
+
+
+@register_scan("whisk_broom", ScanTable)
+@register_scan("conical", ScanTable)
+@register_scan("fixed", ScanTable)
+def rotating_scan(table: ScanTable) -> RotatingScan:
+    """Return the scan of a scenario's table; a fixed one does not rotate."""
+    assert table.mode != "side_looking"
+    turns = 0.0 if table.mode == "fixed" else table.rotation_rpm / 60
+    return RotatingScan(
+        mode=table.mode,
+        incidence_rad=float(np.deg2rad(table.incidence_deg)),
+        half_swath_rad=np.pi if table.mode == "fixed" else float(np.deg2rad(table.half_swath_deg)),
+        rotation_rad_s=2 * np.pi * turns,
+        start_rad=float(np.deg2rad(table.start_deg)),
+        stabilised=table.stabilised,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SideLookingScan:
+    """An antenna pointing to one side of the track, its azimuth cut along the track."""
+
+    side: Literal["left", "right"]
+    incidence_rad: float
+    stabilised: bool
+
+    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
+        """Return the pointing at some times."""
+        turn = np.pi / 2 if self.side == "right" else -np.pi / 2
+        axes = conical_from_antenna(self.incidence_rad, np.full(len(time_s), turn))
+        return Pointing(axes, np.zeros(len(time_s)), np.ones(len(time_s), dtype=bool))
+
+    def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
+        """Return the distance between neighbouring beam centres along the track."""
+        return speed_mps / chirp_rate_hz
+
+
+@register_scan("side_looking", ScanTable)
+def side_looking_scan(table: ScanTable) -> SideLookingScan:
+    """Return the scan of a scenario's table."""
+    return SideLookingScan(
+        side=table.side,
+        incidence_rad=float(np.deg2rad(table.incidence_deg)),
+        stabilised=table.stabilised,
+    )
+
+
+LOOKS = {"forward": 0.0, "left": -np.pi / 2, "right": np.pi / 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElectronicScan:
+    """A face that stands still in its mount, and beams from its left to its right, one after another.
+
+    The antenna of a pulse is that of its beam: x along it.
+    """
+
+    look: Literal["forward", "left", "right"]
+    incidence_rad: float
+    half_swath_rad: float
+    beams: int
+    scans_per_s: float
+    stabilised: bool
+
+    @cached_property
+    def beam_azimuth_rad(self) -> Float[np.ndarray, " beam"]:
+        """Azimuth of each beam from the normal of the face, toward the left; equal steps of direction cosine."""
+        return np.arcsin(np.linspace(1, -1, self.beams) * np.sin(self.half_swath_rad))
+
+    def point(self, time_s: Float[np.ndarray, " n"]) -> Pointing:
+        """Return the pointing at some times, with the beam of each."""
+        scans = self.scans_per_s * time_s
+        number = np.floor(scans + 1e-9)
+        beam = np.minimum(((scans - number) * self.beams + 1e-6).astype(np.int64), self.beams - 1)
+        beam = np.maximum(beam, 0)
+        face = conical_from_antenna(self.incidence_rad, np.array([LOOKS[self.look]]))[0]
+        axes = np.stack([face @ steering(float(azimuth), 0.0) for azimuth in self.beam_azimuth_rad])
+        return Pointing(
+            axes[beam],
+            -self.beam_azimuth_rad[beam],
+            np.ones(len(time_s), dtype=bool),
+            number.astype(np.int64),
+            beam=beam,
+        )
+
+    def spacing_m(self, height_m: float, speed_mps: float, chirp_rate_hz: float) -> float:
+        """Return the largest distance between neighbouring beam centres on level ground."""
+        face = conical_from_antenna(self.incidence_rad, np.array([LOOKS[self.look]]))[0]
+        directions = np.stack([(face @ steering(float(azimuth), 0.0))[:, 0] for azimuth in self.beam_azimuth_rad])
+        down = np.maximum(directions[:, 2], np.cos(np.deg2rad(85.0)))
+        place = height_m * directions[:, :2] / down[:, None]
+        across = float(np.linalg.norm(np.diff(place, axis=0), axis=1).max())
+        return max(speed_mps / self.scans_per_s, across)
+
+
+@register_scan("electronic", ElectronicScanTable)
+def electronic_scan(table: ElectronicScanTable) -> ElectronicScan:
+    """Return the scan of a scenario's table."""
+    return ElectronicScan(
+        look=table.look,
+        incidence_rad=float(np.deg2rad(table.incidence_deg)),
+        half_swath_rad=float(np.deg2rad(table.half_swath_deg)),
+        beams=table.beams,
+        scans_per_s=table.scans_per_s,
+        stabilised=table.stabilised,
+    )

@@ -3,13 +3,15 @@
 The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous (arcs and banks are in
 `turns`), and so are the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and
 descent (vertical, to and from the cruise height), cruise (along the track).
+
+A flight over its ground, planned or recorded.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -293,3 +295,22 @@ def _mirrored(phases: Sequence[_VerticalPhase]) -> list[_VerticalPhase]:
         height.c[-1] += float(p.height(p.duration_s))
         mirrored.append(_VerticalPhase(p.phase, p.duration_s, height))
     return mirrored
+
+
+Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flight:
+    """A flight over its ground.
+
+    altitude_m, speed_mps: nominal height above ground and speed over it, which samplings and reference levels use.
+    record: what a log gave for it, in plain tables; None for a planned flight.
+    warnings: what a reader of its results must know.
+    """
+
+    trajectory: Trajectory
+    altitude_m: float
+    speed_mps: float
+    record: dict[str, Any] | None = None
+    warnings: tuple[str, ...] = ()

@@ -23,15 +23,24 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
+from sionna_radar.foundation.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
+from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.memory import tune_heaps
-from sionna_radar.foundation.network import allow_network, network_allowed
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.staging import abandoned, staged
+from sionna_radar.foundation.progress import Progress, silent, tune_heaps
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
-from sionna_radar.foundation.versions import versions
-from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, name_of, named
+from sionna_radar.foundation.workers import (
+    SHARED,
+    Failure,
+    InProcess,
+    Task,
+    Work,
+    Workers,
+    attempt,
+    name_of,
+    named,
+    versions,
+)
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster

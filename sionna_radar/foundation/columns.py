@@ -1,8 +1,12 @@
-"""Tables: frozen dataclasses whose fields are columns of equal length."""
+"""Tables: frozen dataclasses whose fields are columns of equal length.
 
+Tables as bytes, and back again, bit for bit: how finished parts are kept, and what workers return.
+"""
+
+import io
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import TypeVar
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -37,3 +41,41 @@ class Columns:
 def _joined(columns: Sequence[np.ndarray | None]) -> np.ndarray | None:
     given = [column for column in columns if column is not None]
     return np.concatenate(given) if len(given) == len(columns) else None
+
+
+# Between the name of a table and that of its column.
+OF = "."
+
+
+def packed(**values: Any) -> bytes:
+    """Return the bytes of some tables, which may be nested, arrays and numbers by their names."""
+    content = io.BytesIO()
+    np.savez(
+        content, **{key: column for name, value in values.items() for key, column in _columns(name, value).items()}
+    )
+    return content.getvalue()
+
+
+def columns_of(content: bytes) -> dict[str, Any]:
+    """Return the arrays of some bytes, those of a table by its name, a dot and theirs."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
+
+
+def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
+    """Return a table from its columns; a column without axes is a number, and one that may be left out None."""
+    kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
+    own = {key: columns[column] for key, column in kept.items() if column in columns}
+    return kind(**{key: value.item() if value.ndim == 0 else value for key, value in own.items()}, **others)
+
+
+def _columns(name: str, value: Any) -> dict[str, Any]:
+    """Return the arrays and numbers of nested tables by their names; None has none."""
+    if value is None:
+        return {}
+    if not is_dataclass(value):
+        return {name: value}
+    found: dict[str, Any] = {}
+    for field in fields(value):
+        found |= _columns(f"{name}{OF}{field.name}" if name else field.name, getattr(value, field.name))
+    return found

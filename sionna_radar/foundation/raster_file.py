@@ -20,8 +20,7 @@ from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
 
 from sionna_radar.foundation.errors import InputFileError, RadarError
-from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.foundation.network import network_allowed
+from sionna_radar.foundation.input_file import network_allowed, regular_file, shown
 
 # GeoTIFF, Esri ASCII grid, SRTM height, USGS and military elevation models, and plain binary grids with a header.
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")

@@ -3,20 +3,24 @@
 A task and its result travel as documents: a task as JSON, its result as the bytes that are kept as a finished part.
 So a worker needs no more than the same version of the program, and what it returns is what this process would have
 made, bit for bit.
+
+The versions of what decides the bits of a result.
 """
 
 import builtins
 import json
 import logging
+import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
 from sionna_radar.foundation import errors
+from sionna_radar.foundation.checkpoints import KeptParts
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError, WorkerError, one_line
 from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 
 logger = logging.getLogger("sionna_radar")
@@ -168,3 +172,19 @@ def document_bytes(document: Any) -> bytes:
 def document_of(content: bytes) -> Any:
     """Return the JSON document of some bytes."""
     return json.loads(content)
+
+
+PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions of Python and of the packages that affect the numbers; None if not installed."""
+    # Package metadata is read without loading Mitsuba and its LLVM.
+    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

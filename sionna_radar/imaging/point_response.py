@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.imaging.grid import PixelGrid
-from sionna_radar.imaging.resolution import half_power_width
+from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.slar import SlantImage
-from sionna_radar.imaging.strip import Strip
+from sionna_radar.imaging.strip import Strip, half_power_width
 from sionna_radar.scene.model import Target
 
 # Half extent of the patch for measuring a target, in theoretical widths, and the samples per width.

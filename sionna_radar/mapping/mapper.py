@@ -1,6 +1,8 @@
 """From points and echoes to a DEM: the inputs of every method, and its registration under a name.
 
 A mapper knows the measured poses, the antenna and the echoes, but not the truth.
+
+The cells of a survey's DEM.
 """
 
 from collections.abc import Callable
@@ -12,24 +14,24 @@ import numpy as np
 from jaxtyping import Int
 
 from sionna_radar.detection.detector import RESPONSE_CELLS
-from sionna_radar.detection.profiles import Profiles
+from sionna_radar.detection.echoes import Profiles
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
-from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import Overheard, Progress, silent
-from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.beam import BeamNodes, beam_nodes
-from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.heights import Heights
-from sionna_radar.mapping.looks import Looks, looks_at, point_heights
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.mapping.coverage import closing_cells
+from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
+from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.speckle import STILL, SpeckleMemory
-from sionna_radar.mapping.tiles import EachPiece, Tiles, Tiling, pieces_here
-from sionna_radar.mapping.uncertainty import Uncertainty
+from sionna_radar.mapping.terrain.heights import Heights, Looks, looks_at, point_heights
+from sionna_radar.mapping.terrain.tiles import EachPiece, Tiles, Tiling, pieces_here
+from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.parts import DEM_METHODS
+from sionna_radar.scenario.processing import DemTable
 from sionna_radar.scenario.registry import require
 from sionna_radar.scenario.table import Table
 
@@ -353,3 +355,51 @@ def build_mapper(
         microrelief_m=dem.microrelief_m,
         min_confidence_m=dem.min_confidence_m,
     )
+
+
+# West, south, east and north in local metres.
+Extent = tuple[float, float, float, float]
+
+MAX_DEM_CELLS = 25_000_000
+MAX_CLOSED_CELLS = 100_000_000
+
+
+def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georeference | None) -> Grid:
+    """Return the cells of the DEM: the map's where the terrain has a place on it, so that other rasters fit it.
+
+    Parameters
+    ----------
+    spacing_m:
+        Size of the cells.
+    extent_m:
+        Ground that the beam's axis meets.
+    max_gap_m:
+        Widest gap that a map of them closes.
+    place:
+        Georeference of the local frame, if it has one.
+
+    Raises
+    ------
+    ScenarioError
+        There are too many cells, or too many in a gap.
+
+    """
+    west, south, east, north = extent_m
+    cells = (east - west + 2 * spacing_m) * (north - south + 2 * spacing_m) / spacing_m**2
+    if cells > MAX_DEM_CELLS:
+        enough = spacing_m * 1.05 * np.sqrt(cells / MAX_DEM_CELLS)
+        message = (
+            f"{spacing_m:g} m makes {cells:.3g} cells of {east - west:.0f} x {north - south:.0f} m, more than "
+            f"{MAX_DEM_CELLS:,}; raise it to {enough:.2g}"
+        )
+        raise ScenarioError([Problem("dem.spacing_m", message)])
+    centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
+    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
+    border = 2 * closing_cells(max_gap_m, spacing_m)
+    if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
+        message = (
+            f"gaps of {max_gap_m:.3g} m (without the key: as wide as the beams lie apart) are {border:,} cells of "
+            f"{spacing_m:g} m wide; give a smaller one, or raise dem.spacing_m"
+        )
+        raise ScenarioError([Problem("dem.max_gap_m", message)])
+    return grid

@@ -4,6 +4,7 @@ from .antenna import antenna_of as antenna_of
 from .antenna import build_antenna as build_antenna
 from .antenna import measured_cut as measured_cut
 from .antenna import register_antenna as register_antenna
+from .array_antenna import taylor_cut as taylor_cut
 from .array_pattern import ArrayPattern as ArrayPattern
 from .array_pattern import ElementPattern as ElementPattern
 from .array_pattern import array_factor as array_factor
@@ -15,7 +16,6 @@ from .equation import plane_echo as plane_echo
 from .pattern import ProductPattern as ProductPattern
 from .pattern import SphericalPattern as SphericalPattern
 from .pattern_files.reader import read_pattern as read_pattern
-from .taylor_array import taylor_cut as taylor_cut
 
 __all__ = [
     "Antenna",

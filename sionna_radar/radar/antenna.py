@@ -18,7 +18,7 @@ from scipy.integrate import cumulative_simpson, simpson
 from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.radar.two_way_grid import TwoWayGrid, two_way_grid
 from sionna_radar.scenario.bases import AntennaParameters
-from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.registry import PACKAGE, require
 

@@ -5,11 +5,12 @@ How far a lobe is followed depends on the use, so every use has its own level, a
 of the whole echo.
 """
 
-from typing import Final
+from typing import Final, no_type_check
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.radar.antenna import Antenna, Cut
 
 # Half of the one-way power: inside the usual half-power beam.
@@ -33,7 +34,6 @@ def in_main_lobe(antenna: Antenna, direction: Float[np.ndarray, "n 3"], level: f
     """Mark the unit vectors, in the antenna's frame, whose two-way gain relative to the peak is at least a level."""
     if not antenna.separable:
         return antenna.gain(direction) ** 2 >= level * antenna.peak_gain**2
-    from sionna_radar.radar.lobe_kernels import within
 
     inside = np.empty(len(direction), dtype=np.bool_)
     cuts = (np.ascontiguousarray(cut.voltage, dtype=np.float64) for cut in (antenna.azimuth, antenna.elevation))
@@ -51,3 +51,23 @@ def reach_of_power(antenna: Antenna, outside: float) -> tuple[float, float]:
 def _reach(cut: Cut, outside: float) -> float:
     low, high = np.interp([outside / 2, 1 - outside / 2], cut.two_way_distribution, cut.cosine)
     return float(max(-low, high))
+
+
+@compiled
+@no_type_check
+def voltage_at(voltage, cosine):
+    """Return a `Cut` at a direction cosine."""
+    position = (min(max(cosine, -1.0), 1.0) + 1.0) * ((len(voltage) - 1) / 2)
+    below = min(int(position), len(voltage) - 2)
+    share = position - below
+    return voltage[below] * (1 - share) + voltage[below + 1] * share
+
+
+@compiled
+@no_type_check
+def within(direction, azimuth, elevation, level, inside):
+    """Mark the unit vectors at which the two-way power, relative to the peak, is at least a level."""
+    for n in range(len(direction)):
+        voltage = voltage_at(azimuth, direction[n, 1]) * voltage_at(elevation, direction[n, 2])
+        gain = voltage * voltage * max(direction[n, 0], 0.0)
+        inside[n] = gain * gain >= level

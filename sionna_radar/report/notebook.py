@@ -10,20 +10,20 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from sionna_radar.report.budget import figures as budget_figures
-from sionna_radar.report.budget.table import grades_table, limits_table
-from sionna_radar.report.crosscheck import figures as crosscheck_figures
-from sionna_radar.report.crosscheck.table import crosscheck_table
-from sionna_radar.report.imagery import figures as imagery_figures
-from sionna_radar.report.imagery.table import image_table
+from sionna_radar.report.studies import budget as budget_figures
+from sionna_radar.report.studies import crosscheck as crosscheck_figures
+from sionna_radar.report.studies import imagery as imagery_figures
+from sionna_radar.report.studies import sweep_figures
+from sionna_radar.report.studies.budget import grades_table, limits_table
+from sionna_radar.report.studies.crosscheck import crosscheck_table
+from sionna_radar.report.studies.imagery import image_table
+from sionna_radar.report.studies.sweep import sweep_table
 from sionna_radar.report.survey.figures import draw_dem
-from sionna_radar.report.survey.table import survey_table
-from sionna_radar.report.sweep import figures as sweep_figures
-from sionna_radar.report.sweep.table import sweep_table
+from sionna_radar.report.survey.summary import survey_table
 from sionna_radar.studies.budget import Budget
-from sionna_radar.studies.crosscheck_result import CrossCheck
+from sionna_radar.studies.crosscheck import CrossCheck
 from sionna_radar.studies.images import Imagery
-from sionna_radar.studies.sweep_result import Sweep
+from sionna_radar.studies.sweep import Sweep
 from sionna_radar.survey.result import Survey
 
 # For a screen, next to text; the files for print are finer.

@@ -5,7 +5,6 @@ from .bases import NavigationParameters as NavigationParameters
 from .bases import ScanParameters as ScanParameters
 from .bases import StageParameters as StageParameters
 from .bases import TerrainParameters as TerrainParameters
-from .dem import DemTable as DemTable
 from .lidar import LidarTable as LidarTable
 from .loading import load_scenario as load_scenario
 from .loading import parse_overrides as parse_overrides
@@ -21,14 +20,15 @@ from .materials import PhysicalOptics as PhysicalOptics
 from .materials import SionnaItu as SionnaItu
 from .materials import SmallPerturbation as SmallPerturbation
 from .materials import UlabyDobson as UlabyDobson
-from .navigation import NavigationTable as NavigationTable
 from .objects import Building as Building
 from .objects import Footprints as Footprints
 from .objects import MeshObject as MeshObject
 from .objects import PointTarget as PointTarget
 from .objects import TargetMesh as TargetMesh
+from .platform import NavigationTable as NavigationTable
 from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable
+from .processing import DemTable as DemTable
 from .processing import ProcessingTable as ProcessingTable
 from .radar import AntennaTable as AntennaTable
 from .radar import ArrayAntennaTable as ArrayAntennaTable
@@ -39,8 +39,8 @@ from .radar import ScanTable as ScanTable
 from .receiver import OscillatorTable as OscillatorTable
 from .receiver import ReceiverTable as ReceiverTable
 from .reference import reference as reference
+from .reference import scenario_schema as scenario_schema
 from .scenario import Scenario as Scenario
-from .schema import scenario_schema as scenario_schema
 from .table import NonNegative as NonNegative
 from .table import Parameters as Parameters
 from .table import Positive as Positive

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.mesh_file import MeshFile, MeshShape
 from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+from sionna_radar.scenario.terrain import MeshFile, MeshShape
 
 
 class Building(Table):

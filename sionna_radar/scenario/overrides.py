@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.input_file import parse_toml, read_text, shown
-from sionna_radar.foundation.network import is_address
-from sionna_radar.scenario.media import Medium
+from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, shown
+from sionna_radar.scenario.materials import Medium
 from sionna_radar.scenario.parts import ANTENNAS, MATERIALS, NAVIGATIONS, SCANS, TERRAINS
 from sionna_radar.scenario.registry import Registry
 

@@ -18,44 +18,44 @@ from sionna_radar.scenario.registry import PACKAGE, Registry
 RANGE_ESTIMATORS = Registry(
     "range estimator",
     {
-        "peak": "sionna_radar.detection.ranging.peak",
-        "centroid": "sionna_radar.detection.ranging.centroid",
-        "leading_edge": "sionna_radar.detection.ranging.leading_edge",
-        "model_fit": "sionna_radar.detection.ranging.model_fit",
+        "peak": "sionna_radar.detection.ranging.estimators",
+        "centroid": "sionna_radar.detection.ranging.estimators",
+        "leading_edge": "sionna_radar.detection.ranging.estimators",
+        "model_fit": "sionna_radar.detection.ranging.estimators",
     },
 )
 DEM_METHODS = Registry(
     "DEM method",
     {
-        "linear": "sionna_radar.mapping.methods.linear",
-        "smooth": "sionna_radar.mapping.methods.smooth",
-        "refined": "sionna_radar.mapping.methods.refined",
-        "stepped": "sionna_radar.mapping.methods.stepped",
+        "linear": "sionna_radar.mapping.linear.linear",
+        "smooth": "sionna_radar.mapping.refined.refinement",
+        "refined": "sionna_radar.mapping.refined.refinement",
+        "stepped": "sionna_radar.mapping.stepped.surface",
     },
 )
 SCANS = Registry(
     "scan",
     {
-        "whisk_broom": "sionna_radar.flight.scans.rotating",
-        "conical": "sionna_radar.flight.scans.rotating",
-        "fixed": "sionna_radar.flight.scans.rotating",
-        "side_looking": "sionna_radar.flight.scans.side_looking",
-        "electronic": "sionna_radar.flight.scans.electronic",
+        "whisk_broom": "sionna_radar.flight.scan",
+        "conical": "sionna_radar.flight.scan",
+        "fixed": "sionna_radar.flight.scan",
+        "side_looking": "sionna_radar.flight.scan",
+        "electronic": "sionna_radar.flight.scan",
     },
     ScanParameters,
 )
 ANTENNAS = Registry(
     "antenna",
     {
-        "taylor": "sionna_radar.radar.taylor_array",
-        "pattern": "sionna_radar.radar.measured_antenna",
+        "taylor": "sionna_radar.radar.array_antenna",
+        "pattern": "sionna_radar.radar.pattern_files.reader",
         "array": "sionna_radar.radar.array_antenna",
     },
     AntennaParameters,
 )
 NAVIGATIONS = Registry(
     "navigation",
-    {"errors": "sionna_radar.flight.navigation", "from_log": "sionna_radar.flight.logged_errors"},
+    {"errors": "sionna_radar.flight.navigation", "from_log": "sionna_radar.flight.navigation"},
     NavigationParameters,
 )
 SENSORS = Registry(
@@ -73,9 +73,9 @@ ENGINES = Registry(
 TERRAINS = Registry(
     "terrain",
     {
-        "flat": "sionna_radar.scene.terrains.flat",
-        "hills": "sionna_radar.scene.terrains.hills",
-        "fractal": "sionna_radar.scene.terrains.fractal",
+        "flat": "sionna_radar.scene.terrains.synthetic",
+        "hills": "sionna_radar.scene.terrains.synthetic",
+        "fractal": "sionna_radar.scene.terrains.synthetic",
         "jacksboro": "sionna_radar.scene.terrains.elevation",
         "raster": "sionna_radar.scene.terrains.elevation",
         "points": "sionna_radar.scene.terrains.points",
@@ -90,15 +90,15 @@ TERRAINS = Registry(
 MATERIALS = Registry(
     "material",
     {
-        "constant_gamma": "sionna_radar.surfaces.models.empirical",
-        "lambertian": "sionna_radar.surfaces.models.empirical",
-        "ulaby_dobson": "sionna_radar.surfaces.models.empirical",
-        "table": "sionna_radar.surfaces.models.empirical",
-        "kirchhoff": "sionna_radar.surfaces.models.rough",
-        "physical_optics": "sionna_radar.surfaces.models.rough",
-        "small_perturbation": "sionna_radar.surfaces.models.rough",
-        "integral_equation": "sionna_radar.surfaces.models.rough",
-        "sionna_itu": "sionna_radar.surfaces.models.sionna_slab",
+        "constant_gamma": "sionna_radar.surfaces.surface_models",
+        "lambertian": "sionna_radar.surfaces.surface_models",
+        "ulaby_dobson": "sionna_radar.surfaces.surface_models",
+        "table": "sionna_radar.surfaces.surface_models",
+        "kirchhoff": "sionna_radar.surfaces.surface_models",
+        "physical_optics": "sionna_radar.surfaces.surface_models",
+        "small_perturbation": "sionna_radar.surfaces.surface_models",
+        "integral_equation": "sionna_radar.surfaces.surface_models",
+        "sionna_itu": "sionna_radar.surfaces.sionna_slab",
     },
     MaterialParameters,
 )
@@ -108,7 +108,7 @@ RECEIVER_STAGES = Registry(
         "leakage": "sionna_radar.signal.leakage",
         "mixer": "sionna_radar.signal.mixer",
         "interference": "sionna_radar.signal.interference",
-        "noise": "sionna_radar.signal.noise",
+        "noise": "sionna_radar.signal.receiver",
         "filters": "sionna_radar.signal.filters",
         "converter": "sionna_radar.signal.converter",
     },

@@ -1,21 +1,58 @@
-"""The receiver as it is built, and the oscillator that it shares with the transmitter: `[radar.receiver]`."""
+"""Tables of the receiver: `[radar.receiver]`, oscillators, interferers, and a second receiver."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from math import log10
+from types import MappingProxyType
 from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sionna_radar.foundation.decibel import from_db, to_db
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.numerics import from_db, to_db
 from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.choice import ChosenBy
-from sionna_radar.scenario.oscillators import PHASE_NOISE
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.problems import nearest
-from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
+from sionna_radar.scenario.table import InputPath, NonNegative, Point2, Positive, Real, Table, refuse
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseNoiseLevels:
+    """Published phase noise.
+
+    levels: offsets from the carrier in Hz, and levels of one sideband in dBc/Hz.
+    source: of its figures. assumed: what no source gives.
+    """
+
+    levels: tuple[tuple[float, float], ...]
+    source: str
+    assumed: str
+
+
+_SHAPE = "a loop 1 MHz wide: level within it, 20 dB a decade beyond; the source gives the figure at 1 MHz alone"
+# The data sheets themselves were not at hand.
+_AWR1843AOP = "at 1 MHz, from the AWR1843AOP data sheet SWRS236C as a public repository of component data quotes it"
+_AWR2243 = "at 1 MHz, from the AWR2243 data sheet SWRS223D as the fact check of a public repository quotes it"
+
+
+def _synthesiser(level_dbc_hz: float, band: str, source: str) -> PhaseNoiseLevels:
+    levels = ((1e3, level_dbc_hz), (1e6, level_dbc_hz), (1e7, level_dbc_hz - 20))
+    return PhaseNoiseLevels(levels=levels, source=f"{band}, {level_dbc_hz:g} dBc/Hz {source}", assumed=_SHAPE)
+
+
+PHASE_NOISE: Mapping[str, PhaseNoiseLevels] = MappingProxyType(
+    {
+        "ti_awr1843aop_76ghz": _synthesiser(-95.0, "the first of two figures, for 76 to 77 GHz", _AWR1843AOP),
+        "ti_awr1843aop_77ghz": _synthesiser(-93.0, "the second of two figures, for 77 to 81 GHz", _AWR1843AOP),
+        "ti_awr2243_76ghz": _synthesiser(-96.0, "76 to 77 GHz (VCO1)", _AWR2243),
+        "ti_awr2243_77ghz": _synthesiser(-94.0, "77 to 81 GHz (VCO2)", _AWR2243),
+    }
+)
+
 
 Order = Annotated[int, Field(strict=True, ge=1, le=4)]
 # An offset from the carrier, and the level there in one sideband.
@@ -260,3 +297,80 @@ class ReceiverTable(Table):
             factor += (from_db(stage.noise_figure_db) - 1) / gain
             gain *= from_db(stage.gain_db)
         return to_db(factor)
+
+
+class Interferer(Table):
+    """Another radar, in the line of sight of ours, whose waves our antenna receives directly.
+
+    kind: a linear sweep, or a steady carrier.
+    position_m: east and north.
+    height_m: above the ground.
+    power_dbm: transmitted.
+    antenna_gain_db: of its antenna toward ours, dBi, less what its polarization loses.
+    carrier_hz: in the middle of its sweep.
+    bandwidth_hz: of its sweep.
+    chirp_rate_hz: its sweeps a second, each as long as its period.
+    sweep: rising or falling.
+    offset_s: when a sweep of its begins, after the start of the survey.
+    """
+
+    kind: Literal["fmcw", "cw"] = "fmcw"
+    position_m: Point2
+    height_m: NonNegative = 0.0
+    power_dbm: Annotated[Real, Field(ge=-100, le=90)]
+    antenna_gain_db: Annotated[Real, Field(ge=-100, le=80)] = 0.0
+    carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
+    bandwidth_hz: Annotated[Real, Field(ge=0, le=1e11)] | None = None
+    chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] | None = None
+    sweep: Literal["up", "down"] = "up"
+    offset_s: Annotated[Real, Field(ge=-1e6, le=1e6)] = 0.0
+
+    @model_validator(mode="after")
+    def _sweep_is_given(self) -> Interferer:
+        sweep = {"bandwidth_hz": self.bandwidth_hz, "chirp_rate_hz": self.chirp_rate_hz}
+        for key, value in sweep.items():
+            if self.kind == "fmcw" and value is None:
+                raise refuse(key, "missing; give it, or kind = 'cw'")
+            if self.kind == "cw" and value is not None:
+                raise refuse(key, "a steady carrier has none; remove it, or set kind = 'fmcw'")
+        return self
+
+
+class SecondReceiverTable(Table):
+    """What a second receiver sees beside the first, which stays as it is; both have the noise of one.
+
+    kind: "interferometer" has the antenna's pattern and a phase centre of its own; "monopulse" the difference of the
+        antenna's two halves, its sum being the first receiver's; "row" stands for several like an interferometer's,
+        evenly spaced with the first: receivers, or virtual ones of a MIMO radar that tells its transmitters apart.
+    receivers: of a row, with the first.
+    axis: along which its phase centre lies, or the halves do: the antenna's elevation (up) or azimuth (left); "both"
+        adds a third receiver, so that each axis has its own; a row then lies along the elevation, with one receiver
+        beside it.
+    baseline_wavelengths: between the phase centres of an interferometer; without it such that the phase scatters by a
+        quarter of a radian over the two-way beam. Between neighbours in a row; without it half of the longest that is
+        unambiguous.
+    baseline_error_wavelengths: by how much the phase centre lies farther out than processing believes.
+    phase_error_deg: of a second receiver against the first, not calibrated out; not for "monopulse".
+    """
+
+    kind: Literal["interferometer", "monopulse", "row"] = "interferometer"
+    receivers: Annotated[int, Field(strict=True, ge=3, le=32)] | None = None
+    axis: Literal["elevation", "azimuth", "both"] = "both"
+    baseline_wavelengths: Annotated[Real, Field(ge=0.05, le=1000)] | None = None
+    baseline_error_wavelengths: Annotated[Real, Field(ge=-1, le=1)] = 0.0
+    phase_error_deg: Annotated[Real, Field(ge=-180, le=180)] = 0.0
+
+    @model_validator(mode="after")
+    def _halves_have_no_baseline(self) -> SecondReceiverTable:
+        if self.kind == "row" and self.receivers is None:
+            raise refuse("receivers", "missing; give how many a row has, for example 8")
+        if self.kind != "row" and self.receivers is not None:
+            raise refuse("receivers", f"{self.receivers} has no effect on kind = {self.kind!r}; set kind = 'row'")
+        if self.kind != "monopulse":
+            return self
+        given = {"baseline_wavelengths": None, "baseline_error_wavelengths": 0.0, "phase_error_deg": 0.0}
+        for name, usual in given.items():
+            if getattr(self, name) != usual:
+                message = f"has no effect on kind = 'monopulse', whose halves are the antenna's own; remove {name}"
+                raise refuse(name, message)
+        return self

@@ -12,12 +12,11 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, shown
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.choice import ChosenBy
-from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.loading import parse_scenario
 from sionna_radar.scenario.overrides import IMPLIED_ANTENNAS, apply_overrides
 from sionna_radar.scenario.parts import ANTENNAS
 from sionna_radar.scenario.problems import nearest, translate
-from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario.processing import DemTable, ProcessingTable
 from sionna_radar.scenario.radar import AntennaTable
 from sionna_radar.scenario.receiver import ReceiverTable
 from sionna_radar.scenario.scenario import Scenario

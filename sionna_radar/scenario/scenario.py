@@ -19,11 +19,9 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
-from sionna_radar.scenario.averaging import check_average
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
 from sionna_radar.scenario.choice import ParametersOf, name_in
-from sionna_radar.scenario.dem import DemTable
-from sionna_radar.scenario.interferers import Interferer
+from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
@@ -32,8 +30,9 @@ from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_p
 from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
-from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.radar import AntennaTable, RadarTable
+from sionna_radar.scenario.processing import DemTable, ProcessingTable
+from sionna_radar.scenario.radar import AntennaTable, RadarTable, check_average
+from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.scenario.table import Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,
@@ -45,10 +44,9 @@ from sionna_radar.scenario.terrain import (
     Terrain,
 )
 from sionna_radar.scenario.tracing import TracingTable
-from sionna_radar.scenario.vegetation import VegetationTable
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.weather.fog import HIGHEST_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
-from sionna_radar.weather.fog import SOURCE as FOG_SOURCE
+from sionna_radar.weather.obscurants import FOG_MAX_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
+from sionna_radar.weather.obscurants import FOG_SOURCE
 from sionna_radar.weather.snow import HIGHEST_FREQUENCY_HZ as HIGHEST_SNOW_FREQUENCY_HZ
 from sionna_radar.weather.snow import LOWEST_FREQUENCY_HZ as LOWEST_SNOW_FREQUENCY_HZ
 

@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from sionna_radar.scenario.table import NoneOrSome, Point2, Point3, Positive, Real, Seed, Table, refuse
-from sionna_radar.weather.fog import FogClass, liquid_water_of_visibility_g_per_m3
-from sionna_radar.weather.kinds import Obscurant, Precipitation
-from sionna_radar.weather.water import HIGHEST_TEMPERATURE_K, LOWEST_TEMPERATURE_K
+from sionna_radar.weather.obscurants import FogClass, liquid_water_of_visibility_g_per_m3
+from sionna_radar.weather.permittivity import HIGHEST_TEMPERATURE_K, WATER_MIN_TEMPERATURE_K
+from sionna_radar.weather.validity import Obscurant, Precipitation
 
 RainRate = Annotated[NoneOrSome, Field(le=300)]
 # As water on the ground: 10 mm/h is some 10 cm of new snow in an hour.
@@ -89,7 +89,7 @@ class WeatherTable(Table):
     smoke_visibility_m: Visibility | None = None
     wind_mps: Point3 = (0.0, 0.0, 0.0)
     gases: bool = Field(default=False, strict=True)
-    temperature_k: Annotated[Real, Field(ge=LOWEST_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
+    temperature_k: Annotated[Real, Field(ge=WATER_MIN_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
     dry_pressure_hpa: Annotated[Real, Field(gt=0, le=1100)] = 1013.25
     vapour_g_per_m3: Annotated[Real, Field(ge=0, le=60)] = 7.5
 

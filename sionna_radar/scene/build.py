@@ -12,7 +12,7 @@ from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.registry import PACKAGE
 from sionna_radar.scene.canopy_heights import plant_heights

@@ -6,15 +6,13 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.local_frame import map_part
-from sionna_radar.elevation.map_frame import frame_of
+from sionna_radar.elevation.local_frame import frame_of, map_part
+from sionna_radar.elevation.placed_raster import height_system
 from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
-from sionna_radar.elevation.vertical import height_system
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Grid
-from sionna_radar.scenario.vegetation import VegetationTable
+from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.terrains.points import Unstated
 

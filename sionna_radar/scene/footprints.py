@@ -1,4 +1,7 @@
-"""Buildings extruded from the outlines of a vector file, thousands at a time."""
+"""Buildings extruded from the outlines of a vector file, thousands at a time.
+
+Box buildings that stand on the ground.
+"""
 
 import logging
 import re
@@ -8,10 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.objects import Footprints
+from sionna_radar.scenario.objects import Building, Footprints
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import Polygons, read_polygons
 
@@ -200,3 +203,38 @@ def _extruded(
     down = left < (north[:, 1] - north[:, 0]) * (east[:, 2] - east[:, 0])
     roof[down] = roof[down][:, ::-1]
     return np.concatenate([foot, eaves]), np.concatenate([walls, roof + count])
+
+
+def build_box(
+    building: Building, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
+) -> Surface:
+    """Return a building as a box: its base on the lowest ground in its outline, its height above that.
+
+    Raises
+    ------
+    ScenarioError
+        Part of the outline is outside the terrain.
+
+    """
+    length, width, height = building.size_m
+    heading = np.deg2rad(building.heading_deg)
+    along, across = np.array([np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), -np.sin(heading)])
+    share = np.linspace(-0.5, 0.5, 21)
+    a, b = (grid.ravel()[:, None] for grid in np.meshgrid(share * length, share * width))
+    base = float(np.min(ground_m(np.array(building.position_m) + a * along + b * across)))
+    if not np.isfinite(base):
+        message = f"the building at {building.position_m} extends beyond the terrain; move it or enlarge the terrain"
+        raise ScenarioError([Problem(f"buildings.{index}.position_m", message)])
+    place = np.eye(4)
+    place[:2, 0], place[:2, 1] = across, along
+    place[:3, 3] = [*building.position_m, base + height / 2]
+    # It takes a tenth of a second to import, and most scenes have no boxes.
+    import trimesh
+
+    box = trimesh.creation.box(extents=(width, length, height), transform=place)
+    return Surface(
+        name=f"building-{index}",
+        vertices_m=np.asarray(box.vertices, dtype=np.float64),
+        faces=np.asarray(box.faces, dtype=np.int64),
+        material=building.material,
+    )

@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from sionna_radar.elevation.map_frame import frame_of
+from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import TERRAINS
 from sionna_radar.scenario.registry import PACKAGE, require
-from sionna_radar.scene.buildings import build_box
-from sionna_radar.scene.footprints import build_footprints
+from sionna_radar.scene.footprints import build_box, build_footprints
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, build_landscape, landscape_of_raster
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.objects import build_objects

@@ -12,16 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
-from sionna_radar.elevation.map_frame import MapFrame, frame_at
+from sionna_radar.elevation.local_frame import MapFrame, frame_at
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scenario.bases import CoveredTerrain, TerrainParameters
 from sionna_radar.scenario.parts import TERRAINS
 from sionna_radar.scenario.registry import require
 from sionna_radar.scene.ground_cover import cover_ground
-from sionna_radar.scene.mesh import mesh_of
-from sionna_radar.scene.model import Surface
+from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import Channel

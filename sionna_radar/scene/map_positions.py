@@ -4,7 +4,7 @@ import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import horizontal_part
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown

@@ -1,19 +1,41 @@
-"""The contents of a scene, in plain arrays that any engine can use."""
+"""The contents of a scene, in plain arrays that any engine can use.
+
+Triangle meshes of elevation rasters.
+
+Bodies of targets: shapes in axes of their own, to the right, forward and up.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Raster
-from sionna_radar.scene.body import Body
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.vegetation import Vegetation
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
+
+
+# Known by identity: arrays have no hash.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Body:
+    """Triangles, each so small that a wave is plane over it.
+
+    vertices_m: right, forward and up.
+    faces: counter-clockwise seen from outside. two_sided: those of sheets, which have two outsides.
+    reflectivity: of its surface, power over that of a perfect conductor.
+    """
+
+    vertices_m: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    two_sided: Bool[np.ndarray, " face"]
+    reflectivity: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,3 +108,72 @@ class Scene:
         """Lowest and highest corner of the box around all surfaces."""
         low, high = zip(*(surface.bounds_m for surface in self.surfaces), strict=True)
         return np.array([np.min(low, axis=0), np.max(high, axis=0)])
+
+
+def mesh_of(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
+    """Return vertices and triangles of a raster: two triangles for every four filled neighbours.
+
+        c---d
+        | / |      counter-clockwise seen from above: a b d, a d c
+        a---b
+
+    Empty cells leave holes, and cells without a triangle have no vertex.
+    """
+    filled = raster.filled
+    if filled.all():
+        return _whole(raster)
+    index = np.arange(raster.height_m.size).reshape(raster.grid.shape)
+    corners = [index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]]
+    whole = filled[:-1, :-1] & filled[:-1, 1:] & filled[1:, :-1] & filled[1:, 1:]
+    faces = _two_triangles([corner[whole] for corner in corners])
+
+    used = np.zeros(index.size, dtype=bool)
+    used[faces] = True
+    renumbered = np.cumsum(used) - 1
+    vertices = np.column_stack([raster.grid.centres_m[used], raster.height_m.ravel()[used]])
+    return vertices.astype(np.float64), renumbered[faces]
+
+
+def _whole(raster: Raster) -> tuple[Float[np.ndarray, "vertex 3"], Int[np.ndarray, "face 3"]]:
+    """Return vertices and triangles of a raster without empty cells: millions, so by compiled loops."""
+    rows, columns = raster.grid.shape
+    height = np.ascontiguousarray(raster.height_m, dtype=np.float64)
+    vertices = np.empty((rows * columns, 3))
+    faces = np.empty((2 * (rows - 1) * (columns - 1), 3), dtype=np.int32 if rows * columns < 2**31 else np.int64)
+    place = raster.grid.x_m, raster.grid.y_m
+    over_rows(lambda low, high: vertices_of_rows(low, high, *place, height, vertices), rows)
+    over_rows(lambda low, high: triangles_of_rows(low, high, columns, faces), rows - 1)
+    return vertices, faces
+
+
+def _two_triangles(corners: list[Int[np.ndarray, "..."]]) -> Int[np.ndarray, "face 3"]:
+    """Return two triangles for each square of corners a, b, c, d."""
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.empty((len(a), 2, 3), dtype=np.int64)
+    for place, corner in enumerate((a, b, d)):
+        faces[:, 0, place] = corner
+    for place, corner in enumerate((a, d, c)):
+        faces[:, 1, place] = corner
+    return faces.reshape(-1, 3)
+
+
+@compiled
+@no_type_check
+def vertices_of_rows(low, high, x, y, height, vertices):
+    """Write the vertices of the rows from `low` to `high`."""
+    for row in range(low, high):
+        for column in range(len(x)):
+            n = row * len(x) + column
+            vertices[n, 0], vertices[n, 1], vertices[n, 2] = x[column], y[row], height[row, column]
+
+
+@compiled
+@no_type_check
+def triangles_of_rows(low, high, columns, faces):
+    """Write the triangles between each of the rows from `low` to `high` and the next."""
+    for row in range(low, high):
+        for column in range(columns - 1):
+            a, n = row * columns + column, 2 * (row * (columns - 1) + column)
+            b, c, d = a + 1, a + columns, a + columns + 1
+            faces[n, 0], faces[n, 1], faces[n, 2] = a, b, d
+            faces[n + 1, 0], faces[n + 1, 1], faces[n + 1, 2] = a, d, c

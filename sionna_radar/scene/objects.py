@@ -10,8 +10,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.mesh_file import MeshFile, MeshShape
 from sionna_radar.scenario.objects import MeshObject
+from sionna_radar.scenario.terrain import MeshFile, MeshShape
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair

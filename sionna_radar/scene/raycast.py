@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int, Integer
 
 from sionna_radar.foundation.kept_values import KeptValues
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.raytracer.denormals import flushed_denormals
+from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.relief import Relief
 

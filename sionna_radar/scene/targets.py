@@ -1,17 +1,110 @@
-"""Point targets of a scenario, placed on the ground."""
+"""Targets of a scene: points, tables of cross-sections, and bodies from meshes."""
 
+import csv
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.foundation.decibel import from_db
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.scenario.objects import PointTarget, RotorTable
-from sionna_radar.scene.body_file import body_of
-from sionna_radar.scene.model import Target
-from sionna_radar.scene.motion import Rotor, Way
-from sionna_radar.scene.rcs_file import read_rcs
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.numerics import from_db
+from sionna_radar.scenario.objects import PointTarget, RotorTable, TargetMesh
+from sionna_radar.scene.mesh_files.repair import repair
+from sionna_radar.scene.model import Body, Target
+from sionna_radar.scene.motion import RcsTable, Rotor, Way
+from sionna_radar.scene.objects import upright
+
+AZIMUTH, ELEVATION, RCS = "azimuth_deg", "elevation_deg", "rcs_dbsm"
+REMEDY = f"give a CSV file with the columns {AZIMUTH},{RCS}, and {ELEVATION} if it depends on that"
+MOST_ROWS = 1_000_000
+
+
+def read_rcs(path: Path) -> RcsTable:
+    """Return the table in a file; raises InputFileError for a file that holds none."""
+    rows = [line for line in read_text(path, "rcs_table", REMEDY).splitlines() if line.strip() and line[0] != "#"]
+    try:
+        header = [name.strip() for name in next(csv.reader(rows[:1]), [])]
+        numbers = [[float(cell) for cell in row] for row in csv.reader(rows[1:])]
+        _check(header, numbers)
+        return _table(header, np.array(numbers))
+    except (ValueError, csv.Error) as error:
+        message = f"{shown(path)} holds no radar cross-section by angle ({error}); {REMEDY}"
+        raise InputFileError(message) from error
+
+
+def _check(header: list[str], numbers: list[list[float]]) -> None:
+    """Raise ValueError for other columns, for too many rows or none, and for what is not finite."""
+    if set(header) not in ({AZIMUTH, RCS}, {AZIMUTH, ELEVATION, RCS}) or len(set(header)) != len(header):
+        message = f"its header is {shown(','.join(header))}"
+        raise ValueError(message)
+    if not 1 <= len(numbers) <= MOST_ROWS or any(len(row) != len(header) for row in numbers):
+        message = f"its rows are not from 1 to {MOST_ROWS:,} of {len(header)} numbers each"
+        raise ValueError(message)
+    if not np.all(np.isfinite(numbers)):
+        message = "not all of its numbers are finite"
+        raise ValueError(message)
+
+
+def _table(header: list[str], values: Float[np.ndarray, "row column"]) -> RcsTable:
+    azimuth, rcs_db = values[:, header.index(AZIMUTH)], values[:, header.index(RCS)]
+    elevation = values[:, header.index(ELEVATION)] if ELEVATION in header else np.zeros(len(values))
+    if np.ptp(azimuth) >= 360 or np.abs(elevation).max() > 90 or np.abs(rcs_db).max() > 200:
+        message = "azimuths cover a turn or more (leave out the last), elevations exceed 90, or levels 200 dB"
+        raise ValueError(message)
+    columns, column = np.unique(azimuth, return_inverse=True)
+    heights, row = np.unique(elevation, return_inverse=True)
+    if len(columns) * len(heights) != len(values) or len(set(zip(row, column, strict=True))) != len(values):
+        message = "there is not one row for each azimuth at each elevation"
+        raise ValueError(message)
+    rcs_m2 = np.empty((len(heights), len(columns)))
+    rcs_m2[row, column] = 10 ** (rcs_db / 10)
+    return RcsTable(azimuth_rad=np.deg2rad(columns), elevation_rad=np.deg2rad(heights), rcs_m2=rcs_m2)
+
+
+# Over a face of the side s at the range r a plane wave is wrong by pi s^2 / (2 wavelength r) in phase, both ways and at
+# its corners: by pi / 8 for this range.
+NEAREST_M = 10.0
+MOST_FACES = 200_000
+
+
+def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
+    """Return the body of a target.
+
+    Raises
+    ------
+    InputFileError
+        The mesh cannot be used.
+    ScenarioError
+        It is so large that it would be of too many faces.
+
+    """
+    mesh = repair(upright(table, key), f"{key}.path = {shown(table.path)}")
+    longest_m = np.sqrt(wavelength_m * NEAREST_M / 4)
+    corner = mesh.vertices_m[mesh.faces]
+    side_m = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    # Halving all sides makes four of a face.
+    halvings = np.ceil(np.log2(np.maximum(side_m / longest_m, 1.0)))
+    needed = float((4.0**halvings).sum())
+    if needed > MOST_FACES:
+        message = (
+            f"is of {needed:,.0f} faces of at most {100 * longest_m:.0f} cm, more than {MOST_FACES:,}; give a smaller "
+            "or simpler mesh, or set units"
+        )
+        raise ScenarioError([Problem(f"{key}.path", message)])
+    import trimesh
+
+    vertices, faces, owner = trimesh.remesh.subdivide_to_size(
+        mesh.vertices_m, mesh.faces, longest_m, max_iter=64, return_index=True
+    )
+    return Body(
+        vertices_m=vertices,
+        faces=faces.astype(np.int64),
+        two_sided=mesh.two_sided[owner],
+        reflectivity=from_db(table.reflectivity_db),
+    )
+
 
 AXES = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
 # A way follows the ground in steps no longer than this, and in no more of them.

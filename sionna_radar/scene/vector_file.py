@@ -18,7 +18,7 @@ from jaxtyping import Float
 from pyproj import CRS
 from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import horizontal_part, reproject
 from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown

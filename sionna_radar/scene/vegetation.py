@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from matplotlib.path import Path as Outline
 
-from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.scenario.vegetation import VegetationTable
+from sionna_radar.scenario.cover import VegetationTable
 
 logger = logging.getLogger("sionna_radar")
 

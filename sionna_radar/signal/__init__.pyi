@@ -1,7 +1,7 @@
+from .beat import SampleGrid as SampleGrid
 from .beat import synthesise as synthesise
-from .noise import add_noise as add_noise
 from .receiver import Receiver as Receiver
-from .sample_grid import SampleGrid as SampleGrid
+from .receiver import add_noise as add_noise
 from .stages import Received as Received
 from .stages import ReceiverStage as ReceiverStage
 from .stages import StageInputs as StageInputs

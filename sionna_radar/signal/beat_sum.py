@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.fft import ifft, next_fast_len
 
-from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.threads import cores, over_rows
-from sionna_radar.foundation.turns import turned
 
 # The grid is this much finer than the samples' own frequencies; points that an exponential is spread over.
 OVERSAMPLING, WIDTH = 2.0, 10

@@ -1,6 +1,8 @@
 """The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding.
 
 Samples are returned on the scale of the antenna: the gain in front of the converter is known, and taken out again.
+
+The step in which the converter of a radar rounds.
 """
 
 from dataclasses import dataclass, replace
@@ -8,10 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ConverterTable
+from sionna_radar.signal.receiver import Receiver
 from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
 
 
@@ -130,3 +134,21 @@ def _imbalance(table: ConverterTable) -> Imbalance | None:
     if not table.imbalanced:
         return None
     return Imbalance(gain=from_db(table.iq_gain_db / 2), lag_rad=float(np.deg2rad(table.iq_phase_deg)))
+
+
+def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
+    """Return the step of the converter on the scale of the antenna; None for one without a fixed step."""
+    if "converter" in radar.receiver.stages:
+        return None
+    given = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
+    converter = build_converter(StageParameters(stage="converter"), given)
+    return converter.step(receiver.noise_power_w, receiver.chirp)
+
+
+def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
+    """Return the power of the rounding of a sample over that of its thermal noise; None without a fixed step."""
+    step = rounding_step(radar, receiver)
+    if step is None or receiver.noise_power_w == 0:
+        return None
+    parts = 1 if receiver.chirp.sampling == "real" else 2
+    return parts * step**2 / 12 / receiver.noise_power_w

@@ -12,9 +12,9 @@ from jaxtyping import Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.raytracer.denormals import flushed_denormals
+from sionna_radar.raytracer.backend import flushed_denormals
 from sionna_radar.signal.beat import sampled_band_hz
-from sionna_radar.tracing.device_paths import DevicePaths
+from sionna_radar.tracing.paths import DevicePaths
 from sionna_radar.tracing.sionna.material import mi
 
 # isort: split

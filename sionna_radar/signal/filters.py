@@ -13,8 +13,7 @@ from jaxtyping import Bool, Complex, Float, Inexact
 from sionna_radar.foundation.threads import cores
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.signal.anti_alias import AntiAlias
-from sionna_radar.signal.high_pass import HighPass
+from sionna_radar.signal.analog_filters import AntiAlias, HighPass
 from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
 
 

@@ -15,12 +15,12 @@ from jaxtyping import Complex, Float, Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.decibel import from_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.scenario.interferers import Interferer
-from sionna_radar.signal.sample_grid import SampleGrid
+from sionna_radar.scenario.receiver import Interferer
+from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, register_receiver_stage
 
 # Bursts fade out over this share of the grid's band next to its ends, which filters take away.

@@ -31,8 +31,8 @@ from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.paths import VOLUME, Paths
-from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr, optical_air
+from sionna_radar.weather.validity import Precipitation
 
 # Reflectivity of the target for which `clear_range_m` is given.
 CLEAR_REFLECTIVITY = 0.1

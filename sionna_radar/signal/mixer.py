@@ -17,9 +17,8 @@ from jaxtyping import Complex, Float, Int
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scenario.bases import StageParameters
-from sionna_radar.signal.beat import analytic_beats
+from sionna_radar.signal.beat import SampleGrid, analytic_beats
 from sionna_radar.signal.oscillator import Oscillator, PhaseWaves, build_oscillator
-from sionna_radar.signal.sample_grid import SampleGrid
 from sionna_radar.signal.stages import Received, StageInputs, register_receiver_stage
 from sionna_radar.tracing.paths import Paths
 

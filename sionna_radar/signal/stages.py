@@ -20,9 +20,8 @@ from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import Place
 from sionna_radar.scenario.registry import require
-from sionna_radar.signal.anti_alias import AntiAlias, build_anti_alias
-from sionna_radar.signal.high_pass import HighPass
-from sionna_radar.signal.sample_grid import SampleGrid
+from sionna_radar.signal.analog_filters import AntiAlias, HighPass, build_anti_alias
+from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.tracing.paths import Paths
 
 # On the grids of all pulses that are received at once.

@@ -10,18 +10,25 @@ import numpy as np
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies.bench_backends import backend_ratios, measure_backends
-from sionna_radar.studies.bench_engines import ENGINE_RATIOS, measure_engines
-from sionna_radar.studies.bench_reuse import REUSE_RATIOS, measure_reuse
-from sionna_radar.studies.bench_start import START_RATIOS, measure_start
-from sionna_radar.studies.ratio import Ratio
-from sionna_radar.studies.side_by_side import bare_casting, seconds_of, side_by_side
+from sionna_radar.studies.bench_cases import (
+    ENGINE_RATIOS,
+    REUSE_RATIOS,
+    START_RATIOS,
+    Ratio,
+    backend_ratios,
+    bare_casting,
+    measure_backends,
+    measure_engines,
+    measure_reuse,
+    measure_start,
+    seconds_of,
+    side_by_side,
+)
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.steered import SteeredTracer
-from sionna_radar.tracing.tracer import Tracer
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 STOCK_SAMPLES = 1_000_000
 # Terrain, settings, and how many times faster than the flight the whole chain must at least be.
@@ -193,7 +200,7 @@ def _memory_growth(pulses: int) -> Ratio:
 
 def _peak_in_process(pulses: int) -> float:
     code = (
-        f"from sionna_radar.studies.bench_growth import long_survey\nprint(run(long_survey({pulses})).peak_memory_mb)\n"
+        f"from sionna_radar.studies.bench_cases import long_survey\nprint(run(long_survey({pulses})).peak_memory_mb)\n"
     )
     return float(_said(code))
 

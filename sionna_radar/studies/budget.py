@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from sionna_radar.flight.grades import GRADES, Grade
+from sionna_radar.flight.navigation import GRADES, Grade
 from sionna_radar.foundation.brief import Brief
+from sionna_radar.foundation.checkpoints import KeptParts
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.kept_parts import KeptParts
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.workers import (
     SHARED,
@@ -25,8 +25,8 @@ from sionna_radar.foundation.workers import (
     each_kept,
 )
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.input_files import identity
-from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.loading import identity
+from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.remapping import RecordedSurvey, record_survey, recorded_survey
 

@@ -11,13 +11,12 @@ from jaxtyping import Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.flight.scans.side_looking import SideLookingScan
+from sionna_radar.flight.scan import SideLookingScan
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.imaging.aperture import Aperture, check_sampling, whole_beam
-from sionna_radar.imaging.grid import PixelGrid
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.imaging.aperture import Aperture, PixelGrid, check_sampling, whole_beam
 from sionna_radar.imaging.point_response import (
     Point,
     Widths,
@@ -27,17 +26,19 @@ from sionna_radar.imaging.point_response import (
     patch_around,
     point_beside,
 )
-from sionna_radar.imaging.resolution import (
+from sionna_radar.imaging.sar import BackProjection, SarImage
+from sionna_radar.imaging.slar import SideLooking, SlantImage
+from sionna_radar.imaging.strip import (
+    Strip,
     azimuth_resolution_m,
+    focused_pixels,
     ground_range_resolution_m,
+    lit_strip,
     real_aperture_resolution_m,
     slant_range_resolution_m,
 )
-from sionna_radar.imaging.sar import BackProjection, SarImage
-from sionna_radar.imaging.slar import SideLooking, SlantImage
-from sionna_radar.imaging.strip import Strip, focused_pixels, lit_strip
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.averaging import refuse_average
+from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE

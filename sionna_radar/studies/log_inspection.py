@@ -7,15 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.interpolation import course_attitudes, position_spline
 from sionna_radar.flight.logs.cleaning import CleanLog, clean, stretches
-from sionna_radar.flight.logs.log import FlightLog
-from sionna_radar.flight.logs.metric import in_metres
+from sionna_radar.flight.logs.log import FlightLog, in_metres
 from sionna_radar.flight.logs.reader import read_log
+from sionna_radar.flight.recorded import course_attitudes, position_spline
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.bases import TerrainParameters
 from sionna_radar.scene.landscape import TerrainInputs, build_landscape, map_frame
 

@@ -5,17 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
+from sionna_radar.detection.range_doppler.cfar import SHARED_NOISE, ClutterMap, RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
-from sionna_radar.detection.range_doppler.movers import Movers, find_movers
-from sionna_radar.detection.range_doppler.ring_cfar import SHARED_NOISE, RingCfar
-from sionna_radar.detection.range_doppler.staggered import StaggeredRangeDoppler
+from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.averaging import refuse_average
+from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
 

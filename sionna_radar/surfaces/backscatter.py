@@ -1,10 +1,27 @@
-"""Backscatter of surfaces: sigma0 against the local incidence angle."""
+"""Backscatter of surfaces: sigma0 against the local incidence angle.
 
+Measured backscatter: the handbook's fitted form, and tables of sigma0 against incidence.
+
+The fitted form is that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech
+House, 1989). Its W-band parameters were not found in any available source (the only parameters found were a
+public transcription for the L, S and C bands, one set of which its author had refitted), so none is shipped:
+the form takes the user's parameters, from the handbook or from a fit to measurements near the carrier.
+MathWorks documents its implementation of the same model for 1 to 18 GHz only: do not use those at 77 GHz.
+"""
+
+import csv
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.interpolate import PchipInterpolator
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import read_text, shown
 
 
 @runtime_checkable
@@ -55,3 +72,158 @@ class LambertianBackscatter:
         Toward every direction sigma0 is 4 albedo cos(in) cos(out); over 4 pi cos(in), its integral is the albedo.
         """
         return np.full(len(incidence_rad), self.nadir_sigma0 / 4)
+
+
+_COLUMNS = ("incidence_deg", "sigma0_db")
+
+
+@dataclass(frozen=True, kw_only=True)
+class UlabyDobsonBackscatter:
+    """The handbook's form, sigma0_dB = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t the incidence in radians.
+
+    All parameters come from the user: p1, p2 and p4 in dB, p3 and p5 per radian, p6 in radians.
+    `min_incidence_rad` and `max_incidence_rad` bound the fit; beyond them the value at the nearer bound is
+    used, because an exponential plus a cosine is meaningless outside the angles it was fitted to. `source`
+    states where the parameters come from: document, band and polarization.
+    """
+
+    p1: float
+    p2: float
+    p3: float
+    p4: float
+    p5: float
+    p6: float
+    min_incidence_rad: float
+    max_incidence_rad: float
+    source: str
+
+    def __post_init__(self) -> None:
+        for field in ("p1", "p2", "p3", "p4", "p5", "p6"):
+            if not math.isfinite(getattr(self, field)):
+                message = f"{field} = {getattr(self, field)} must be finite"
+                raise ValueError(message)
+        if not 0.0 <= self.min_incidence_rad < self.max_incidence_rad <= math.pi / 2:
+            message = (
+                f"min_incidence_rad = {self.min_incidence_rad:g} and max_incidence_rad = "
+                f"{self.max_incidence_rad:g} must increase within 0 to pi/2"
+            )
+            raise ValueError(message)
+        if not self.source.strip():
+            message = "source is empty; say where the parameters come from (document, band, polarization)"
+            raise ValueError(message)
+
+    def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the radar cross-section per unit of surface area; zero at and beyond 90 deg."""
+        angle = np.clip(np.abs(incidence_rad), self.min_incidence_rad, self.max_incidence_rad)
+        level_db = self.p1 + self.p2 * np.exp(-self.p3 * angle) + self.p4 * np.cos(self.p5 * angle + self.p6)
+        return np.where(_is_lit(incidence_rad), 10.0 ** (level_db / 10.0), 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableBackscatter:
+    """sigma0 given at some incidence angles, interpolated in dB without overshoot (monotone cubic, PCHIP).
+
+    Outside the table the value at its nearer end is used: terrain has facets at every angle, and a survey
+    should not fail because of one of them. At and beyond 90 deg the surface faces away and sigma0 is zero.
+    """
+
+    incidence_rad: tuple[float, ...]
+    sigma0_db: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.incidence_rad) != len(self.sigma0_db):
+            message = (
+                f"incidence_rad has {len(self.incidence_rad)} values and sigma0_db {len(self.sigma0_db)}; "
+                "they must pair up"
+            )
+            raise ValueError(message)
+        if len(self.incidence_rad) < 2:
+            message = f"incidence_rad has {len(self.incidence_rad)} value(s); a table needs two rows or more"
+            raise ValueError(message)
+        angles = np.array(self.incidence_rad)
+        if not np.all(np.diff(angles) > 0) or angles[0] < 0.0 or angles[-1] > math.pi / 2:
+            message = "incidence_rad must increase strictly, within 0 to pi/2"
+            raise ValueError(message)
+        if not np.all(np.isfinite(self.sigma0_db)):
+            message = "sigma0_db must be finite at every row"
+            raise ValueError(message)
+
+    @classmethod
+    def from_csv(cls, path: Path) -> "TableBackscatter":
+        """Read a table with the columns incidence_deg and sigma0_db; lines starting with # are comments.
+
+        Raises InputFileError, naming the line, for a file that is missing or does not contain such a table.
+        """
+        rows = _read_rows(path)
+        angles_deg, levels_db = zip(*rows, strict=True)
+        return cls(incidence_rad=tuple(np.radians(angles_deg).tolist()), sigma0_db=tuple(levels_db))
+
+    def sigma0(self, incidence_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the radar cross-section per unit of surface area."""
+        angle = np.clip(np.abs(incidence_rad), self.incidence_rad[0], self.incidence_rad[-1])
+        # The interpolator divides by the steps in level: a billionth of a dB counts as zero.
+        levels_db = np.round(self.sigma0_db, 9)
+        level_db = PchipInterpolator(self.incidence_rad, levels_db)(angle)
+        return np.where(_is_lit(incidence_rad), 10.0 ** (level_db / 10.0), 0.0)
+
+
+def _is_lit(incidence_rad: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    lit: Bool[np.ndarray, " n"] = np.abs(incidence_rad) < math.pi / 2
+    return lit
+
+
+def _read_rows(path: Path) -> list[tuple[float, float]]:
+    """Return the (incidence_deg, sigma0_db) rows of a CSV file, checked."""
+    text = read_text(path, "table of sigma0", f"give a CSV file with the columns {' and '.join(_COLUMNS)}")
+    lines = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        message = f"{path}: is empty; give the header {','.join(_COLUMNS)} and two rows or more"
+        raise InputFileError(message)
+    header = tuple(name.strip() for name in _cells(path, *lines[0]))
+    if header != _COLUMNS:
+        given = shown(",".join(header))[1:-1]
+        message = f"{path}: line {lines[0][0]} reads {given}; the header is {','.join(_COLUMNS)}"
+        raise InputFileError(message)
+    rows = [_parse_row(path, number, line) for number, line in lines[1:]]
+    _check_rows(path, rows, (number for number, _ in lines[1:]))
+    return rows
+
+
+def _cells(path: Path, number: int, line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except csv.Error as error:
+        message = f"{path}: line {number} is not a row of a table ({error}); give {' and '.join(_COLUMNS)}"
+        raise InputFileError(message) from error
+
+
+def _parse_row(path: Path, number: int, line: str) -> tuple[float, float]:
+    cells = _cells(path, number, line)
+    try:
+        angle_deg, level_db = (float(cell) for cell in cells)
+    except ValueError as error:
+        message = f"{path}: line {number} reads {shown(line.strip())}; give two numbers, {' and '.join(_COLUMNS)}"
+        raise InputFileError(message) from error
+    return angle_deg, level_db
+
+
+def _check_rows(path: Path, rows: list[tuple[float, float]], numbers: Iterable[int]) -> None:
+    if len(rows) < 2:
+        message = f"{path}: holds {len(rows)} row(s); a table needs two or more"
+        raise InputFileError(message)
+    previous = -math.inf
+    for number, (angle_deg, level_db) in zip(numbers, rows, strict=True):
+        if not 0.0 <= angle_deg <= 90.0:
+            message = f"{path}: line {number}: incidence_deg = {angle_deg:g} is outside 0 to 90"
+            raise InputFileError(message)
+        if angle_deg <= previous:
+            message = f"{path}: line {number}: incidence_deg = {angle_deg:g} must increase; sort, and merge repeats"
+            raise InputFileError(message)
+        if not math.isfinite(level_db):
+            message = f"{path}: line {number}: sigma0_db = {level_db:g} must be finite; leave the row out"
+            raise InputFileError(message)
+        previous = angle_deg

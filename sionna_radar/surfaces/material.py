@@ -1,4 +1,7 @@
-"""The materials of a scenario at its carrier and polarization, how to add one, and their limits of validity."""
+"""The materials of a scenario at its carrier and polarization, how to add one, and their limits of validity.
+
+The permittivity of a scenario's medium at the carrier.
+"""
 
 import logging
 import re
@@ -7,17 +10,74 @@ from typing import TypeVar
 
 import numpy as np
 
-from sionna_radar.foundation.decibel import to_db
 from sionna_radar.foundation.errors import PluginError, Problem, RadarError, ScenarioError
+from sionna_radar.foundation.numerics import to_db
 from sionna_radar.scenario.bases import MaterialParameters
-from sionna_radar.scenario.materials import SionnaItu, SurfaceTable
+from sionna_radar.scenario.materials import (
+    Asphalt,
+    BuildingMedium,
+    DrySnow,
+    Ice,
+    Medium,
+    SionnaItu,
+    Soil,
+    SurfaceTable,
+    Vegetation,
+    Water,
+)
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.registry import require
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.surfaces.medium import extrapolation_of
 from sionna_radar.surfaces.motion import SurfaceMotion
+from sionna_radar.surfaces.permittivity import (
+    SOURCES,
+    asphalt_permittivity,
+    building_permittivity,
+    dry_snow_permittivity,
+    ice_permittivity,
+    soil_permittivity,
+    vegetation_permittivity,
+    water_permittivity,
+    wet_snow_permittivity,
+)
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial, typical_cross_polar
+
+
+def permittivity_of(medium: Medium, carrier_hz: float) -> complex:
+    """Return the complex permittivity of a medium; ValueError names the parameter out of range."""
+    given = medium.model_dump(exclude={"kind"})
+    match medium:
+        case BuildingMedium():
+            return building_permittivity(medium.kind, carrier_hz)
+        case Soil():
+            return soil_permittivity(carrier_hz, **given)
+        case Water():
+            return water_permittivity(carrier_hz, **given)
+        case Ice():
+            return ice_permittivity(carrier_hz, **given)
+        case DrySnow():
+            return dry_snow_permittivity(carrier_hz, **given)
+        case Asphalt():
+            return asphalt_permittivity(carrier_hz, **given)
+        case Vegetation():
+            return vegetation_permittivity(carrier_hz, **given)
+    return wet_snow_permittivity(carrier_hz, **given)
+
+
+def extrapolation_of(medium: Medium, carrier_hz: float) -> str | None:
+    """Return a note on a formula used beyond the measurements behind it; None within them."""
+    source = SOURCES.get(medium.kind)
+    if source is None or source.measured_hz is None:
+        return None
+    lowest, highest = source.measured_hz
+    if lowest <= carrier_hz <= highest:
+        return None
+    return (
+        f"{medium.kind} at {carrier_hz / 1e9:g} GHz extrapolates measurements made from {lowest / 1e9:g} to "
+        f"{highest / 1e9:g} GHz ({source.document})"
+    )
+
 
 logger = logging.getLogger("sionna_radar")
 

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, no_type_check
 
 import numpy as np
 from jaxtyping import Float
 from scipy.constants import g as gravity
 from scipy.constants import mile, speed_of_light
+
+from sionna_radar.foundation.compiled import compiled, turned
 
 # Slower air moves nothing; Billingsley's fit ends at some 0.2 m/s, too.
 CALM_MPS = 0.2
@@ -116,7 +118,6 @@ class Waves:
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return how far the surface is from its rest (m), and its velocity (m/s), at places and times."""
         # Numba takes half a second to import.
-        from sionna_radar.surfaces.wave_kernels import orbits
 
         offset, velocity = np.zeros((2, len(place_m), 3))
         waves = (self.wave_per_m, self.rate_rad_per_s, self.amplitude_m, self.phase_rad)
@@ -155,3 +156,23 @@ def _spread(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return angles of the density (2 / pi) cos^2 within a right angle, from shares in [0, 1) of them below each."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 1001)
     return np.interp(share, 0.5 + (angle + np.sin(2 * angle) / 2) / np.pi, angle)
+
+
+@compiled
+@no_type_check
+def orbits(place, time_s, wave, rate, amplitude, phase, offset, velocity):
+    """Add the orbits of deep-water waves: up by the cosine, against the wave's direction by the sine."""
+    for k in range(len(rate)):
+        number = np.sqrt(wave[k, 0] ** 2 + wave[k, 1] ** 2)
+        east, north = wave[k, 0] / number, wave[k, 1] / number
+        for i in range(len(place)):
+            angle = wave[k, 0] * place[i, 0] + wave[k, 1] * place[i, 1] - rate[k] * time_s[i] + phase[k]
+            cosine, sine = turned(angle / (2.0 * np.pi))
+            cosine *= amplitude[k]
+            sine *= amplitude[k]
+            offset[i, 0] -= east * sine
+            offset[i, 1] -= north * sine
+            offset[i, 2] += cosine
+            velocity[i, 0] += rate[k] * east * cosine
+            velocity[i, 1] += rate[k] * north * cosine
+            velocity[i, 2] += rate[k] * sine

@@ -30,7 +30,7 @@ from types import MappingProxyType
 
 from scipy.constants import epsilon_0
 
-from sionna_radar.weather import ice
+from sionna_radar.weather import permittivity
 
 _GHZ = 1e9
 
@@ -187,7 +187,7 @@ def ice_permittivity(frequency_hz: float, *, temperature_c: float) -> complex:
     """Return the permittivity of pure ice, -60 to 0 deg C, up to 1000 GHz (P.527-6 eqs. 28-34)."""
     _ghz_inside(frequency_hz, "ice")
     _require("temperature_c", temperature_c, -60.0, 0.0, "ice exists at and below 0; use water above")
-    return ice.ice_permittivity(frequency_hz, temperature_c + ice.MELTING_K).conjugate()
+    return permittivity.ice_permittivity(frequency_hz, temperature_c + permittivity.MELTING_K).conjugate()
 
 
 def dry_snow_permittivity(frequency_hz: float, *, temperature_c: float, density_g_cm3: float) -> complex:

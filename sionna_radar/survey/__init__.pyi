@@ -2,7 +2,6 @@ from .chain import run as run
 from .preparation import CustomParts as CustomParts
 from .preparation import Prepared as Prepared
 from .preparation import prepare as prepare
-from .processed import Processed as Processed
 from .recording import Recording as Recording
 from .recording import fly as fly
 from .recording import place as place
@@ -10,6 +9,7 @@ from .recording import record as record
 from .remapping import RecordedSurvey as RecordedSurvey
 from .remapping import record_survey as record_survey
 from .reprocessing import process as process
+from .result import Processed as Processed
 from .result import Survey as Survey
 from .sensors.lidar import Lidar as Lidar
 from .sensors.radar import Radar as Radar

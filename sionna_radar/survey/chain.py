@@ -12,29 +12,32 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
-from sionna_radar.foundation.decibel import to_db
+from sionna_radar.foundation.checkpoints import KeptParts
 from sionna_radar.foundation.errors import Problem, ScenarioError, named_after
-from sionna_radar.foundation.kept_parts import KeptParts
-from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.memory import let_rest, peak_memory_mb, release_memory
-from sionna_radar.foundation.progress import Progress, default_progress
-from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.numerics import on_one_thread, to_db
+from sionna_radar.foundation.progress import (
+    Progress,
+    Stopwatch,
+    default_progress,
+    let_rest,
+    peak_memory_mb,
+    release_memory,
+)
 from sionna_radar.foundation.workers import Workers
 from sionna_radar.mapping.mapper import DemMethod, Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
-from sionna_radar.signal.rounding import rounding_over_noise
+from sionna_radar.signal.converter import rounding_over_noise
 from sionna_radar.surfaces.backscatter import Backscatter
-from sionna_radar.survey.given_terrain import GivenTerrain
 from sionna_radar.survey.navigation_sigma import navigation_sigma
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import CustomParts, GivenTerrain, Prepared, prepare
 from sionna_radar.survey.recording import BLOCK_SIZE, Recorder, Recording, SampleType, place
+from sionna_radar.survey.remapping import map_with
 from sionna_radar.survey.result import Saturation, Survey
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs
 from sionna_radar.survey.shared_flight import record_with
-from sionna_radar.survey.shared_map import map_with
 from sionna_radar.survey.warnings import (
     burst_warnings,
     direction_warnings,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from sionna_radar.accuracy.slope import gradient
+from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.flight.frames import world_from_body
 from sionna_radar.flight.navigation import InertialErrors
 from sionna_radar.flight.pulses import PulseSchedule

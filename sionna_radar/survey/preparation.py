@@ -1,11 +1,15 @@
-"""Everything a survey needs before its first pulse."""
+"""Everything a survey needs before its first pulse.
+
+Ground that a caller gives in place of a scenario's: heights as they are, a file, or what builds it.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from sionna_radar.accuracy.truth import GroundTruth
 from sionna_radar.detection.angle.arrival import AngleEstimator
@@ -13,36 +17,43 @@ from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
-from sionna_radar.flight.bursts import Bursts, in_bursts
-from sionna_radar.flight.flight import Flight
-from sionna_radar.flight.pulses import Navigation, Pose, Pulses, PulseSchedule, build_navigation, schedule_pulses
+from sionna_radar.flight.pulses import (
+    Bursts,
+    Navigation,
+    Pose,
+    Pulses,
+    PulseSchedule,
+    build_navigation,
+    in_bursts,
+    schedule_pulses,
+)
 from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
-from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.flight.trajectory import Flight, Trajectory
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
-from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.progress import Progress, Steps, silent
-from sionna_radar.foundation.stopwatch import Stopwatch
-from sionna_radar.mapping.dem_grid import Extent, dem_grid
-from sionna_radar.mapping.mapper import DemMethod, Mapper, build_mapper
-from sionna_radar.mapping.speckle import speckle_memory
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import Progress, Steps, Stopwatch, silent
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.echo_model.speckle import speckle_memory
+from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.array_antenna import beams_of
 from sionna_radar.radar.chirp import Chirp, build_chirp, build_sweeps
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.averaging import speckle_looks
+from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.radar import speckle_looks
 from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.terrain import RasterTerrain
 from sionna_radar.scene.build import BUILDING_STEPS, BuiltScene, build_scene
-from sionna_radar.scene.landscape import map_frame
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, map_frame
 from sionna_radar.scene.map_positions import in_local_frame
-from sionna_radar.signal.high_pass import build_high_pass
+from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.signal.interference import build_interference
-from sionna_radar.signal.noise import noise_power, transmit_power_w
-from sionna_radar.signal.receiver import Receiver
+from sionna_radar.signal.receiver import Receiver, noise_power, transmit_power_w
 from sionna_radar.signal.stages import build_chain
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import as_radar_material
@@ -51,18 +62,47 @@ from sionna_radar.survey.checks import (
     boresight_hits,
     check_bounces,
     check_geometry,
+    check_limits,
     check_nominal_range,
+    check_paths,
     check_pulses,
     check_reference,
     check_rotors,
     check_vegetation,
 )
-from sionna_radar.survey.given_terrain import GivenTerrain, checked_terrain, over_file
-from sionna_radar.survey.limits import check_limits, check_paths
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
 from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
-from sionna_radar.tracing.engine import Engine, EngineInputs
-from sionna_radar.tracing.sampled_beams import SampledBeams
+from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
+
+GivenTerrain = (
+    Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
+)
+
+
+def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster | str | Path | None:
+    """Return given ground, an array with its spacing as a raster; refuse what is none, with the remedy."""
+    if isinstance(given, tuple):
+        try:
+            height_m, spacing_m = given
+            return Raster.from_array(height_m, spacing_m)
+        except (TypeError, ValueError) as error:
+            message = f"{error}; a tuple is (heights, spacing_m): an array, rows from south to north, and metres"
+            raise ScenarioError([Problem("terrain", message)]) from None
+    if given is None or callable(given) or isinstance(given, Raster | str | Path):
+        return given
+    message = (
+        f"terrain is of the type {type(given).__name__}; give (heights, spacing_m) with heights as a NumPy array "
+        "(row, column), a Raster, the path of an elevation file, or a function that builds it"
+    )
+    raise PluginError(message)
+
+
+def over_file(scenario: Scenario, path: str | Path) -> Scenario:
+    """Return a scenario over an elevation file, with the material and the covers of its own terrain."""
+    own = scenario.terrain.model_dump(exclude_unset=True)
+    kept = RasterTerrain.model_fields if isinstance(scenario.terrain, RasterTerrain) else CoveredTerrain.model_fields
+    terrain = {name: value for name, value in own.items() if name in kept} | {"kind": "raster", "path": path}
+    return scenario.replace({"terrain": terrain})
 
 
 @dataclass(frozen=True, kw_only=True)

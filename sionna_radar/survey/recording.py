@@ -1,26 +1,87 @@
-"""Flying a prepared survey: what its sensor observes, block by block, and where that is placed."""
+"""Flying a prepared survey: what its sensor observes, block by block, and where that is placed.
+
+What a sensor observed over a stretch of the flight, and its bytes, by which an interrupted survey goes on.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool
 
-from sionna_radar.accuracy.truth import Comparison, Tally
-from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.profiles import Profiles
+from sionna_radar.accuracy.truth import Comparison, Counted, Tally
+from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
-from sionna_radar.foundation.kept_parts import KeptParts
-from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.packing import columns_of, packed
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import Progress, Stopwatch, silent
 from sionna_radar.foundation.threads import cores
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
-from sionna_radar.survey.stretches import FinishedStretch, Stretch, stretch_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """What a sensor observed over some consecutive blocks of pulses.
+
+    echoes: sorted by pulse, not corrected for Doppler; profiles: around them, where the map wants them.
+    lost: pulses without an echo because rain masks the ground.
+    saturated_pulses, saturated_samples: those that the receiver's converter clipped.
+    """
+
+    echoes: Echoes
+    profiles: Profiles | None
+    lost: int
+    saturated_pulses: int = 0
+    saturated_samples: int = 0
+
+    @staticmethod
+    def joined(stretches: Sequence["Stretch"]) -> "Stretch":
+        """Return what was observed over some stretches in order."""
+        profiles = [one.profiles for one in stretches if one.profiles is not None]
+        return Stretch(
+            echoes=Echoes.concatenate([one.echoes for one in stretches]),
+            profiles=Profiles.concatenate(profiles) if profiles else None,
+            lost=sum(one.lost for one in stretches),
+            saturated_pulses=sum(one.saturated_pulses for one in stretches),
+            saturated_samples=sum(one.saturated_samples for one in stretches),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishedStretch:
+    """A stretch, and the true hits that were counted over it."""
+
+    seen: Stretch
+    counted: Counted
+
+    def packed(self) -> bytes:
+        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        return packed(seen=self.seen, counted=self.counted)
+
+    @staticmethod
+    def unpacked(content: bytes) -> "FinishedStretch":
+        """Return the stretch of some bytes."""
+        columns = columns_of(content)
+        return FinishedStretch(seen=stretch_of(columns), counted=table_of(Counted, "counted", columns))
+
+
+def stretch_of(columns: dict[str, Any]) -> Stretch:
+    """Return what was packed as `seen`."""
+    profiles, of_profiles = None, f"seen{OF}profiles"
+    if f"{of_profiles}{OF}pulse" in columns:
+        inner = f"{of_profiles}{OF}volume"
+        volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
+        profiles = table_of(Profiles, of_profiles, columns, volume=volume)
+    return Stretch(
+        echoes=table_of(Echoes, f"seen{OF}echoes", columns),
+        profiles=profiles,
+        **{name: int(columns[f"seen{OF}{name}"]) for name in ("lost", "saturated_pulses", "saturated_samples")},
+    )
+
 
 BLOCK_SIZE = 256
 # Blocks that are kept together, so that a long survey has not too many parts, and a short one enough to share them.

@@ -14,30 +14,27 @@ from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
-from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import build_expected_ground
-from sionna_radar.detection.profiles import Profiles
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.progress import Progress, default_progress
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import Progress, Stopwatch, default_progress
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.stopwatch import Stopwatch
-from sionna_radar.mapping.dem_grid import Extent, dem_grid
-from sionna_radar.mapping.mapper import DemMethod, Mapper, build_dem_method, build_mapper
+from sionna_radar.mapping.echo_model.speckle import speckle_memory
+from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_dem_method, build_mapper, dem_grid
 from sionna_radar.mapping.points import Points, locate
-from sionna_radar.mapping.speckle import speckle_memory
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.averaging import refuse_average
+from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
-from sionna_radar.signal.high_pass import build_high_pass
-from sionna_radar.survey.limits import MOST_SPECTRUM
-from sionna_radar.survey.processed import DemComparison, Processed, RangeSpectrum
+from sionna_radar.signal.analog_filters import build_high_pass
+from sionna_radar.survey.checks import MOST_SPECTRUM
 from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.recordings.signal_file import SignalFile, open_signals
+from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import SweepDetector
 
 logger = logging.getLogger("sionna_radar")

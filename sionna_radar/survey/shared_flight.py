@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from sionna_radar.accuracy.truth import Tally
+from sionna_radar.foundation.checkpoints import KeptParts
 from sionna_radar.foundation.errors import PluginError
-from sionna_radar.foundation.kept_parts import KeptParts
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.foundation.progress import Progress, Stopwatch, silent
 from sionna_radar.foundation.threads import beside
 from sionna_radar.foundation.workers import Failure, Task, Workers, each_kept
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
 from sionna_radar.survey.recording import (
     BLOCK_SIZE,
+    FinishedStretch,
     Recorder,
     Recording,
     fly_stretch,
@@ -23,7 +23,6 @@ from sionna_radar.survey.recording import (
     stretches_of,
 )
 from sionna_radar.survey.sensors.sensor import Sensor
-from sionna_radar.survey.stretches import FinishedStretch
 
 
 def record_with(

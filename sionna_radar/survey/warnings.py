@@ -7,15 +7,15 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.angle.range_strips import range_strips
 from sionna_radar.detection.angle.row import RowEstimator
+from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.uncertainty import TiledUncertainty, Uncertainty
+from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.angle_of_arrival import NEEDED
-from sionna_radar.scenario.second_receiver import SecondReceiverTable
+from sionna_radar.scenario.receiver import SecondReceiverTable
 
 logger = logging.getLogger("sionna_radar")
 

@@ -1,6 +1,6 @@
 from .effects.atmosphere import build_weather as build_weather
 from .effects.atmosphere import rain_map_of as rain_map_of
-from .effects.cross_section import rcs_of_mesh as rcs_of_mesh
+from .effects.bodies import rcs_of_mesh as rcs_of_mesh
 from .engine import Engine as Engine
 from .engine import EngineInputs as EngineInputs
 from .engine import build_engine as build_engine

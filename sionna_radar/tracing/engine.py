@@ -1,13 +1,17 @@
-"""The interface of tracing engines, their inputs, and their registration under a name."""
+"""The interface of tracing engines, their inputs, and their registration under a name.
+
+Beams of pulses spread over a survey: how it looks at the scene, known before it flies.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.parts import ENGINES
@@ -17,7 +21,26 @@ from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.sampled_beams import SampledBeams
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledBeams(Columns):
+    """Beams of pulses spread over a survey.
+
+    range_m: along the axis to the surface; infinite for a beam that meets none.
+    beam: which of the antennas each looks through.
+    """
+
+    position_m: Float[np.ndarray, "look 3"]
+    R_world_antenna: Float[np.ndarray, "look 3 3"]
+    range_m: Float[np.ndarray, " look"]
+    beam: Int[np.ndarray, " look"]
+
+    @property
+    def hit_m(self) -> Float[np.ndarray, "look 3"]:
+        """Where the axes meet the surface."""
+        return self.position_m + self.range_m[:, None] * self.R_world_antenna[:, :, 0]
+
 
 Builder = TypeVar("Builder", bound=Callable[..., "Engine"])
 

@@ -1,7 +1,14 @@
-"""The table of propagation paths that every engine returns."""
+"""The table of propagation paths that every engine returns, and where it comes from without an engine.
 
-from collections.abc import Sequence
+Each scatterer has a Doppler shift of its own for good, drawn from the two-sided exponential distribution that the
+spectra of windblown vegetation show (Billingsley 2002, "Low-Angle Radar Land Clutter"). The shifts turn phases
+and do not move the scatterers, which stay where they are in the mean.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -9,6 +16,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.scene.raycast import RayCaster
 
 # Values of `Paths.surface` where no surface is hit.
 TARGET = -1
@@ -120,3 +128,59 @@ class Paths(Columns):
             hit_m=pose.position_m[row] + range_m[:, None] * pose.boresight[row],
             surface=surface,
         )
+
+
+def wander_hz(decorrelation_time_s: float) -> float:
+    """Return the mean size of the Doppler shifts, for the time after which the field's correlation has fallen to 1 / e.
+
+    The characteristic function of the two-sided exponential distribution of mean size s is 1 / (1 + (2 pi s t)^2), the
+    correlation of the field with itself a time t later.
+    """
+    return math.sqrt(math.e - 1) / (2 * math.pi * decorrelation_time_s)
+
+
+def trace_boresights(pulses: Pulses, caster: RayCaster) -> Paths:
+    """Return the paths along the beam axes, with unit gain; a pulse without a hit has none."""
+    pose = pulses.true
+    hits = caster.cast(pose.position_m, pose.boresight)
+    seen = hits.hit
+    range_m = hits.distance_m[seen]
+    return Paths.along_boresight(
+        pulses,
+        np.flatnonzero(seen),
+        range_m,
+        gain=np.ones(len(range_m), dtype=np.complex128),
+        incidence_rad=np.arccos(hits.cosine[seen]),
+        surface=hits.surface[seen],
+    )
+
+
+# Where the paths of each pulse begin, and where they end.
+Spans = tuple[Int[np.ndarray, " pulse"], Int[np.ndarray, " pulse"]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DevicePaths:
+    """The paths of a block of pulses, as arrays of Dr.Jit; see `Paths` for what they hold.
+
+    pulses: the block.
+    spans: one or more parts of the arrays, each sorted by pulse.
+    delay_s, range_rate_mps, gain: of 64, 32 and twice 32 bits; the gain of a path that is hidden is zero.
+    paths: the same in the memory of the host, for whoever compares with the truth.
+    """
+
+    pulses: Pulses
+    spans: tuple[Spans, ...]
+    delay_s: Any
+    range_rate_mps: Any
+    gain: Any
+    paths: Paths
+
+
+@runtime_checkable
+class DeviceTracing(Protocol):
+    """An engine whose paths stay in the memory of the ray tracer."""
+
+    def on_device(self, pulses: Pulses) -> Iterator[DevicePaths]:
+        """Yield the paths of a block of pulses, a part of the block at a time."""
+        ...

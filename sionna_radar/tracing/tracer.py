@@ -1,28 +1,32 @@
-"""Everything that a radar sees of a scene: surfaces by an engine, plants, mirrors, point targets, and the weather."""
+"""Everything that a radar sees of a scene: surfaces by an engine, plants, mirrors, point targets, and the weather.
+
+Tracing with an array whose beam is steered from pulse to pulse.
+"""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import Same
-from sionna_radar.foundation.memory import let_rest
+from sionna_radar.foundation.progress import let_rest
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.motion import Windblown
-from sionna_radar.tracing.device_paths import DeviceTracing
 from sionna_radar.tracing.effects.atmosphere import Atmosphere, build_atmosphere
 from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
-from sionna_radar.tracing.effects.mirrors import MirrorTracer
+from sionna_radar.tracing.effects.mirrors import MirrorTracer, plane_mirrors
 from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
-from sionna_radar.tracing.effects.reflection import plane_mirrors
 from sionna_radar.tracing.effects.targets import seen_past, trace_targets
 from sionna_radar.tracing.engine import Engine, EngineInputs
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import DeviceTracing, Paths
 
 
 class Tracer:
@@ -115,4 +119,38 @@ def build_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> 
         atmosphere=build_atmosphere(weather, given.antenna, given.chirp, given.seed),
         seed=given.seed,
         bounces=given.tracing.bounces,
+    )
+
+
+class SteeredTracer:
+    """A tracer for each beam of an electronic scan: each traces the pulses of its own."""
+
+    def __init__(self, tracers: Sequence[Tracer]) -> None:
+        self._tracers = tuple(tracers)
+
+    def trace(self, pulses: Pulses) -> Paths:
+        """Return the paths of a block of pulses, sorted by pulse."""
+        assert pulses.beam is not None  # an electronic scan says the beam of every pulse
+        rows = [np.flatnonzero(pulses.beam == beam) for beam in np.unique(pulses.beam)]
+        found = [self._tracers[int(pulses.beam[own[0]])].trace(pulses.rows(own)) for own in rows]
+        paths = Paths.concatenate(found)
+        return paths.rows(np.argsort(paths.pulse, kind="stable"))
+
+    def rest(self) -> None:
+        """Let the engines give back memory until more pulses are traced."""
+        for tracer in self._tracers:
+            tracer.rest()
+
+
+def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
+    """Return the tracer of all beams, with engines that share what they know of the scene.
+
+    Raises ScenarioError for an engine that cannot change its antenna.
+    """
+    change = getattr(engine, "with_antenna", None)
+    if change is None:
+        message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
+        raise ScenarioError([Problem("tracing.engine", message)])
+    return SteeredTracer(
+        [build_tracer(change(beam), replace(given, antenna=beam, beams=()), weather) for beam in given.beams]
     )

@@ -1,5 +1,5 @@
 from .conditions import Weather as Weather
-from .drop_shapes import drop_polarization as drop_polarization
+from .drops import drop_polarization as drop_polarization
 from .drops import marshall_palmer as marshall_palmer
 from .gases import Air as Air
 from .volume import Volume as Volume

@@ -7,21 +7,19 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.weather.drops import marshall_palmer
-from sionna_radar.weather.echo_speeds import FLOATING, EchoSpeeds
-from sionna_radar.weather.fog import fog_attenuation_db_per_km
+from sionna_radar.weather.drops import FLOATING, EchoSpeeds, marshall_palmer
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.kinds import Obscurant, Precipitation
-from sionna_radar.weather.obscurants import fog_droplets, obscurant
-from sionna_radar.weather.radome import wet_radome_loss_db
+from sionna_radar.weather.obscurants import fog_attenuation_db_per_km, fog_droplets, obscurant
+from sionna_radar.weather.path import wet_radome_loss_db
 from sionna_radar.weather.rain import (
     drop_echo,
     rain_attenuations_db_per_km,
     rain_reflectivity_per_m,
 )
 from sionna_radar.weather.rain_map import RainMap
-from sionna_radar.weather.rayleigh import Aerosol
+from sionna_radar.weather.scattering import Aerosol
 from sionna_radar.weather.snow import snow_attenuation_db_per_km, snow_reflectivity_per_m, snow_speeds
+from sionna_radar.weather.validity import Obscurant, Precipitation
 
 NONE_FALLS: Mapping[Precipitation, float] = {}
 NONE_HANGS: Mapping[Obscurant, float] = {}

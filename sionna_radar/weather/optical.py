@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
-from sionna_radar.weather.kinds import Obscurant, Precipitation
-from sionna_radar.weather.validity import require_between, require_not_negative
+from sionna_radar.weather.validity import Obscurant, Precipitation, require_between, require_not_negative
 
 SOURCE = "the optical weather models"
 SHORTEST_NM, LONGEST_NM = 500.0, 1700.0

@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.drops import ExponentialDrops, fall_speed_mps, marshall_palmer
-from sionna_radar.weather.echo_speeds import EchoSpeeds, weighted_speeds
-from sionna_radar.weather.mie import Efficiencies, mie_efficiencies
+from sionna_radar.weather.drops import EchoSpeeds, ExponentialDrops, fall_speed_mps, marshall_palmer, weighted_speeds
+from sionna_radar.weather.permittivity import water_permittivity
+from sionna_radar.weather.scattering import Efficiencies, mie_efficiencies
 from sionna_radar.weather.validity import require_between, require_not_negative
-from sionna_radar.weather.water import water_permittivity
 
 SOURCE = "ITU-R P.838-3"
 LOWEST_FREQUENCY_HZ = 1e9

@@ -17,15 +17,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.drops import fall_speed_mps
-from sionna_radar.weather.echo_speeds import EchoSpeeds, weighted_speeds
-from sionna_radar.weather.ice import DENSITY_KG_PER_M3, MELTING_K, ice_permittivity
-from sionna_radar.weather.kinds import Precipitation
+from sionna_radar.weather.drops import EchoSpeeds, fall_speed_mps, weighted_speeds
+from sionna_radar.weather.permittivity import ICE_DENSITY_KG_PER_M3, MELTING_K, ice_permittivity, water_permittivity
+from sionna_radar.weather.permittivity import WATER_DENSITY_KG_PER_M3 as WATER_KG_PER_M3
 from sionna_radar.weather.rain import rain_attenuation_db_per_km
-from sionna_radar.weather.rayleigh import DB_PER_KM_PER_NEPER_PER_M, clausius_mossotti
-from sionna_radar.weather.validity import ValidityError, require_between
-from sionna_radar.weather.water import DENSITY_KG_PER_M3 as WATER_KG_PER_M3
-from sionna_radar.weather.water import water_permittivity
+from sionna_radar.weather.scattering import DB_PER_KM_PER_NEPER_PER_M, clausius_mossotti
+from sionna_radar.weather.validity import Precipitation, ValidityError, require_between
 
 SOURCE = "the model of falling snow"
 LOWEST_FREQUENCY_HZ = 10e9
@@ -141,7 +138,7 @@ def _flake_diameter_m(melted_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 
     # density(D) D^3 = density of water times melted^3, and no flake is denser than ice.
     ratio = WATER_KG_PER_M3 / FLAKE_DENSITY_KG_PER_M3
     fluffy_mm = (ratio * (1e3 * melted_m) ** 3) ** (1.0 / (3.0 + FLAKE_DENSITY_EXPONENT))
-    return np.maximum(1e-3 * fluffy_mm, melted_m * np.cbrt(WATER_KG_PER_M3 / DENSITY_KG_PER_M3))
+    return np.maximum(1e-3 * fluffy_mm, melted_m * np.cbrt(WATER_KG_PER_M3 / ICE_DENSITY_KG_PER_M3))
 
 
 def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -164,7 +161,7 @@ def form_factor(phase: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape
 def _polarizability(frequency_hz: float, kind: Precipitation, temperature_k: float) -> complex:
     """Return the polarizability of a flake relative to a sphere of its melted volume: the sum over its parts."""
     ice = clausius_mossotti(ice_permittivity(frequency_hz, min(temperature_k, MELTING_K)))
-    frozen = ice * WATER_KG_PER_M3 / DENSITY_KG_PER_M3
+    frozen = ice * WATER_KG_PER_M3 / ICE_DENSITY_KG_PER_M3
     if kind is Precipitation.DRY_SNOW:
         return frozen
     water = clausius_mossotti(water_permittivity(frequency_hz, MELTING_K))

@@ -1,4 +1,9 @@
-"""Refusal of inputs outside the validity of a published model."""
+"""Refusal of inputs outside the validity of a published model.
+
+Kinds of particles in the air: precipitation and obscurants.
+"""
+
+from enum import Enum
 
 from sionna_radar.foundation.errors import RadarError
 
@@ -19,3 +24,20 @@ def require_not_negative(name: str, value: float) -> None:
     if not value >= 0:
         message = f"{name} = {value:g} must not be negative"
         raise ValidityError(message)
+
+
+class Precipitation(Enum):
+    """Snowfall, given by its rate as water."""
+
+    RAIN = "rain"
+    DRY_SNOW = "dry snow"
+    WET_SNOW = "wet snow"
+
+
+class Obscurant(Enum):
+    """Suspended particles, given by their visibility."""
+
+    FOG = "fog"
+    HAZE = "haze"
+    DUST = "dust"
+    SMOKE = "smoke"

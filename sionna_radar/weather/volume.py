@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.echo_speeds import SpeedMixture
+from sionna_radar.weather.drops import SpeedMixture
 from sionna_radar.weather.rain_map import LEAST_MM_PER_H, MOST_MM_PER_H, RainMap
 
 # Numbers of rates and of fall-speed quantiles at which non-uniform rain is computed, interpolated in between.

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from sionna_radar.accuracy.breakdown import break_down
-from sionna_radar.accuracy.checkpoints import STEEPEST_DEG, checkpoint_test, checkpoints_wanted
-from sionna_radar.accuracy.classes import DISTANCES_M, by_class, incidence_deg
+from sionna_radar.accuracy.breakdown import DISTANCES_M, break_down, by_class, incidence_deg, variogram
+from sionna_radar.accuracy.checkpoints import STEEPEST_DEG, checkpoint_test, checkpoints_wanted, slope_deg
 from sionna_radar.accuracy.compare import MEANING, DemError, summarise
 from sionna_radar.accuracy.edges import Walls
-from sionna_radar.accuracy.slope import slope_deg
-from sionna_radar.accuracy.variogram import variogram
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario.objects import Building

@@ -7,7 +7,7 @@ import trimesh
 from sionna_radar.accuracy.edges import walls_on
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario.objects import Building
-from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.footprints import build_box
 from sionna_radar.scene.model import Surface
 from worlds import make_scene, make_surface
 

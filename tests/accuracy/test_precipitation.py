@@ -3,7 +3,7 @@
 import numpy as np
 
 from beams import make_chirp
-from sionna_radar.accuracy.precipitation import from_rain
+from sionna_radar.accuracy.truth import from_rain
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.tracing.paths import TARGET, VOLUME, Paths
 

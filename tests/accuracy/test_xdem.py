@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from sionna_radar.accuracy.classes import SLOPES_DEG, by_class
+from sionna_radar.accuracy.breakdown import SLOPES_DEG, by_class, variogram
+from sionna_radar.accuracy.checkpoints import slope_deg
 from sionna_radar.accuracy.compare import summarise
-from sionna_radar.accuracy.slope import slope_deg
-from sionna_radar.accuracy.variogram import variogram
 from sionna_radar.foundation.raster import Grid, Raster
 from surveys import hill
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import speed_of_light
 
-from sionna_radar.detection.burst_mean import burst_mean
+from sionna_radar.detection.preprocessing import burst_mean
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.beat import phase_polynomial

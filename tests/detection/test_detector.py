@@ -11,7 +11,7 @@ from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_esti
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.receiver import add_noise
 from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0

@@ -11,7 +11,7 @@ from sionna_radar.detection.detector import build_detector
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.receiver import add_noise
 from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0

@@ -14,8 +14,7 @@ from flights import make_pulses
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.detection.expected_ground import build_expected_ground
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.survey.preparation import prepare

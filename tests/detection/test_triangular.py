@@ -5,16 +5,15 @@ import pytest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.detection.detector import build_detector
+from sionna_radar.detection.detector import build_detector, pair_sweeps
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.triangular import pair_sweeps
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.chirp import build_chirp, build_sweeps
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.receiver import add_noise
 from sionna_radar.tracing.paths import Paths
 
 C = 299_792_458.0

@@ -5,8 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from sionna_radar.elevation.detail import detail_on
-from sionna_radar.elevation.holes import between_data, treat_holes
+from sionna_radar.elevation.file_heights import between_data, detail_on, treat_holes
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 

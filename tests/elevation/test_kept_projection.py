@@ -9,7 +9,7 @@ from pyproj import CRS, Transformer
 from rasterio import Affine
 
 from elevation_files import NORTH, UTM, WEST, absolute, from_origin, load, plane, write_heights, write_plane
-from sionna_radar.elevation import cutout
+from sionna_radar.elevation import elevation_file
 
 
 def test_a_utm_file_keeps_its_cells(tmp_path):
@@ -106,7 +106,7 @@ def test_cells_do_not_depend_on_the_window(tmp_path):
 
 
 def test_too_many_cells_are_coarsened_with_a_message(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(cutout, "MAX_CELLS", 1000)
+    monkeypatch.setattr(elevation_file, "MAX_CELLS", 1000)
     with caplog.at_level(logging.WARNING, "sionna_radar"):
         raster, place = load(write_plane(tmp_path / "a.tif"))
     assert raster.height_m.size <= 1000

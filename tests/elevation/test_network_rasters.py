@@ -10,7 +10,7 @@ import pytest
 from elevation_files import from_origin, write_heights
 from sionna_radar.elevation.elevation_file import opened_file
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.network import allow_network
+from sionna_radar.foundation.input_file import allow_network
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.terrain import RasterTerrain
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario
-from sionna_radar.flight.bursts import in_bursts
+from sionna_radar.flight.pulses import in_bursts
 from sionna_radar.survey.preparation import prepare
 
 

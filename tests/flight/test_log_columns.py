@@ -8,7 +8,7 @@ import pytest
 from flight_logs import flown, regular, write_csv
 from sionna_radar import load_scenario
 from sionna_radar.flight.logs.cleaning import clean, stretches
-from sionna_radar.flight.logs.metric import in_metres
+from sionna_radar.flight.logs.log import in_metres
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.studies.log_inspection import inspect_log

@@ -24,9 +24,8 @@ from flight_logs import (
     ulog_topics,
     write_csv,
 )
-from sionna_radar.elevation.map_frame import frame_at
-from sionna_radar.flight.logs.log import running_rms
-from sionna_radar.flight.logs.metric import in_metres
+from sionna_radar.elevation.local_frame import frame_at
+from sionna_radar.flight.logs.log import in_metres, running_rms
 from sionna_radar.flight.logs.reader import read_log
 from sionna_radar.foundation.errors import InputFileError
 

@@ -12,7 +12,7 @@ from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.scenario.radar import ScanTable
 
 RATE_HZ = 360.0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sionna_radar.foundation.kept_parts import FOLDER
+from sionna_radar.foundation.checkpoints import FOLDER
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX systems")
 

@@ -7,8 +7,8 @@ import signal
 
 import pytest
 
+from sionna_radar.foundation.checkpoints import FOLDER, KeptParts, kept_parts
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.linear_algebra import ROWS, solve_lower
+from sionna_radar.foundation.numerics import ROWS, solve_lower
 
 
 @pytest.mark.parametrize("size", [1, ROWS, 2 * ROWS + 7])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.mixing import place_uniforms
+from sionna_radar.foundation.randomness import place_uniforms
 
 PLACES = np.random.default_rng(1).uniform(-1e4, 1e4, (50_000, 3))
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.turns import turned
+from sionna_radar.foundation.compiled import compiled, turned
 
 pytestmark = pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="no precision beyond double here")
 

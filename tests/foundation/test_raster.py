@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.report.rasters import write_geotiff
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.report.files.geotiff import write_geotiff
 
 GRID = Grid(west_m=10.0, south_m=-4.0, spacing_m=2.0, columns=3, rows=2)
 

@@ -5,8 +5,7 @@ import pytest
 import scipy.signal
 from scipy.stats.qmc import Halton
 
-from sionna_radar.foundation.low_discrepancy import halton
-from sionna_radar.foundation.windows import COSINES, taylor, window
+from sionna_radar.foundation.numerics import COSINES, halton, taylor, window
 
 
 @pytest.mark.parametrize("name", [*COSINES, "bartlett"])

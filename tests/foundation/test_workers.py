@@ -15,10 +15,10 @@ import pytest
 import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
+from sionna_radar.foundation.checkpoints import kept_parts
 from sionna_radar.foundation.cluster import open_workers
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
-from sionna_radar.foundation.kept_parts import kept_parts
-from sionna_radar.foundation.network import allow_network
+from sionna_radar.foundation.input_file import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
 from sionna_radar.foundation.workers import Failure, InProcess, each_kept, name_of, named
 
@@ -151,7 +151,7 @@ from cluster_tasks import look
 from processes import all_ended
 from sionna_radar.foundation.cluster import open_workers
 from sionna_radar.foundation.interrupts import interrupts_reported
-from sionna_radar.foundation.kept_parts import kept_parts
+from sionna_radar.foundation.checkpoints import kept_parts
 from sionna_radar.foundation.workers import each_kept
 
 if __name__ == "__main__":

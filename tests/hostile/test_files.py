@@ -10,16 +10,15 @@ import pytest
 import rasterio
 from rasterio import Affine
 
-from sionna_radar.elevation.cutout import Cutout
-from sionna_radar.elevation.elevation_file import cut, opened_file
+from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
-from sionna_radar.flight.grades import load_grades
+from sionna_radar.flight.navigation import load_grades
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.cover import CoverRaster
 from sionna_radar.scene.ground_cover import classes_at
-from sionna_radar.surfaces.measured_backscatter import TableBackscatter
+from sionna_radar.surfaces.backscatter import TableBackscatter
 
 CUTOUT = Cutout(window_m=(-50.0, -50.0, 50.0, 50.0), frame=StatedFrame(crs="EPSG:32631"))
 POINTS = np.array([[0.0, 0.0], [5.0, 5.0]])

@@ -10,8 +10,7 @@ import rasterio
 from pyproj import CRS
 from rasterio import Affine
 
-from sionna_radar.elevation.cutout import Cutout
-from sionna_radar.elevation.elevation_file import cut, opened_file
+from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
 from sionna_radar.foundation.errors import RadarError
 from sionna_radar.foundation.raster import Raster

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.imaging.aperture import Aperture
-from sionna_radar.imaging.resolution import (
+from sionna_radar.imaging.strip import (
     azimuth_resolution_m,
     ground_range_resolution_m,
     half_power_width,

@@ -5,14 +5,13 @@ import pytest
 from scipy.stats import kstest
 
 from side_looking import make_flight
-from sionna_radar.imaging.aperture import Aperture
-from sionna_radar.imaging.grid import ground_pixels
-from sionna_radar.imaging.resolution import azimuth_resolution_m, ground_range_resolution_m
+from sionna_radar.imaging.aperture import Aperture, ground_pixels
 from sionna_radar.imaging.sar import focus
+from sionna_radar.imaging.strip import azimuth_resolution_m, ground_range_resolution_m
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
-from sionna_radar.tracing.engines.persistent import PersistentEngine
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 
 NEAR_M, FAR_M, HALF_M = 26.0, 30.5, 1.5
 BRIGHT_DB = 3.0

@@ -8,14 +8,9 @@ import pytest
 from side_looking import make_flight
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.imaging.aperture import Aperture, whole_beam
-from sionna_radar.imaging.grid import PixelGrid, ground_pixels
-from sionna_radar.imaging.resolution import (
-    azimuth_resolution_m,
-    ground_range_resolution_m,
-    half_power_width,
-)
+from sionna_radar.imaging.aperture import Aperture, PixelGrid, ground_pixels, whole_beam
 from sionna_radar.imaging.sar import PULSES_AT_ONCE, BackProjection, SarImage, focus
+from sionna_radar.imaging.strip import azimuth_resolution_m, ground_range_resolution_m, half_power_width
 from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster

@@ -7,12 +7,8 @@ import pytest
 
 from side_looking import make_flight
 from sionna_radar.detection.spectrum import SpectrumAnalyser
-from sionna_radar.imaging.resolution import (
-    ground_range_resolution_m,
-    half_power_width,
-    real_aperture_resolution_m,
-)
 from sionna_radar.imaging.slar import SideLooking, slant_range_image, to_ground
+from sionna_radar.imaging.strip import ground_range_resolution_m, half_power_width, real_aperture_resolution_m
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.beat import synthesise

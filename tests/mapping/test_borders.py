@@ -6,14 +6,21 @@ import pytest
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.borders import StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
-from sionna_radar.mapping.column_kernels import NOTHING, Columns, approach, cast
-from sionna_radar.mapping.echo_heights import on_axis
-from sionna_radar.mapping.map_parts import parts_of, to_border_m
-from sionna_radar.mapping.mean_ranges import mean_ranges
-from sionna_radar.mapping.planes import plane_of_echoes
-from sionna_radar.mapping.reflectivity_kernels import land, predict, unknown_landings
-from sionna_radar.mapping.stepped_uncertainty import moved_with
+from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.mapping.stepped.border_kernels import (
+    NOTHING,
+    Columns,
+    approach,
+    cast,
+    land,
+    predict,
+    unknown_landings,
+)
+from sionna_radar.mapping.stepped.borders import StepMap, _Block, beside_borders, nearer_elsewhere, with_borders
+from sionna_radar.mapping.stepped.planes import plane_of_echoes
+from sionna_radar.mapping.stepped.segments import parts_of, to_border_m
+from sionna_radar.mapping.stepped.surface import moved_with
+from sionna_radar.mapping.terrain.echo_heights import on_axis
 
 ROOF_M = 8.0
 

@@ -5,10 +5,11 @@ import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
 
-from sionna_radar.mapping.covariance import (
+from sionna_radar.mapping.terrain.covariance import (
     ROUGHER,
     TABLE,
     Covariance,
+    CovarianceTable,
     Group,
     Measured,
     _loss,
@@ -16,7 +17,6 @@ from sionna_radar.mapping.covariance import (
     neighbours,
     repeated,
 )
-from sionna_radar.mapping.covariance_table import CovarianceTable
 
 TERRAIN = Covariance(1.5, 8.0, 2.0)
 

@@ -7,11 +7,11 @@ import pytest
 
 from plain_echoes import PlainEchoes
 from sightings import make_sightings
-from sionna_radar.detection.profiles import VolumeInFront
+from sionna_radar.detection.echoes import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.curvature import _by_nodes, curvature_on_cells
-from sionna_radar.mapping.echo_model import EchoModel, footprints
+from sionna_radar.mapping.echo_model.model import EchoModel, footprints
+from sionna_radar.mapping.refined.curvature import _by_nodes, curvature_on_cells
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
 PULSES = 12

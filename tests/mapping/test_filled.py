@@ -6,10 +6,9 @@ import pytest
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model import Sightings
-from sionna_radar.mapping.filled import FilledBeams
-from sionna_radar.mapping.planes import Plane
+from sionna_radar.mapping.echo_model.model import Sightings
 from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.stepped.planes import FilledBeams, Plane
 
 GROUND = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=0.5, columns=81, rows=57)

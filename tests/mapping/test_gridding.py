@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.gridding import grid_points
+from sionna_radar.mapping.linear.gridding import grid_points
 from sionna_radar.mapping.points import Points
 
 SHADOW_RAD = np.deg2rad(85)

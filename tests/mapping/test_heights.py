@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.coarse_map import lowest_in_view_m
-from sionna_radar.mapping.heights import Heights, plane_through
-from sionna_radar.mapping.planes import robust_plane
+from sionna_radar.mapping.stepped.coarse_map import lowest_in_view_m
+from sionna_radar.mapping.stepped.planes import robust_plane
+from sionna_radar.mapping.terrain.heights import Heights, plane_through
 
 AWAY_M = np.array([400.0, -250.0])
 

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance
-from sionna_radar.mapping.heights import Heights
-from sionna_radar.mapping.kriging import Kriging
-from sionna_radar.mapping.local_relief import LocalRelief, calm, local_relief
-from sionna_radar.mapping.smoothing import TerrainModel, smooth_with
+from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.kriging import Kriging
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
+from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
 # Of noise.

@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping import gridding
-from sionna_radar.mapping.gridding import grid_points
+from sionna_radar.mapping.linear import gridding
+from sionna_radar.mapping.linear.gridding import grid_points, windows_of
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.windows import windows_of
 
 SHADOW_RAD = np.deg2rad(85)
 

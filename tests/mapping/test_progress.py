@@ -10,7 +10,7 @@ from sionna_radar.foundation.progress import Overheard, Steps
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.mapper import build_dem_method
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scenario.dem import DemTable
+from sionna_radar.scenario.processing import DemTable
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import place, record

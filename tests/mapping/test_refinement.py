@@ -8,13 +8,12 @@ import pytest
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.covariance import Covariance, fit_covariance
-from sionna_radar.mapping.echo_model import EchoModel, Sightings
-from sionna_radar.mapping.heights import Heights
-from sionna_radar.mapping.mean_ranges import mean_ranges
-from sionna_radar.mapping.refinement import refine
+from sionna_radar.mapping.echo_model.model import EchoModel, Sightings, mean_ranges
+from sionna_radar.mapping.refined.refinement import refine
 from sionna_radar.mapping.seen import seen_cells
-from sionna_radar.mapping.smoothing import smooth
+from sionna_radar.mapping.terrain.covariance import Covariance, fit_covariance
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.smoothing import smooth
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)

@@ -5,11 +5,11 @@ import pytest
 
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.beam import beam_nodes
-from sionna_radar.mapping.speckle import SpeckleMemory, repeats, speckle_reach
+from sionna_radar.mapping.echo_model.beam import beam_nodes
+from sionna_radar.mapping.echo_model.speckle import SpeckleMemory, repeats, speckle_reach
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.taylor_array import taylor_cut
 
 CHIRP = Chirp(carrier_hz=77e9, bandwidth_hz=500e6, rate_hz=360.0, samples=1024)
 TO_NED = R_WORLD_NED @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])

@@ -11,13 +11,17 @@ from plain_evidence import evidence
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.coarse_map import lowest_in_view_m
-from sionna_radar.mapping.evidence import LEAST_SHARE, _reflectivities, evidence_against
-from sionna_radar.mapping.evidence_kernels import levels_between, planes_around
-from sionna_radar.mapping.levels import AS_GOOD, CHANGE, JUMP, choose_levels
-from sionna_radar.mapping.mean_ranges import mean_ranges
+from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped import step_surface
+from sionna_radar.mapping.stepped.coarse_map import AS_GOOD, CHANGE, JUMP, choose_levels, lowest_in_view_m
+from sionna_radar.mapping.stepped.evidence import (
+    LEAST_SHARE,
+    _reflectivities,
+    evidence_against,
+    levels_between,
+    planes_around,
+)
+from sionna_radar.mapping.stepped.surface import step_surface
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=0.5, columns=400, rows=400)
 MAP = Grid(west_m=50.0, south_m=-14.0, spacing_m=1.0, columns=41, rows=29)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.stepped_uncertainty import NEPERS, with_steps
+from sionna_radar.mapping.stepped.surface import NEPERS, with_steps
 
 
 def test_a_cell_beside_a_step_is_wrong_by_the_step_as_often_as_is_said():

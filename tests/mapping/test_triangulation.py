@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from sionna_radar.mapping import triangulation
-from sionna_radar.mapping.triangulation import delaunay_triangles
+from sionna_radar.mapping.linear import triangulation
+from sionna_radar.mapping.linear.triangulation import delaunay_triangles
 
 RANDOM = np.random.default_rng(5)
 COUNT = 6000

@@ -7,17 +7,22 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.covariance import Covariance, FittedCovariance, fit_covariance, repeated
-from sionna_radar.mapping.echo_model import Linearised
-from sionna_radar.mapping.gridding import Interpolated
-from sionna_radar.mapping.heights import Heights
-from sionna_radar.mapping.kriging import Kriging
-from sionna_radar.mapping.linear_uncertainty import LinearUncertainty
-from sionna_radar.mapping.local_relief import UNIFORM
+from sionna_radar.mapping.echo_model.model import Linearised
+from sionna_radar.mapping.linear.gridding import Interpolated
+from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.mapper import Estimate
-from sionna_radar.mapping.plausible import Plausible, plausible_terrains
-from sionna_radar.mapping.uncertainty import TiledUncertainty, TileUncertainty
-from sionna_radar.mapping.whole_echo import Information, information_of
+from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance, repeated
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.kriging import Kriging
+from sionna_radar.mapping.terrain.local_relief import UNIFORM
+from sionna_radar.mapping.terrain.uncertainty import (
+    Information,
+    Plausible,
+    TiledUncertainty,
+    TileUncertainty,
+    information_of,
+    plausible_terrains,
+)
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=10)
 TERRAIN = Covariance(1.5, 8.0, 2.0)

@@ -5,9 +5,9 @@ import pytest
 
 from beams import make_antenna
 from plain_plane_fit import fit_plane
-from sionna_radar.detection.ranging.beam_profile import MARGIN, PEDESTAL, beam_profile, fit_echo
-from sionna_radar.mapping.beam import beam_nodes
-from sionna_radar.radar.taylor_array import taylor_cut
+from sionna_radar.detection.ranging.plane_fit import MARGIN, PEDESTAL, beam_profile, fit_echo
+from sionna_radar.mapping.echo_model.beam import beam_nodes
+from sionna_radar.radar.array_antenna import taylor_cut
 
 
 @pytest.mark.parametrize("width_deg", [2.0, 40.0, 45.0, 60.0])

@@ -5,7 +5,7 @@ import pytest
 
 from beams import make_antenna
 from sionna_radar.radar.antenna import Antenna, Cut, build_antenna, measured_cut
-from sionna_radar.radar.taylor_array import taylor_cut
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.scenario.radar import AntennaTable
 
 

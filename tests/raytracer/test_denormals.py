@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from sionna_radar.raytracer.denormals import can_flush, flushed_denormals
+from sionna_radar.raytracer.backend import can_flush, flushed_denormals
 
 pytestmark = pytest.mark.skipif(not can_flush(), reason="this machine's threads are left as they are")
 

@@ -7,9 +7,9 @@ import pytest
 from pyproj import CRS
 
 from sionna_radar.accuracy.compare import difference, summarise
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.report.compare.reading import read_results
-from sionna_radar.report.survey.contents import Report
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.report.files.contents import Report
+from sionna_radar.report.page.compare import read_results
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.studies.comparison import FlownResult
 from sionna_radar.survey.result import Survey

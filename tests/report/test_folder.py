@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
-from sionna_radar.report import folder
-from sionna_radar.report.folder import check_output, finished_as, note_run, write_folder
-from sionna_radar.report.manifest import MANIFEST, read_manifest
-from sionna_radar.report.plan.file import PLAN_FILE
+from sionna_radar.report.files import folder
+from sionna_radar.report.files.folder import MANIFEST, check_output, finished_as, note_run, read_manifest, write_folder
+from sionna_radar.report.studies.plan import PLAN_FILE
 
 MARKER = "summary.json"
 
@@ -189,7 +188,7 @@ def test_a_folder_filled_during_the_flight_is_left_alone(tmp_path: Path) -> None
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from sionna_radar.report.folder import write_folder
+from sionna_radar.report.files.folder import write_folder
 
 out, moves = Path(sys.argv[1]), int(sys.argv[2])
 replace = Path.replace
@@ -234,7 +233,7 @@ def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
 HOLDING = """
 import sys, time
 from pathlib import Path
-from sionna_radar.foundation.staging import staged
+from sionna_radar.foundation.checkpoints import staged
 
 with staged(Path(sys.argv[1])) as folder:
     print(folder, flush=True)

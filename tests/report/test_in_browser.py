@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from browser import chromium, colours_in, opened, started
-from sionna_radar.report.compare.page import comparison_page
-from sionna_radar.report.show.page import show_page
+from sionna_radar.report.page.compare import comparison_page
+from sionna_radar.report.page.show import show_page
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.studies.comparison import compare_results
 

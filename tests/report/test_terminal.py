@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from sionna_radar.report.quantities import readable
-from sionna_radar.report.survey.table import print_survey
+from sionna_radar.report.drawing import readable
+from sionna_radar.report.survey.summary import print_survey
 from sionna_radar.report.terminal import console, lines, number
 from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.result import Survey

@@ -2,9 +2,9 @@
 
 import pytest
 
-from sionna_radar.scenario.dem import DemTable
 from sionna_radar.scenario.loading import load_scenario
 from sionna_radar.scenario.map_choice import with_map
+from sionna_radar.scenario.processing import DemTable
 
 # Lines are 5 m apart at 120 rpm; on level ground 50 m below, at 45 deg, a beam of 2 deg is 3.5 m long.
 FOOTPRINT_M = 3.49

@@ -12,9 +12,9 @@ from pydantic import BaseModel
 
 from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
 from sionna_radar.scenario import reference, scenario_schema
-from sionna_radar.scenario.meaning import meanings, summary, unit_of
 from sionna_radar.scenario.reference import dotted_keys, sections
 from sionna_radar.scenario.scenario import Scenario
+from sionna_radar.scenario.table import meanings, summary, unit_of
 from sionna_radar.scenario.weather import WeatherTable
 
 TEMPLATE = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")

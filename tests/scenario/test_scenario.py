@@ -8,10 +8,7 @@ from pydantic import ValidationError
 from scenario_keys import keys_of
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
-from sionna_radar.scenario.loading import (
-    shipped_scenarios,
-    to_toml,
-)
+from sionna_radar.scenario.loading import shipped_scenarios, to_toml
 from sionna_radar.scenario.recorded import recorded_settings
 
 LEAST = {

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from pyproj import Transformer
 
-from sionna_radar.elevation.map_frame import frame_at
+from sionna_radar.elevation.local_frame import frame_at
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.objects import Footprints

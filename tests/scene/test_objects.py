@@ -12,8 +12,8 @@ from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.objects import MeshObject
 from sionna_radar.scene import objects
 from sionna_radar.scene.build import build_scene
+from sionna_radar.scene.ground_cover import overhang
 from sionna_radar.scene.landscape import map_frame
-from sionna_radar.scene.layers import overhang
 from sionna_radar.scene.map_positions import in_local_frame
 from sionna_radar.scene.mesh_files.reader import read_mesh
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.scene.mesh import mesh_of
-from sionna_radar.scene.model import Surface
+from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
 
 RAYS = 20_000

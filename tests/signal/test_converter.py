@@ -11,7 +11,7 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.presets import filled_in
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.noise import noise_power
+from sionna_radar.signal.receiver import noise_power
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import record
 from sionna_radar.survey.warnings import saturation_warnings

@@ -13,8 +13,7 @@ from plain_beats import SWEEPS, make_paths, plain_sum, random_paths, relative_er
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.array_library import HOST, gpu_library
 from sionna_radar.signal.device_beats import device_beats
-from sionna_radar.tracing.device_paths import DevicePaths
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import DevicePaths, Paths
 from sionna_radar.tracing.sionna.material import mi
 
 PULSES, FIRST = 5, 10

@@ -7,7 +7,7 @@ import scipy.signal
 from direct_receiver import direct_beat, points_at
 from flights import make_pulses
 from receivers import radar_with, receiver_of
-from sionna_radar.signal.sample_grid import SampleGrid
+from sionna_radar.signal.beat import SampleGrid
 
 
 def line(beat, cell):

@@ -8,9 +8,9 @@ from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
+from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.high_pass import HighPass
-from sionna_radar.signal.noise import add_noise
+from sionna_radar.signal.receiver import add_noise
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import Paths
 

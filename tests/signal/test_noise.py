@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.radar.chirp import build_chirp
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.noise import add_noise, noise_power, transmit_power_w
+from sionna_radar.signal.receiver import add_noise, noise_power, transmit_power_w
 
 POWER = 3e-13
 

@@ -9,9 +9,9 @@ from flights import make_pulses
 from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.signal.high_pass import RangeGain, build_high_pass
-from sionna_radar.signal.sample_grid import SampleGrid
-from sionna_radar.studies.link_floors import floors_of
+from sionna_radar.signal.analog_filters import RangeGain, build_high_pass
+from sionna_radar.signal.beat import SampleGrid
+from sionna_radar.studies.link_spectra import floors_of
 
 RISING = {"from_hz": 2e3, "to_hz": 30e3, "order": 2}
 

@@ -12,10 +12,9 @@ from sionna_radar.scenario import StageParameters, load_scenario
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import ReceiverTable
+from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.signal.beat import synthesise
-from sionna_radar.signal.high_pass import build_high_pass
-from sionna_radar.signal.noise import add_noise
-from sionna_radar.signal.receiver import Receiver
+from sionna_radar.signal.receiver import Receiver, add_noise
 from sionna_radar.signal.stages import build_chain, register_receiver_stage
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import Paths

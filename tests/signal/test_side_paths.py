@@ -8,8 +8,8 @@ from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.radar.second_receiver import DifferencePattern, SideReceiver
+from sionna_radar.signal.leakage import side_paths
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.tracing.paths import Paths
 
 PULSES = make_pulses(3, incidence_deg=45.0)

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from sionna_radar.studies import bench_engines
-from sionna_radar.studies.floor_kernels import nearest_samples
+from sionna_radar.studies import bench_cases
+from sionna_radar.studies.bench_cases import nearest_samples
 
 
 def test_each_takes_longer_than_its_floor(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_engines, "REPEATS", 2)
-    ratios = list(bench_engines.measure_engines(64))
-    assert len(ratios) == bench_engines.ENGINE_RATIOS
+    monkeypatch.setattr(bench_cases, "REPEATS", 2)
+    ratios = list(bench_cases.measure_engines(64))
+    assert len(ratios) == bench_cases.ENGINE_RATIOS
     # The rays of few pulses are cast in no time at all, or by one core; the others are well above.
     assert all(ratio.value > 0.2 for ratio in ratios)
-    assert all(ratio.bound == bench_engines.FLOOR_BOUND for ratio in ratios)
+    assert all(ratio.bound == bench_cases.FLOOR_BOUND for ratio in ratios)
 
 
 def test_the_floor_of_focusing_is_a_back_projection():

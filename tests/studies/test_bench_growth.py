@@ -5,7 +5,7 @@ import tempfile
 
 import pytest
 
-from sionna_radar.studies.bench_growth import over_facets, over_pulses
+from sionna_radar.studies.bench_cases import over_facets, over_pulses
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 

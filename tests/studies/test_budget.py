@@ -6,10 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from sionna_radar.flight.grades import GRADES, load_grades
+from sionna_radar.flight.navigation import GRADES, load_grades
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.report.budget.products import MARKER, write_budget
-from sionna_radar.report.budget.table import print_budget
+from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.budget import (
     NavigationError,

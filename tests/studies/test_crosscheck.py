@@ -9,10 +9,9 @@ import pytest
 
 import sionna_radar.studies.crosscheck
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.report.crosscheck.products import crosscheck_summary, write_crosscheck
+from sionna_radar.report.studies.crosscheck import crosscheck_summary, write_crosscheck
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck import crosscheck
-from sionna_radar.studies.crosscheck_result import CrossCheck, Tolerances
+from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, crosscheck
 
 
 def small_hills(**tracing):

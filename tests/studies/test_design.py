@@ -10,13 +10,11 @@ import pytest
 from scipy.stats import qmc
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.sweep.figures import errors
-from sionna_radar.report.sweep.runs_table import rows_of, write_runs_parquet
+from sionna_radar.report.studies.sweep import rows_of, write_runs_parquet
+from sionna_radar.report.studies.sweep_figures import errors
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.design import Axis, Design, Sampler, Span
-from sionna_radar.studies.design_text import parse_design, read_settings
-from sionna_radar.studies.sweep import fly_sweep
-from sionna_radar.studies.sweep_plan import plan_sweep
+from sionna_radar.studies.design import Axis, Design, Sampler, Span, parse_design, read_settings
+from sionna_radar.studies.sweep import fly_sweep, plan_sweep
 
 BEAM, SNR, SAMPLES = "radar.antenna.beamwidth_deg", "radar.snr_db", "radar.samples_per_chirp"
 
@@ -179,7 +177,7 @@ def test_the_table_as_parquet_has_columns_of_one_type(small, tmp_path):
 
 
 def test_parquet_without_its_library_is_refused_before_anything_is_flown(cli, small, tmp_path, monkeypatch):
-    monkeypatch.setattr("sionna_radar.report.survey.points_table.find_spec", lambda _: None)
+    monkeypatch.setattr("sionna_radar.report.files.points_table.find_spec", lambda _: None)
     refused = cli("sweep", small, "--vary", f"{BEAM}=2,4", "--runs", "parquet", "-o", tmp_path / "out")
     assert refused.returncode == 2
     assert "runs.parquet needs pyarrow" in refused.stderr

@@ -9,11 +9,10 @@ from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.imaging.grid import PixelGrid
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.point_response import Point, Widths, isolated, measured_in_patch, point_beside
-from sionna_radar.report.imagery.products import MARKER, write_imagery, write_slar
-from sionna_radar.report.imagery.table import print_image
+from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery, write_slar
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way

@@ -9,7 +9,7 @@ from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.link import link_budget
-from sionna_radar.studies.link_floors import floors_of
+from sionna_radar.studies.link_spectra import floors_of
 
 CORNER_HZ = 50 * 360.0
 HIGH_PASS = {"high_pass_corner_hz": 10e3}

@@ -12,23 +12,21 @@ import pytest
 
 import cluster_tasks
 import processes
-from sionna_radar.flight.grades import GRADES
+from sionna_radar.flight.navigation import GRADES
+from sionna_radar.foundation.checkpoints import FOLDER, kept_parts
 from sionna_radar.foundation.cluster import DaskWorkers, open_workers
 from sionna_radar.foundation.errors import PluginError
-from sionna_radar.foundation.kept_parts import FOLDER, kept_parts
 from sionna_radar.foundation.threads import THREADS_VARIABLE
-from sionna_radar.mapping.methods.linear import Linear
-from sionna_radar.report.folder import strict_json
+from sionna_radar.mapping.linear.linear import Linear
+from sionna_radar.report.files.folder import strict_json
+from sionna_radar.report.studies.sweep import summary
 from sionna_radar.report.survey.summary import summary_json
-from sionna_radar.report.sweep.products import summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies import sweep as sweep_module
 from sionna_radar.studies.budget import navigation_budget, navigation_errors
-from sionna_radar.studies.crosscheck import crosscheck
-from sionna_radar.studies.crosscheck_result import CrossCheck
-from sionna_radar.studies.design_text import parse_design
-from sionna_radar.studies.sweep import fly_sweep
-from sionna_radar.studies.sweep_plan import SweepPlan, plan_sweep
+from sionna_radar.studies.crosscheck import CrossCheck, crosscheck
+from sionna_radar.studies.design import parse_design
+from sionna_radar.studies.sweep import SweepPlan, fly_sweep, plan_sweep
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.result import Survey
 

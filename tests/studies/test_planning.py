@@ -9,8 +9,7 @@ from scipy.spatial import KDTree
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.studies.plan_check import check_plan
-from sionna_radar.studies.planning import Wanted, plan_flight, planned_scenario
+from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
 from sionna_radar.survey.remapping import record_survey
 
 LIDAR = {"sensor": "lidar"}

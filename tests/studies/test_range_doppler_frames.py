@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.range_doppler.products import write_frames
-from sionna_radar.report.range_doppler.table import print_frames
+from sionna_radar.report.studies.range_doppler import print_frames, write_frames
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.range_doppler import fly_frames
 

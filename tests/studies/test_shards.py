@@ -6,11 +6,9 @@ import shutil
 import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.manifest import lasting_columns
-from sionna_radar.report.sweep.products import write_sweep
-from sionna_radar.report.sweep.reading import read_sweep
-from sionna_radar.studies.sweep import fly_sweep
-from sionna_radar.studies.sweep_plan import Shard, plan_sweep
+from sionna_radar.report.files.folder import lasting_columns
+from sionna_radar.report.studies.sweep import read_sweep, write_sweep
+from sionna_radar.studies.sweep import Shard, fly_sweep, plan_sweep
 
 
 def lasting(path):

@@ -9,19 +9,15 @@ import numpy as np
 import pytest
 
 from drawn_texts import texts_outside
+from sionna_radar.foundation.checkpoints import FOLDER, KeptParts, kept_parts
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
-from sionna_radar.foundation.kept_parts import FOLDER, KeptParts, kept_parts
-from sionna_radar.report.folder import strict_json
-from sionna_radar.report.manifest import lasting_columns
-from sionna_radar.report.sweep.figures import abscissa, errors
-from sionna_radar.report.sweep.products import summary
-from sionna_radar.report.sweep.table import print_sweep
+from sionna_radar.report.files.folder import lasting_columns, strict_json
+from sionna_radar.report.studies.sweep import print_sweep, summary
+from sionna_radar.report.studies.sweep_figures import abscissa, errors
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.design import Axis
-from sionna_radar.studies.design_text import parse_design
-from sionna_radar.studies.sweep import fly_sweep
-from sionna_radar.studies.sweep_plan import label, plan_sweep
+from sionna_radar.studies.design import Axis, parse_design
+from sionna_radar.studies.sweep import fly_sweep, label, plan_sweep
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
+from sionna_radar.surfaces.backscatter import TableBackscatter, UlabyDobsonBackscatter
 
 # Grass, C band, HH, from a public Julia transcription of the handbook: here to test the form only.
 GRASS = {

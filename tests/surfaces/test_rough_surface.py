@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.constants import speed_of_light
 from scipy.integrate import quad
 
-from sionna_radar.surfaces.integral_equation import IntegralEquation
 from sionna_radar.surfaces.rough_surface import (
     GeometricalOptics,
+    IntegralEquation,
     PhysicalOptics,
     RoughSurface,
     SmallPerturbation,

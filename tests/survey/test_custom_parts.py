@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sionna_radar import CustomParts, load_scenario, prepare, run
-from sionna_radar.detection.ranging.peak import PeakRange
-from sionna_radar.flight.scans.rotating import RotatingScan
-from sionna_radar.mapping.methods.smooth import Smooth
+from sionna_radar.detection.ranging.estimators import PeakRange
+from sionna_radar.flight.scan import RotatingScan
+from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.landscape import build_landscape
@@ -105,7 +105,7 @@ WRONG = """
 import numpy as np
 from sionna_radar import load_scenario, run
 from sionna_radar.foundation import RadarError
-from sionna_radar.mapping.methods.smooth import Smooth
+from sionna_radar.mapping.refined.refinement import Smooth
 
 class Empty:
     pass

@@ -52,7 +52,7 @@ def test_the_survey_is_that_of_any_radar(settings):
 
 
 def test_blocks_of_any_size_and_wavefronts_give_the_same_bits(monkeypatch):
-    from sionna_radar.tracing.engines import beam
+    from sionna_radar.tracing.engines.beam import beam
 
     settings = {"tracing.speckle": "per_pulse"}
     whole = flown(settings, sensor=lambda given: DeviceRadar(given, HOST))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.gridding import grid_points
+from sionna_radar.mapping.linear.gridding import grid_points
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.navigation_sigma import navigation_sigma
 from sionna_radar.survey.remapping import record_survey

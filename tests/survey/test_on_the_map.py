@@ -13,7 +13,7 @@ from rasterio.windows import from_bounds
 from scipy.ndimage import gaussian_filter
 
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.georeference import Georeference, MapCells
+from sionna_radar.foundation.raster import Georeference, MapCells
 from sionna_radar.report.survey import products
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import georeference

@@ -17,8 +17,7 @@ from rich.console import Console
 from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.radar import Antenna, taylor_cut
-from sionna_radar.report.processed.products import write_processed
-from sionna_radar.report.processed.table import processed_table
+from sionna_radar.report.studies.processed import processed_table, write_processed
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.recordings import netcdf
 

@@ -10,13 +10,13 @@ import time
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.kept_parts import FOLDER, kept_parts
+from sionna_radar.foundation.checkpoints import FOLDER, kept_parts
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scenario.input_files import identity
+from sionna_radar.scenario.loading import identity
 from sionna_radar.survey import recording
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.stretches import FinishedStretch
+from sionna_radar.survey.recording import FinishedStretch
 
 SHORT = {"platform.length_m": 24.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
 BLOCK = 12

@@ -14,14 +14,14 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.survey.products import write_survey
-from sionna_radar.scenario.navigation import NavigationTable
+from sionna_radar.scenario.platform import NavigationTable
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.recording import place, record
 from sionna_radar.survey.remapping import record_survey
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
-from sionna_radar.tracing.boresight import trace_boresights
+from sionna_radar.tracing.paths import trace_boresights
 
 HILLS = {
     "seed": 4,

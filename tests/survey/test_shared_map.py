@@ -4,14 +4,14 @@ import json
 
 import pytest
 
+from sionna_radar.foundation.checkpoints import kept_parts
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.kept_parts import kept_parts
 from sionna_radar.foundation.workers import SHARED, Failure, attempt, name_of, named
-from sionna_radar.mapping import tiles
-from sionna_radar.mapping.methods.smooth import Smooth
-from sionna_radar.mapping.tiles import Tiles
+from sionna_radar.mapping.refined.refinement import Smooth
+from sionna_radar.mapping.terrain import tiles
+from sionna_radar.mapping.terrain.tiles import Tiles
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import shared_map
+from sionna_radar.survey import remapping
 from sionna_radar.survey.chain import run
 
 # Two tiles.
@@ -104,7 +104,7 @@ def test_workers_take_tiles_that_are_kept(scenario, alone, tmp_path):
 def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
     class Failing(Next):
         def each(self, work, tasks, progress=None, shared=None):
-            if work is not shared_map.tile_task:
+            if work is not remapping.tile_task:
                 yield from super().each(work, tasks, progress, shared)
                 return
             yield 0, Failure(kind="OutputError", text="no room")

@@ -10,7 +10,7 @@ import pytest
 
 from sionna_radar.foundation.kept_values import KeptValues, Same
 from sionna_radar.scenario import load_scenario
-from sionna_radar.scenario.input_files import content_key
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scene import ground
 from sionna_radar.scene.landscape import TerrainInputs, build_landscape
 from sionna_radar.survey.chain import run

@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from sionna_radar import load_scenario, run
-from sionna_radar.report.survey.summary import summary
-from sionna_radar.report.survey.table import survey_table
+from sionna_radar.report.survey.summary import summary, survey_table
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scenario.loading import to_toml
 from vector_files import rectangle, write_geojson

@@ -9,7 +9,7 @@ from scipy.constants import Boltzmann
 from beams import make_antenna, plane_power
 from sionna_radar import parse_scenario, run
 from sionna_radar.flight.pulses import Pose, PulseSchedule
-from sionna_radar.flight.scans.rotating import RotatingScan
+from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.survey.preparation import prepare
@@ -199,7 +199,7 @@ def test_a_scan_and_an_antenna_of_ones_own():
     assert survey.pulses == 108  # 0.3 s of 360 chirps a second
     assert survey.replaced == {
         "radar.antenna": "sionna_radar.radar.antenna.Antenna, half-power beam 1 x 1 deg",
-        "radar.scan": "sionna_radar.flight.scans.rotating.RotatingScan",
+        "radar.scan": "sionna_radar.flight.scan.RotatingScan",
     }
     np.testing.assert_allclose(survey.points.position_m[:, 1], 0.0, atol=1e-9)
     top = survey.points.position_m[:, 2] + survey.points.range_m

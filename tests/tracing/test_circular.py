@@ -16,17 +16,17 @@ from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial, as_radar_material
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.effects.volume_polarization import volume_polarization
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.facets import GammaEngine
-from sionna_radar.tracing.engines.persistent import PersistentEngine
+from sionna_radar.tracing.effects.volume_echo import volume_polarization
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.tracing.sionna.material import mi
 from sionna_radar.tracing.sionna.pattern import SionnaPattern
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.kinds import Precipitation
+from sionna_radar.weather.validity import Precipitation
 from worlds import make_surface
 
 WAVELENGTH_M = 299_792_458.0 / 77e9

@@ -11,15 +11,24 @@ from flights import make_pulses
 from sionna_radar.flight.frames import whisk_broom_from_antenna
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
-from sionna_radar.surfaces.integral_equation import IntegralEquation
-from sionna_radar.surfaces.measured_backscatter import TableBackscatter, UlabyDobsonBackscatter
-from sionna_radar.surfaces.models.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.surfaces.backscatter import (
+    ConstantGammaBackscatter,
+    LambertianBackscatter,
+    TableBackscatter,
+    UlabyDobsonBackscatter,
+)
 from sionna_radar.surfaces.permittivity import building_permittivity, soil_permittivity
 from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
-from sionna_radar.surfaces.rough_surface import GeometricalOptics, PhysicalOptics, RoughSurface, SmallPerturbation
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.surfaces.rough_surface import (
+    GeometricalOptics,
+    IntegralEquation,
+    PhysicalOptics,
+    RoughSurface,
+    SmallPerturbation,
+)
+from sionna_radar.surfaces.sionna_slab import SionnaSlab, slab_material
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.sionna.material import BackscatterMaterial, dr, mi, sionna_material
 from worlds import make_surface

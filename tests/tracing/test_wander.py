@@ -10,9 +10,9 @@ from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.facets import GammaEngine
-from sionna_radar.tracing.engines.persistent import PersistentEngine
-from sionna_radar.tracing.wander import wander_hz
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+from sionna_radar.tracing.paths import wander_hz
 from worlds import make_scene, make_surface
 
 TIME_S = 0.03

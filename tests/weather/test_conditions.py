@@ -13,17 +13,17 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.effects.atmosphere import build_weather
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import fall_speed_mps, marshall_palmer
-from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.kinds import Obscurant, Precipitation
-from sionna_radar.weather.mie import mie_efficiencies
+from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
+from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
     drop_reflectivity_per_m,
     echo_speeds,
     rain_attenuation_db_per_km,
     rain_attenuations_db_per_km,
 )
-from sionna_radar.weather.water import water_permittivity
+from sionna_radar.weather.scattering import mie_efficiencies
+from sionna_radar.weather.validity import Obscurant, Precipitation
 
 CARRIER_HZ = 77e9
 LEAST = {

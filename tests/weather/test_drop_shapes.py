@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from sionna_radar.weather.drop_shapes import ANGLES_RAD, axis_ratio, drop_polarization
-from sionna_radar.weather.drops import marshall_palmer
-from sionna_radar.weather.mie import mie_efficiencies
+from sionna_radar.weather.drops import ANGLES_RAD, axis_ratio, drop_polarization, marshall_palmer
 from sionna_radar.weather.rain import rain_attenuations_db_per_km
-from sionna_radar.weather.spheroid import spheroid_echo
+from sionna_radar.weather.scattering import mie_efficiencies, spheroid_echo
 
 WATER_77 = np.sqrt(7.9 + 13.2j)
 RIGHT, V, H = np.array([1, 1j]) / np.sqrt(2), np.array([1.0, 0.0]), np.array([0.0, 1.0])

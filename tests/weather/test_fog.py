@@ -5,9 +5,9 @@ import math
 import pytest
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.fog import FogClass, fog_attenuation_db_per_km, fog_coefficient
+from sionna_radar.weather.obscurants import FogClass, fog_attenuation_db_per_km, fog_coefficient
+from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.validity import ValidityError
-from sionna_radar.weather.water import water_permittivity
 
 # ITU validation examples of P.840-8 (ITU-Rpy, test/test_data/840): GHz, elevation in deg, attenuation in dB,
 # and the columnar liquid water (kg/m2, at 0 deg C) of the same place and time share; K_l = A sin(el) / L.

@@ -2,8 +2,9 @@
 
 import pytest
 
-from sionna_radar.weather.gas_lines import OXYGEN_LINES, VAPOUR_LINES
 from sionna_radar.weather.gases import (
+    OXYGEN_LINES,
+    VAPOUR_LINES,
     Air,
     dry_air_attenuation_db_per_km,
     gas_attenuation_db_per_km,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sionna_radar.weather.mie import mie_efficiencies
+from sionna_radar.weather.scattering import mie_efficiencies
 
 
 def efficiencies(index, size):

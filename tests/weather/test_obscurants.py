@@ -6,26 +6,22 @@ import numpy as np
 import pytest
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.fog import (
-    FogClass,
-    fog_attenuation_db_per_km,
-    liquid_water_of_visibility_g_per_m3,
-    visibility_of_liquid_water_m,
-)
-from sionna_radar.weather.kinds import Obscurant
-from sionna_radar.weather.mie import mie_efficiencies
 from sionna_radar.weather.obscurants import (
     DUST_DENSITY_G_PER_M3,
+    FogClass,
     dust_mass_g_per_m3,
     dust_permittivity,
     effective_radius_m,
+    fog_attenuation_db_per_km,
     fog_droplets,
+    liquid_water_of_visibility_g_per_m3,
     obscurant,
     optical_extinction_per_m,
+    visibility_of_liquid_water_m,
 )
 from sionna_radar.weather.rain import rain_reflectivity_per_m
-from sionna_radar.weather.rayleigh import Aerosol
-from sionna_radar.weather.validity import ValidityError
+from sionna_radar.weather.scattering import Aerosol, mie_efficiencies
+from sionna_radar.weather.validity import Obscurant, ValidityError
 
 
 def particles(kind, frequency_hz, visibility_m):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from sionna_radar.weather.kinds import Obscurant, Precipitation
 from sionna_radar.weather.optical import (
     drop_backscatter_m2_per_sr,
     fog_exponent,
@@ -13,7 +12,7 @@ from sionna_radar.weather.optical import (
     rain_extinction_per_m,
     snow_extinction_per_m,
 )
-from sionna_radar.weather.validity import ValidityError
+from sionna_radar.weather.validity import Obscurant, Precipitation, ValidityError
 
 DB_PER_KM = 1000 * 10 / np.log(10)
 

@@ -5,8 +5,8 @@ import math
 import pytest
 from scipy.constants import g, speed_of_light
 
-from sionna_radar.weather.radome import VISCOSITY_M2_PER_S, film_thickness_m, film_transmission, wet_radome_loss_db
-from sionna_radar.weather.water import water_permittivity
+from sionna_radar.weather.path import VISCOSITY_M2_PER_S, film_thickness_m, film_transmission, wet_radome_loss_db
+from sionna_radar.weather.permittivity import water_permittivity
 
 
 @pytest.mark.parametrize("angle_deg", [10.0, 50.0, 89.0])

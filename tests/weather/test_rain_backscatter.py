@@ -9,6 +9,7 @@ from scipy.integrate import trapezoid
 
 from sionna_radar.weather import rain
 from sionna_radar.weather.drops import ExponentialDrops, marshall_palmer
+from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
     drop_reflectivity_per_m,
     rain_attenuation_db_per_km,
@@ -16,7 +17,6 @@ from sionna_radar.weather.rain import (
     scattered_attenuation_db_per_km,
 )
 from sionna_radar.weather.validity import ValidityError
-from sionna_radar.weather.water import water_permittivity
 
 TEMPERATURE_K = 283.15
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.rain_map import RainCell, RainField, RainTogether
+from sionna_radar.weather.validity import Precipitation
 from sionna_radar.weather.volume import EvenVolume, UnevenVolume, volume_of
 
 

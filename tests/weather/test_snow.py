@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.constants import speed_of_light
 
-from sionna_radar.weather.ice import ice_permittivity
-from sionna_radar.weather.kinds import Precipitation
-from sionna_radar.weather.mie import mie_efficiencies
+from sionna_radar.weather.permittivity import ice_permittivity
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectivity_per_m
-from sionna_radar.weather.rayleigh import clausius_mossotti
+from sionna_radar.weather.scattering import clausius_mossotti, mie_efficiencies
 from sionna_radar.weather.snow import (
     LARGEST,
     flakes,
@@ -21,7 +19,7 @@ from sionna_radar.weather.snow import (
     snow_reflectivity_per_m,
     snow_speeds,
 )
-from sionna_radar.weather.validity import ValidityError
+from sionna_radar.weather.validity import Precipitation, ValidityError
 
 DRY, WET = Precipitation.DRY_SNOW, Precipitation.WET_SNOW
 COLD_K = 268.15

@@ -2,8 +2,8 @@
 
 import pytest
 
+from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.validity import ValidityError
-from sionna_radar.weather.water import water_permittivity
 
 
 def single_debye(frequency_ghz, temperature_c):

@@ -17,9 +17,9 @@ from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.windows import window
+from sionna_radar.foundation.numerics import window
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.high_pass import HighPass
+from sionna_radar.signal.analog_filters import HighPass
 
 FEWEST_CHIRPS = 4
 

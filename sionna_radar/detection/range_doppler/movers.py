@@ -1,13 +1,25 @@
-"""Targets in a range-Doppler map: peaks that a CFAR detects, to a fraction of a cell."""
+"""Targets in a range-Doppler map: peaks that a CFAR detects, to a fraction of a cell.
+
+Range rates beyond those of one interval: frames whose chirps follow each other after two intervals in turn.
+
+Every second chirp makes a frame of even intervals P, whose maps are ambiguous by span = wavelength / 2 P. The chirps
+between them come T later: from the one frame to the other a scatterer of range rate v turns by 4 pi v T / wavelength,
+which depends on how often its rate is folded: by 2 pi T / P for each span. So the phase between both frames at a peak
+tells which of its rates is the true one, as do co-prime pulse repetition intervals (the Chinese remainder theorem), but
+from cell to cell. With T / P = 1 / 2 that is the ambiguity of even intervals T; others tell more rates apart, by
+smaller turns. The phase of two peaks of signal-to-noise ratio R each has a standard deviation of 1 / sqrt(R), and a
+wrong rate is taken where it errs by more than half of the least turn.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Inexact
 from scipy.ndimage import maximum_filter
 
-from sionna_radar.detection.range_doppler.frames import RangeDopplerMap
+from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.radar.chirp import Chirp
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,3 +78,106 @@ def _vertex(
         place = np.where(bend < 0, -slope / bend, 0.0)
     place = np.clip(place, -0.5, 0.5)
     return place, slope * place + bend * place**2 / 2
+
+
+# Of a turn, between any two of the rates that are told apart: 4 standard deviations at 17 dB.
+LEAST_TURN = 0.1
+MOST_FOLDINGS = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaggeredRangeDoppler:
+    """Windows and transforms of frames of chirps with two intervals in turn.
+
+    half: those of every second chirp, at the interval of a pair.
+    first_s: from the first to the second chirp of a pair, by their middles.
+
+    Examples
+    --------
+    >>> from sionna_radar.radar import Chirp
+    >>> chirp = Chirp(carrier_hz=77e9, bandwidth_hz=300e6, rate_hz=20e3, samples=256)
+    >>> half = RangeDoppler(chirp=chirp, chirps=64, interval_s=2.5 / 20e3)
+    >>> frames = StaggeredRangeDoppler(half=half, first_s=1 / 20e3)
+    >>> frames.foldings, round(half.highest_rate_mps, 1), round(frames.highest_rate_mps, 1)
+    (5, 7.8, 38.9)
+
+    """
+
+    half: RangeDoppler
+    first_s: float
+
+    @property
+    def chirps(self) -> int:
+        """Chirps of a frame."""
+        return 2 * self.half.chirps
+
+    @property
+    def span_mps(self) -> float:
+        """By how much range rates differ that a map does not tell apart."""
+        return 2 * self.half.highest_rate_mps
+
+    @property
+    def foldings(self) -> int:
+        """Range rates that the phase tells apart where a map does not: as many as lie `LEAST_TURN` from each other."""
+        assert self.half.interval_s is not None
+        turn = self.first_s / self.half.interval_s * np.arange(1, MOST_FOLDINGS)
+        close = np.flatnonzero(np.abs(turn - np.round(turn)) < LEAST_TURN - 1e-9)
+        return int(close[0]) + 1 if len(close) else MOST_FOLDINGS
+
+    @property
+    def highest_rate_mps(self) -> float:
+        """Greatest range rate, either way, that is told apart from all others."""
+        return self.foldings * self.half.highest_rate_mps
+
+    @property
+    def chirp(self) -> Chirp:
+        """The sweep."""
+        return self.half.chirp
+
+    @property
+    def rate_cell_mps(self) -> float:
+        """Range rate of one cell."""
+        return self.half.rate_cell_mps
+
+    @property
+    def noise_loss_db(self) -> float:
+        """See `RangeDoppler`."""
+        return self.half.noise_loss_db
+
+    @property
+    def straddling_loss_db(self) -> float:
+        """See `RangeDoppler`."""
+        return self.half.straddling_loss_db
+
+    def map(self, beat: Inexact[np.ndarray, "chirp sample"]) -> RangeDopplerMap:
+        """Return the map of one frame, folded: the mean power of those of every second chirp, two looks."""
+        first, second = (self.half.map(beat[start::2]) for start in (0, 1))
+        return RangeDopplerMap(
+            power=(first.power + second.power) / 2,
+            range_rate_mps=first.range_rate_mps,
+            range_m=first.range_m,
+            chirp=first.chirp,
+        )
+
+    def unfolded(self, beat: Inexact[np.ndarray, "chirp sample"], movers: Movers) -> Movers:
+        """Return the movers of a frame's map at the range rates, and with them the ranges, that its phases tell.
+
+        A cell that holds several scatterers is unfolded as the strongest.
+        """
+        chirp = self.half.chirp
+        read_m = movers.range_m + chirp.doppler_range_m(movers.range_rate_mps)
+        row = self._nearest(self.half.range_rate_mps, movers.range_rate_mps)
+        bin_ = self._nearest(self.half.range_m, read_m)
+        first, second = (self.half.amplitude(beat[start::2])[row, bin_] for start in (0, 1))
+        # All rates that a mover's may be, and how far the phase between the frames is from what each would leave.
+        fold = np.arange(-MOST_FOLDINGS, MOST_FOLDINGS + 1)
+        rate_mps = movers.range_rate_mps[:, None] + fold * self.span_mps
+        turned = 4 * np.pi * chirp.direction * self.first_s / chirp.wavelength_m * rate_mps
+        likeness = np.cos(np.angle(second * np.conj(first))[:, None] - turned)
+        likeness[(rate_mps < -self.highest_rate_mps) | (rate_mps >= self.highest_rate_mps)] = -np.inf
+        chosen_mps = rate_mps[np.arange(len(movers)), np.argmax(likeness, axis=1)]
+        return Movers(range_m=read_m - chirp.doppler_range_m(chosen_mps), range_rate_mps=chosen_mps, power=movers.power)
+
+    def _nearest(self, axis: Float[np.ndarray, " bin"], value: Float[np.ndarray, " n"]) -> np.ndarray:
+        """Return the nearest bins of an even axis."""
+        return np.clip(np.round((value - axis[0]) / (axis[1] - axis[0])).astype(np.int64), 0, len(axis) - 1)

@@ -11,7 +11,7 @@ from typing import Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.detection.ranging.beam_profile import BeamProfile
+from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.registry import require

@@ -13,22 +13,22 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import logsumexp
 
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
-from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.profiles import Profiles, VolumeInFront, cut_profiles
+from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
     MOST_OVER_MEAN,
     NEIGHBOURS,
     VolumeClutter,
+    VolumeMotion,
+    estimated_motion,
+    expected_motion,
     first_guess,
     measured_mean,
 )
-from sionna_radar.detection.volume.end import Views, VolumeEnd
-from sionna_radar.detection.volume.ground_behind import GroundBehind, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import GroundBehind, Views, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, Tracked, track
-from sionna_radar.detection.volume.motion import VolumeMotion, estimated_motion, expected_motion
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.decibel import from_db
+from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
 
 # Least probability that the echo lies on the chosen surface, and that there is any ground at all.

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import Attitudes, Positions, Spreads
-from sionna_radar.flight.logs.metric import MetricLog
+from sionna_radar.flight.logs.log import Attitudes, MetricLog, Positions, Spreads
 
 # Rows of a log are written in blocks, a little out of order at times.
 MOST_OUT_OF_ORDER_S = 1.0

@@ -14,15 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.logs.log import (
-    Attitudes,
-    FlightLog,
-    Positions,
-    Spreads,
-    running_rms,
-    source_of,
-    spreads_of,
-)
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, running_rms, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 

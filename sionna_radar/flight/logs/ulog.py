@@ -14,15 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sionna_radar.flight.logs.log import (
-    Attitudes,
-    FlightLog,
-    Positions,
-    Spreads,
-    running_rms,
-    source_of,
-    spreads_of,
-)
+from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spreads, running_rms, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
 

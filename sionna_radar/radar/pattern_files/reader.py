@@ -1,22 +1,30 @@
-"""Reading a radiation pattern from a file of any known format, told by its content."""
+"""Reading a radiation pattern from a file of any known format, told by its content.
+
+Antennas from files of their patterns.
+"""
 
 import logging
 from pathlib import Path
 
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
+from sionna_radar.foundation.numerics import from_db
+from sionna_radar.radar.antenna import Antenna, antenna_of, register_antenna
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern
 from sionna_radar.radar.pattern_files.contents import PatternCuts, PatternGrid, axis_gain_db
-from sionna_radar.radar.pattern_files.delimited import is_delimited, read_delimited
-from sionna_radar.radar.pattern_files.far_fields import (
+from sionna_radar.radar.pattern_files.formats import (
     is_cst_source,
     is_cst_table,
+    is_delimited,
     is_hfss_field,
+    is_planet,
     read_cst_source,
     read_cst_table,
+    read_delimited,
     read_hfss_field,
+    read_planet,
 )
-from sionna_radar.radar.pattern_files.planet import is_planet, read_planet
+from sionna_radar.scenario.radar import PatternAntennaTable
 
 logger = logging.getLogger("sionna_radar")
 
@@ -91,3 +99,23 @@ def _contents(text: str, name: str) -> PatternCuts | PatternGrid:
     first = text.split("\n", 1)[0].strip()
     message = f"{name} is no pattern of a known format: its first line is {first[:60]!r}; {REMEDY}"
     raise InputFileError(message)
+
+
+@register_antenna("pattern", PatternAntennaTable)
+def measured_antenna(table: PatternAntennaTable) -> Antenna:
+    """Return the antenna of a scenario's table.
+
+    Raises InputFileError for a file that cannot be read.
+    """
+    sent = read_pattern(table.pattern, "radar.antenna.pattern", table.boresight)
+    heard = None
+    if table.receive_pattern is not None:
+        heard = read_pattern(table.receive_pattern, "radar.antenna.receive_pattern", table.boresight)
+    return antenna_of(
+        sent,
+        heard,
+        polarization=table.polarization,
+        receives=table.receive_polarization,
+        axial_ratio_db=table.axial_ratio_db,
+        efficiency=from_db(table.efficiency_db),
+    )

@@ -10,10 +10,8 @@ from matplotlib.colors import to_hex
 
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.report.colours import ERRORS, HEIGHTS
-from sionna_radar.report.coordinates import Frame
-from sionna_radar.report.page.packing import Pack
-from sionna_radar.report.page.relief import HEIGHT_STEP_M, axes_of
+from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, axes_of
 from sionna_radar.survey.preparation import Prepared
 
 MOST_TRACK, MOST_POINTS = 2_000, 15_000

@@ -1,29 +1,41 @@
-"""The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file."""
+"""The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file.
 
+The errors of a page: their table beside the reference paper's, their distribution, and where they are.
+
+The chirps of a page: pulses spread over the survey, traced once more, and what is found in each.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.foundation.decibel import decibels
+from sionna_radar.accuracy.breakdown import ErrorClass
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration
+from sionna_radar.foundation.numerics import decibels, on_one_thread
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.foundation.versions import versions
-from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
+from sionna_radar.foundation.workers import versions
+from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.page import markup
-from sionna_radar.report.page.backscatter import MEANING as SIGMA0_MEANING
-from sionna_radar.report.page.backscatter import sigma0_db
-from sionna_radar.report.page.beams import Beams, cast_beams, spread_pulses
-from sionna_radar.report.page.document import document
-from sionna_radar.report.page.flown import flown_rows
-from sionna_radar.report.page.packing import Pack
-from sionna_radar.report.page.relief import (
+from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.scene_data import (
     HEIGHT_STEP_M,
     MOST_MAP_CELLS,
     MOST_RELIEF_CELLS,
+    Beams,
+    Pack,
+    cast_beams,
+    flown_rows,
     packed_map,
+    sigma0_db,
+    spread_pulses,
     surroundings,
     thinned,
 )
+from sionna_radar.report.page.scene_data import MEANING as SIGMA0_MEANING
 from sionna_radar.report.page.world import (
     MOST_POINTS,
     box_of,
@@ -33,12 +45,213 @@ from sionna_radar.report.page.world import (
     packed_track,
     track_of,
 )
-from sionna_radar.report.survey.page_chirps import chirps_of, packed_chirps, record_chirps
-from sionna_radar.report.survey.page_errors import errors_section, histogram_of, limit_of
-from sionna_radar.report.survey.summary import crs_name, summary
+from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
+
+BINS = 81
+# A histogram that extends this many NMADs to each side has a logarithmic scale.
+HEAVY_TAILS = 10
+ERRORS = {
+    "RMS": ("rms_m", ".3f"),
+    "Mean": ("mean_m", "+.3f"),
+    "Std. dev.": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE68": ("le68_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
+    "LE95": ("le95_m", ".3f"),
+    "Least": ("min_m", "+.2f"),
+    "Greatest": ("max_m", "+.2f"),
+}
+
+
+def errors_section(survey: Survey) -> str:
+    """Return the section of a page on the errors of a survey."""
+    named = {
+        "lit_error": ("Lit cells", survey.lit_error),
+        "off_wall_error": ("Lit cells off walls", survey.off_wall_error),
+        "dem_error": ("All filled cells", survey.dem_error),
+    }
+    rows = [_error_row(key, name, error) for key, (name, error) in named.items() if error is not None]
+    paper = reference_for(survey.prepared)
+    rows += [
+        [one.name, *(number(getattr(one, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
+        for one in paper.rows
+    ]
+    note = (
+        "Lit cells are those that the main beam reached; coverage is the share of them that the DEM fills. LE90 is the "
+        f"90th percentile of |error|, not the width |P95 - P5|. {paper.conditions}"
+    )
+    table = markup.table(["DEM minus truth (m)", *ERRORS, "Cells", "Coverage"], rows, note)
+    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
+    return markup.section("errors", "Errors of the elevation model", table, charts, _where(survey), _stated(survey))
+
+
+def _stated(survey: Survey) -> str:
+    """Return how the errors compare with the uncertainty that the map states for each cell."""
+    check = survey.dem_uncertainty
+    if check is None:
+        return ""
+    rows = [["all", *_calibration_row(check.cells)]]
+    for title, classes in (
+        ("slope of the truth, deg", check.by_slope),
+        ("distance from the nearest echo, m", check.by_echo_distance),
+    ):
+        rows += [[f"{title}: {one.low:g} to {one.high:g}", *_calibration_row(one.calibration)] for one in classes]
+    note = (
+        "Share of lit cells whose truth lies in the interval that the DEM states around their height (dem_sigma.tif); "
+        "z is the error over the stated standard deviation."
+    )
+    heads = ["Lit cells", *(f"in {p} %" for p in INTERVALS_PERCENT), "NMAD of z", "RMS of z", "sigma, RMS (m)", "Cells"]
+    return markup.table(heads, rows, note)
+
+
+def _calibration_row(found: Calibration) -> list[str]:
+    inside = [number(share, ".1%") for share in found.coverage.values()]
+    spread = [number(found.nmad_z, ".2f"), number(found.rms_z, ".2f"), number(found.sigma_rms_m, ".3f")]
+    return [*inside, *spread, f"{found.count:,}"]
+
+
+def _where(survey: Survey) -> str:
+    """Return where the errors are: by slope, incidence and distance from walls, and the test with checkpoints."""
+    found = survey.breakdown
+    tables = [
+        _class_table("Slope of the truth (deg)", found.by_slope),
+        _class_table("Incidence angle (deg)", found.by_incidence),
+        _class_table("Distance from walls (m)", found.by_wall_distance or ()),
+    ]
+    statement = (
+        markup.paragraph(f"Checkpoints: {found.checkpoints.statement}.", "note") if found.checkpoints.statement else ""
+    )
+    return f'<div class="tables">{"".join(tables)}</div>{statement}'
+
+
+def _class_table(name: str, classes: Sequence[ErrorClass]) -> str:
+    if not classes:
+        return ""
+    rows = [
+        [
+            f"{one.low:g} to {one.high:g}" if np.isfinite(one.high) else f"over {one.low:g}",
+            number(one.rms_m, ".3f"),
+            number(one.mean_m, "+.3f"),
+            f"{one.count:,}",
+        ]
+        for one in classes
+    ]
+    return markup.table([name, "RMS (m)", "Mean (m)", "Cells"], rows)
+
+
+def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
+    values = asdict(error)
+    cells: list[markup.Cell | str] = [name]
+    for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
+        value = float(values[field])
+        exact = value if value == value else None
+        cells.append(markup.Cell(text=number(value, form), key=f"{key}.{field}", value=exact))
+    return cells
+
+
+def histogram_of(survey: Survey) -> dict[str, Any]:
+    """Return the shares of lit cells by their error."""
+    values = survey.error.within(survey.lit).height_m
+    values = values[np.isfinite(values)]
+    limit = 1.3 * limit_of(values)
+    edges = np.linspace(-limit, limit, BINS + 1)
+    share = 100 * np.histogram(values, edges)[0] / max(len(values), 1)
+    percent = np.arange(0, 100)
+    below = np.percentile(np.abs(values), percent).tolist() if len(values) else []
+    lit = survey.lit_error
+    marks = [(68.27, lit.le68_m), (90.0, lit.le90_m), (95.0, lit.le95_m)] if len(values) else []
+    series = {"name": "lit cells", "share": share.tolist(), "below": below, "marks": marks}
+    heavy = limit > HEAVY_TAILS * survey.lit_error.nmad_m > 0
+    return {"edges": edges.tolist(), "percent": percent.tolist(), "series": [series], "heavy": bool(heavy)}
+
+
+def limit_of(values: Float[np.ndarray, "..."]) -> float:
+    """Return the error that 99 % of the cells stay within."""
+    known = np.abs(values[np.isfinite(values)])
+    return max(float(np.percentile(known, 99)), 1e-3) if len(known) else 1.0
+
+
+# Of a custom sensor, which records one at a time.
+MOST_ONE_BY_ONE = 40
+# Numbers of a page, and paths traced again for it: of wide beams over fixed scatterers a pulse has tens of thousands.
+MOST_BYTES, MOST_PATHS = 3_500_000, 200_000
+LEAST_CHIRPS, AT_ONCE = 12, 256
+LEVEL_STEP_DB = 0.1
+
+
+def chirps_of(survey: Survey, index: Int[np.ndarray, " pulse"]) -> Int[np.ndarray, " chirp"]:
+    """Return those of some pulses whose chirps a page has room and time for, spread over them."""
+    if survey.chirp is None or len(index) == 0:
+        return index[:0]
+    beat, cells = survey.chirp.beat, len(survey.chirp.power)
+    size = 2 * (len(beat) * (2 if np.iscomplexobj(beat) else 1) + 2 * cells)
+    fast = max(LEAST_CHIRPS, MOST_PATHS * survey.pulses // max(survey.paths, 1))
+    most = max(1, min(MOST_BYTES // size, fast))
+    return index[:: -(-len(index) // most)]
+
+
+@on_one_thread
+def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[ChirpRecord]:
+    """Return the records of some pulses; fewer from a sensor that records one at a time."""
+    if len(index) == 0:
+        return []
+    sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
+    together = getattr(sensor, "record_chirps", None)
+    if together is not None:
+        blocks = np.array_split(index, -(-len(index) // AT_ONCE))
+        return [record for block in blocks for record in together(flight.pulses(block))]
+    every = -(-len(index) // MOST_ONE_BY_ONE)
+    records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))
+    return [record for record in records if record is not None]
+
+
+def packed_chirps(
+    pack: Pack, records: list[ChirpRecord], rows: Int[np.ndarray, " pulse"], survey: Survey
+) -> dict[str, Any] | None:
+    """Return chirps for a page; None where there are none.
+
+    rows: the pulses of the page, in which each record's pulse is found.
+    """
+    if not records:
+        return None
+    beat = np.stack([record.beat for record in records])
+    scale = np.maximum(np.abs(beat).max(axis=1), np.finfo(float).tiny)
+    exponent = 3 * int(np.floor(np.log10(scale.max()) / 3))
+    parts = [beat.real, beat.imag] if np.iscomplexobj(beat) else [beat]
+    power = np.stack([record.power for record in records])
+    power_db, threshold_db = _levels(power), _levels(np.stack([record.threshold for record in records]))
+    echo_db = decibels(np.concatenate([record.echo_power for record in records]))
+    known = np.concatenate([power_db[np.isfinite(power_db)], echo_db[np.isfinite(echo_db)], [-300.0]])
+    pulses = [record.pulse for record in records]
+    relative = survey.scenario.radar.snr_db is not None
+    return {
+        "pulse": pack.whole(np.array(pulses)),
+        "row": pack.whole(np.searchsorted(rows, pulses)),
+        "time_ms": pack.exact(1e3 * records[0].sample_time_s),
+        "range_m": pack.exact(records[0].range_m),
+        "beat": [pack.rounded(part / scale[:, None], 2 / 65_000) for part in parts],
+        "beat_scale": pack.exact(scale / 10.0**exponent),
+        "beat_label": f"Beat (10<sup>{exponent}</sup> {'of the transmitted' if relative else '√W'})",
+        "power": pack.rounded(power_db, LEVEL_STEP_DB),
+        "threshold": pack.rounded(threshold_db, LEVEL_STEP_DB),
+        "power_label": f"Power ({'dB rel. to transmitted' if relative else 'dBW'})",
+        "top_db": float(known.max()),
+        "floor_db": float(np.percentile(known, 0.5)) - 5.0,
+        "echo_row": pack.whole(np.repeat(np.arange(len(records)), [len(r.echo_power) for r in records])),
+        "echo_range_m": pack.exact(np.concatenate([record.echo_range_m for record in records])),
+        "echo_db": pack.exact(echo_db),
+    }
+
+
+def _levels(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse cell"]:
+    """Return powers in dB; what is 200 dB under the strongest is none."""
+    level = decibels(power.ravel()).reshape(power.shape)
+    return np.where(level > np.nanmax(level, initial=-np.inf) - 200.0, level, np.nan)
+
 
 PULSES = 240
 MOST_ECHOES_OF_BEAMS = 4_000

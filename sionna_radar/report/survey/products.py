@@ -12,20 +12,19 @@ from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.versions import versions
+from sionna_radar.foundation.workers import versions
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped_uncertainty import SteppedUncertainty
-from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.folder import costs_json, write_folder, write_text
-from sionna_radar.report.manifest import COSTS
-from sionna_radar.report.rasters import write_geotiff
-from sionna_radar.report.survey.contents import MARKER, POINTS_FILES, PointsFile, Report
+from sionna_radar.mapping.stepped.surface import SteppedUncertainty
+from sionna_radar.report.drawing import Coordinates
+from sionna_radar.report.files.contents import MARKER, POINTS_FILES, PointsFile, Report
+from sionna_radar.report.files.folder import COSTS, costs_json, write_folder, write_text
+from sionna_radar.report.files.geotiff import write_geotiff
+from sionna_radar.report.files.point_cloud import write_laz
+from sionna_radar.report.files.points_table import write_points_csv, write_points_parquet
+from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.report.survey.figures import draw_all
 from sionna_radar.report.survey.page import survey_page
-from sionna_radar.report.survey.point_cloud import write_laz
-from sionna_radar.report.survey.points_table import write_points_csv, write_points_parquet
 from sionna_radar.report.survey.summary import summary_json
-from sionna_radar.report.survey.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.scenario import Scenario, to_toml
 from sionna_radar.survey.result import Survey
 

@@ -1,14 +1,23 @@
-"""The numbers of a survey, as one JSON document."""
+"""The numbers of a survey, as one JSON document.
 
-from dataclasses import asdict
+What the reference paper reports for flights like this one: Rouveure et al. 2017, Table 3 and Fig. 14.
+
+The table of a survey, for the terminal.
+"""
+
+from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 from pyproj import CRS
+from rich.table import Table
 
 from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.versions import versions
-from sionna_radar.report.folder import strict_json, without_nan
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.foundation.workers import versions
+from sionna_radar.report.files.folder import strict_json, without_nan
+from sionna_radar.report.terminal import console
+from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
 
 MEANING = {
@@ -120,3 +129,188 @@ def _datum(crs: CRS) -> str:
 def summary_json(survey: Survey) -> str:
     """Return the summary as strict JSON text."""
     return strict_json(summary(survey))
+
+
+CITATION = (
+    'Rouveure, Tourrette, Jaud, Faure, Monod, "Design of lightweight airborne MMW radar for DEM generation. Simulation '
+    'results", Robotics and Autonomous Systems 96 (2017) 26-40'
+)
+# Beamwidth (deg): least, greatest, standard deviation, mean, RMS (m).
+TABLE_3 = {
+    1.0: (-1.24, 1.04, 0.18, -0.12, 0.22),
+    2.0: (-2.65, 2.24, 0.25, -0.15, 0.29),
+    4.0: (-6.52, 5.19, 0.64, -0.24, 0.69),
+    8.0: (-16.28, 10.73, 1.93, -0.66, 2.04),
+}
+BUILDINGS_RMS_M, OFF_EDGES_RMS_M, BUILDINGS_BEAM_DEG = 1.51, 0.19, 2.0
+# A flight is like the paper's if it is within this share of its height, speed, tilt, and of each number of its radar.
+ALIKE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reported:
+    """A row of the paper: what of, and its errors in metres by the names of `DemError`; NaN where it has none."""
+
+    name: str
+    rms_m: float
+    mean_m: float = np.nan
+    std_m: float = np.nan
+    min_m: float = np.nan
+    max_m: float = np.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """The comparable rows, if there are any, and under which conditions the paper got them; "" for none."""
+
+    rows: tuple[Reported, ...]
+    conditions: str
+
+
+def reference_for(prepared: Prepared) -> Reference:
+    """Return what the paper reports for a survey flown as its examples were."""
+    if not _flown_alike(prepared):
+        return Reference(rows=(), conditions="")
+    scenario = prepared.scenario
+    beam = float(np.rad2deg(np.mean(prepared.antenna.beamwidths_rad)))
+    over_buildings = scenario.buildings and scenario.terrain.kind == "flat"
+    if over_buildings and abs(beam - BUILDINGS_BEAM_DEG) < 0.05 * BUILDINGS_BEAM_DEG:
+        rows = (
+            Reported(name="Paper, Fig. 14: buildings on flat ground", rms_m=BUILDINGS_RMS_M),
+            Reported(name="Paper, Fig. 14, points near edges left out", rms_m=OFF_EDGES_RMS_M),
+        )
+        return Reference(rows=rows, conditions=_conditions("boxes on flat ground, a beam of 2 deg"))
+    width = next((w for w in TABLE_3 if abs(beam - w) < 0.05 * w), None)
+    if scenario.terrain.kind == "hills" and width is not None:
+        least, most, std, mean, rms = TABLE_3[width]
+        row = Reported(
+            name=f"Paper, Table 3: {width:g} deg", rms_m=rms, mean_m=mean, std_m=std, min_m=least, max_m=most
+        )
+        return Reference(rows=(row,), conditions=_conditions(f"rolling hills, a beam of {width:g} deg"))
+    return Reference(rows=(), conditions="")
+
+
+def _flown_alike(prepared: Prepared) -> bool:
+    """Whether a radar like the paper's scans clear air from its height, at its speed and tilt, and knows its pose."""
+    scenario, radar, scan = prepared.scenario, prepared.scenario.radar, prepared.scenario.radar.scan
+    tilt_deg = float(np.rad2deg(prepared.flight.scan.incidence_rad))
+    flown = {
+        (prepared.flown.altitude_m, 50.0),
+        (prepared.flown.speed_mps, 10.0),
+        (tilt_deg, 45.0),
+        (radar.carrier_hz, 77e9),
+        (radar.bandwidth_hz, 500e6),
+        (radar.chirp_rate_hz, 360.0),
+        (getattr(scan, "rotation_rpm", 0.0), 120.0),
+        (radar.snr_db or 0.0, 30.0),
+    }
+    alike = all(abs(value - wanted) <= ALIKE * wanted for value, wanted in flown)
+    replaced = prepared.custom.described()
+    return (
+        alike
+        and scenario.sensor == "radar"
+        and scan.mode == "whisk_broom"
+        and not scenario.weather.falling
+        and scenario.radar.sweep != "triangular"
+        and prepared.flight.navigation is None
+        and not replaced
+    )
+
+
+def _conditions(what: str) -> str:
+    return (
+        f"The paper ({CITATION}) flew {what}: 77 GHz, 500 MHz of sweep, 360 chirps/s, 120 rpm, from 50 m at 10 m/s, "
+        "tilted by 45 deg, 30 dB SNR, pose known exactly, each echo at the strongest bin of the spectrum and on the "
+        "beam axis, linear interpolation. Its ground is not published: sizes and trends compare, single numbers do not."
+    )
+
+
+# Errors of `refined` over those of `linear`, RMS: least and most over ten lidar DEMs (docs/theory/maps.md).
+REFINED_OVER_LINEAR = 0.47, 0.85
+# The ranges of a chirp are printed if it has no more echoes than this.
+FEW_ECHOES = 4
+
+
+def print_survey(survey: Survey) -> None:
+    """Print what was flown, how accurate the DEM is, and how long it took; the errors are those of lit cells."""
+    console().print(survey_table(survey))
+
+
+def survey_table(survey: Survey) -> Table:
+    """Return what was flown, how well the DEM fits, and how long it took."""
+    table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
+    for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
+        table.add_row(name, value)
+    return table
+
+
+def _flown(survey: Survey) -> dict[str, str]:
+    rows = {"pulses / paths / echoes": f"{survey.pulses:,} / {survey.paths:,} / {len(survey.points):,}"}
+    if survey.chirp is not None and survey.scenario.processing.echoes == "all":
+        found = survey.points.range_m[survey.points.pulse == survey.chirp.pulse]
+        if len(found) <= FEW_ECHOES:
+            ranges = ", ".join(f"{range_m:.2f} m" for range_m in found) or "none"
+            rows[f"ranges in pulse {survey.chirp.pulse}"] = ranges
+    return rows
+
+
+def _could_be_refined(survey: Survey) -> bool:
+    """Return whether whole echoes of ground without walls, in clear air, were mapped by their points alone."""
+    local = survey.prepared.local
+    whole = local.sensor == "radar" and local.processing.angle == "off" and local.radar.sweep != "triangular"
+    return (
+        whole
+        and local.processing.average.chirps == 1
+        and survey.prepared.mapper.name == "linear"
+        and survey.off_wall_error is None
+        and not local.weather.falling
+        and survey.lit_error.count > 0
+    )
+
+
+def _errors(survey: Survey) -> dict[str, str]:
+    lit, off_wall = survey.lit_error, survey.off_wall_error
+    rows = {"lit cells filled": f"{lit.count:,}, coverage {lit.coverage:.1%}"}
+    if lit.count:
+        rows |= {
+            "RMSE of lit cells": f"{lit.rms_m:.3f} m",
+            "bias, STD, NMAD": f"{lit.mean_m:+.3f} m, {lit.std_m:.3f} m, {lit.nmad_m:.3f} m",
+            "LE68, 90, 95: percentiles of |error|": f"{lit.le68_m:.3f} m, {lit.le90_m:.3f} m, {lit.le95_m:.3f} m",
+            "least, greatest": f"{lit.min_m:+.2f} m, {lit.max_m:+.2f} m",
+        }
+    if off_wall is not None and off_wall.count:
+        rows["RMSE of lit cells off walls"] = f"{off_wall.rms_m:.3f} m"
+    if survey.dem_uncertainty is not None:
+        shares = survey.dem_uncertainty.cells.coverage
+        rows["in stated 68, 90, 95 % intervals"] = ", ".join(f"{shares[p]:.0%}" for p in ("68", "90", "95"))
+    test = survey.breakdown.checkpoints
+    if test.class_cm is not None:
+        rows["ASPRS 2023"] = f"{test.class_cm}-cm class at {test.count} checkpoints on {test.where}"
+    return rows
+
+
+def _notes(survey: Survey) -> dict[str, str]:
+    rows = {f"{key} replaced by": what for key, what in survey.replaced.items()}
+    if _could_be_refined(survey):
+        least, most = REFINED_OVER_LINEAR
+        rows["a better map"] = f"dem.method = 'refined': {least:.2f} to {most:.2f} of this error over ten lidar DEMs"
+    if survey.overhang is not None and survey.overhang.cells:
+        over = survey.overhang
+        west, south, east, north = over.places[0].extent_m
+        where = f"most at {west:.0f} to {east:.0f} m east, {south:.0f} to {north:.0f} m north"
+        rows["cells under an overhang"] = (
+            f"{over.cells:,} ({over.share:.1%}), {where}; the truth is the highest surface"
+        )
+    reading = survey.canopy_reading
+    if reading is not None and reading.count:
+        rows["among plants"] = (
+            f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
+            f"{reading.share:.0%} of the plants' height"
+        )
+    record = survey.prepared.flown.record
+    if record is not None:
+        rows["flight"] = f"{record['start_s']:.1f} to {record['stop_s']:.1f} s of a log ({record['format']})"
+    rows["coordinates"] = crs_name(survey.georeference)
+    start, end = survey.schedule.trajectory.cruise_s()
+    rows["time"] = f"{survey.timing_s['total']:.1f} s for {end - start:.1f} s of flight"
+    return rows

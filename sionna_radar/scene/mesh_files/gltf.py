@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scene.mesh_files.by_trimesh import read_by_trimesh
 from sionna_radar.scene.mesh_files.part import (
     MOST_BYTES,
     MOST_FACES,
@@ -24,6 +23,7 @@ from sionna_radar.scene.mesh_files.part import (
     MeshPart,
     beside,
     check_count,
+    read_by_trimesh,
 )
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", b"JSON", b"BIN\0"

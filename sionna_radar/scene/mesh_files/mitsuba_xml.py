@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.foundation.input_file import read_text, regular_file, shown
-from sionna_radar.scene.mesh_files.obj import read_obj
+from sionna_radar.scene.mesh_files.obj_and_stl import read_obj
 from sionna_radar.scene.mesh_files.part import (
     MOST_BYTES,
     MOST_FACES,

@@ -1,7 +1,16 @@
-"""What every reader of a mesh file returns, and the bounds all keep."""
+"""What every reader of a mesh file returns, and the bounds all keep.
 
+Splitting the polygons of a mesh file into triangles, also concave ones, which trimesh splits as fans.
+
+Triangles of mesh files as trimesh reads them: as they are, with nothing merged, and from the bytes given alone.
+"""
+
+import io
+import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -58,3 +67,149 @@ def beside(path: Path, name: str, place: str) -> Path:
         message = f"{place} names {shown(name)}, a link to elsewhere; {remedy}"
         raise MeshError(message)
     return found
+
+
+def triangles_of(
+    vertices: Float[np.ndarray, "vertex 3"], size: Int[np.ndarray, " polygon"], corner: Int[np.ndarray, " corner"]
+) -> Int[np.ndarray, "face 3"]:
+    """Return triangles of polygons, in their order and with their winding; polygons of fewer than 3 corners have none.
+
+    Parameters
+    ----------
+    vertices:
+        Places of the corners.
+    size:
+        How many corners each polygon has.
+    corner:
+        The corners of all polygons, one polygon after the other, as indices of vertices.
+
+    Raises
+    ------
+    MeshError
+        An index is of no vertex, or there are too many triangles.
+
+    """
+    check_indices(corner, len(vertices))
+    check_count(int(np.maximum(size - 2, 0).sum()), MOST_FACES, "triangles")
+    if np.all(size == 3):
+        return corner.reshape(-1, 3)
+    start = np.cumsum(size) - size
+    parts, order = [], []
+    for sides, split in ((3, None), (4, _split_quads)):
+        which = np.flatnonzero(size == sides)
+        rows = corner[start[which, None] + np.arange(sides)]
+        parts.append(rows if split is None else split(vertices, rows))
+        order.append(np.repeat(which, sides - 2))
+    for number in np.flatnonzero(size > 4):
+        ring = corner[start[number] : start[number] + size[number]]
+        found = _split_ring(vertices, ring)
+        parts.append(found)
+        order.append(np.full(len(found), number))
+    faces = np.concatenate(parts)
+    return faces[np.argsort(np.concatenate(order), kind="stable")]
+
+
+def check_indices(index: Int[np.ndarray, "..."], count: int) -> None:
+    """Raise MeshError, with how many there are, for indices of no vertex."""
+    beyond = np.count_nonzero((index < 0) | (index >= count))
+    if beyond:
+        message = f"has {beyond:,} of {index.size:,} indices beyond its {count:,} vertices; export the mesh again"
+        raise MeshError(message)
+
+
+def _split_quads(vertices: Float[np.ndarray, "vertex 3"], quad: Int[np.ndarray, "n 4"]) -> Int[np.ndarray, "m 3"]:
+    """Return two triangles for each quadrilateral, cut along the diagonal that lies inside it."""
+    a, b, c, d = np.moveaxis(vertices[quad], 1, 0)
+    with np.errstate(invalid="ignore", over="ignore"):  # vertices that are no places are found later
+        folded = np.einsum("ni,ni->n", np.cross(b - a, c - a), np.cross(c - a, d - a)) < 0
+    cut = np.where(folded[:, None], np.roll(quad, -1, axis=1), quad)
+    return cut[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+
+
+def _split_ring(vertices: Float[np.ndarray, "vertex 3"], ring: Int[np.ndarray, " n"]) -> Int[np.ndarray, "m 3"]:
+    """Return triangles of a polygon of any shape, by cutting ears off it as seen along its normal."""
+    import mapbox_earcut
+
+    fan = np.column_stack([np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]])
+    place = vertices[ring]
+    if not np.isfinite(place).all():
+        return fan
+    away = place - place[0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        turn = np.cross(away[1:-1], away[2:])
+        normal = turn.sum(axis=0)  # Newell's normal: twice the area of the polygon's shadow along each axis
+        if np.all(turn @ normal >= 0) or not np.isfinite(normal).all():
+            return fan
+    axis = int(np.argmax(np.abs(normal)))
+    plan = np.delete(away, axis, axis=1)
+    cut = np.asarray(mapbox_earcut.triangulate_float64(plan, np.array([len(ring)], dtype=np.uint32)), dtype=np.int64)
+    faces = ring[cut.reshape(-1, 3)]
+    if len(faces) == 0:
+        return fan
+    corner = vertices[faces]
+    found = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]).sum(axis=0)
+    return faces if found @ normal >= 0 else faces[:, ::-1]
+
+
+def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None = None) -> tuple[MeshPart, ...]:
+    """Return the triangles of a file, one part for each mesh of each node.
+
+    Parameters
+    ----------
+    data:
+        The whole file; what it claims must have been checked against its bytes.
+    kind:
+        Its format, by the name trimesh has for it.
+    beside:
+        All other files that trimesh may have, by the names it asks for.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read.
+
+    """
+    import trimesh
+
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", module=r"trimesh\.")
+            warnings.simplefilter("ignore", RuntimeWarning)  # vertices that are no places are found later
+            scene = trimesh.load_scene(
+                io.BytesIO(data),
+                file_type=kind,
+                resolver=dict(beside or {}),  # whatever is not in it cannot be opened
+                allow_remote=False,
+                process=False,
+                **({"skip_materials": True, "fix_texture": False} if kind == "ply" else {}),
+            )
+            return tuple(_parts(scene))
+    except MeshError:
+        raise
+    except Exception as error:  # trimesh raises whatever it meets
+        reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
+        message = f"cannot be read as {kind.upper()} ({reason}); export it again"
+        raise MeshError(message) from error
+
+
+def _parts(scene: Any) -> Iterator[MeshPart]:
+    import trimesh
+
+    vertex_count = face_count = 0
+    for node in scene.graph.nodes_geometry:
+        place, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not isinstance(mesh, trimesh.Trimesh):  # points and lines
+            continue
+        vertex_count, face_count = vertex_count + len(mesh.vertices), face_count + len(mesh.faces)
+        check_count(vertex_count, MOST_VERTICES, "vertices")
+        check_count(face_count, MOST_FACES, "triangles")
+        faces = np.array(mesh.faces, dtype=np.int64)
+        check_indices(faces, len(mesh.vertices))
+        if np.linalg.det(place[:3, :3]) < 0:  # a mirrored copy
+            faces = faces[:, ::-1]
+        vertices = np.array(mesh.vertices, dtype=np.float64)
+        if not np.array_equal(place, np.eye(4)):
+            vertices = vertices @ place[:3, :3].T + place[:3, 3]
+        material = getattr(getattr(mesh.visual, "material", None), "name", None)
+        yield MeshPart(name=str(material or mesh.metadata.get("name") or ""), vertices=vertices, faces=faces)

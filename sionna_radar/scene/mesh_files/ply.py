@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Int
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scene.mesh_files.by_trimesh import read_by_trimesh
 from sionna_radar.scene.mesh_files.part import (
     MOST_FACES,
     MOST_TEXT_BYTES,
@@ -20,8 +19,9 @@ from sionna_radar.scene.mesh_files.part import (
     MeshError,
     MeshPart,
     check_count,
+    read_by_trimesh,
+    triangles_of,
 )
-from sionna_radar.scene.mesh_files.polygons import triangles_of
 
 MOST_HEADER_BYTES = 65_536
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}

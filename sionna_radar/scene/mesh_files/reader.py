@@ -9,10 +9,9 @@ from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.scene.mesh_files.gltf import read_gltf
 from sionna_radar.scene.mesh_files.mitsuba_xml import read_mitsuba
-from sionna_radar.scene.mesh_files.obj import read_obj
+from sionna_radar.scene.mesh_files.obj_and_stl import read_obj, read_stl
 from sionna_radar.scene.mesh_files.part import MOST_BYTES, MeshError, MeshPart
 from sionna_radar.scene.mesh_files.ply import read_ply
-from sionna_radar.scene.mesh_files.stl import read_stl
 
 READERS = {
     ".ply": read_ply,

@@ -17,8 +17,8 @@ from sionna_radar.scenario.terrain import KEEP_SIONNA, CityTerrain
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs, register_terrain
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.surfaces.models.sionna_slab import SionnaSlab, slab_material
 from sionna_radar.surfaces.radar_material import Channel, RadarMaterial
+from sionna_radar.surfaces.sionna_slab import SionnaSlab, slab_material
 
 logger = logging.getLogger("sionna_radar")
 

@@ -10,12 +10,9 @@ import numpy as np
 from matplotlib.cbook import get_sample_data
 from rasterio import Affine
 
-from sionna_radar.elevation.cutout import Cutout
-from sionna_radar.elevation.detail import detail_on
-from sionna_radar.elevation.elevation_file import cut, opened_array, opened_file
-from sionna_radar.elevation.holes import treat_holes
-from sionna_radar.elevation.local_frame import StatedFrame, place_file
-from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.elevation_file import Cutout, cut, opened_array, opened_file
+from sionna_radar.elevation.file_heights import detail_on, treat_holes
+from sionna_radar.elevation.local_frame import MapFrame, StatedFrame, place_file
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario.terrain import RasterTerrain, Roughness, SampleTerrain
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain

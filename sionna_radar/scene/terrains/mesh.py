@@ -7,15 +7,13 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.local_frame import frame_about, map_part, stated_crs
-from sionna_radar.elevation.map_frame import MapFrame, frame_at
+from sionna_radar.elevation.local_frame import MapFrame, frame_about, frame_at, map_part, stated_crs
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster import Georeference
 from sionna_radar.scenario.terrain import MeshTerrain
-from sionna_radar.scene.ground_cover import cover_ground
+from sionna_radar.scene.ground_cover import bare_ground, cover_ground
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, register_terrain
-from sionna_radar.scene.layers import bare_ground
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Surface

@@ -9,15 +9,13 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.cutout import MOVE
-from sionna_radar.elevation.holes import treat_holes
-from sionna_radar.elevation.local_frame import frame_about, map_part, stated_crs
-from sionna_radar.elevation.map_frame import MapFrame
+from sionna_radar.elevation.elevation_file import MOVE
+from sionna_radar.elevation.file_heights import treat_holes
+from sionna_radar.elevation.local_frame import MapFrame, frame_about, map_part, stated_crs
+from sionna_radar.elevation.placed_raster import HeightSystem, height_system
 from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
-from sionna_radar.elevation.vertical import HeightSystem, height_system
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.georeference import Georeference
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.scenario.terrain import PointsTerrain
 from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
 

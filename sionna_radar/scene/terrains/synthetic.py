@@ -1,13 +1,15 @@
-"""Common parts of all synthetic terrains: their grid, and the scaling of their heights."""
+"""Synthetic terrains: flat ground, hills and fractal relief."""
 
 import math
 
 import numpy as np
 from jaxtyping import Float
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario.terrain import FlatTerrain, FractalTerrain, HillsTerrain
+from sionna_radar.scene.landscape import Landscape, TerrainInputs, landscape_of_heights, register_terrain
 
 MAX_SYNTHETIC_CELLS = 16_000_000
 
@@ -38,3 +40,61 @@ def scaled(surface: Float[np.ndarray, "row column"], grid: Grid, height_m: float
     """Return a surface shifted and scaled to heights of 0 to `height_m`."""
     lowest, highest = surface.min(), surface.max()
     return Raster(grid=grid, height_m=(surface - lowest) * (height_m / (highest - lowest)))
+
+
+@register_terrain("flat", FlatTerrain)
+def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
+    """Return level ground at height zero."""
+    grid = synthetic_grid(terrain)
+    return landscape_of_heights(Raster(grid=grid, height_m=np.zeros(grid.shape)), terrain)
+
+
+# Cells times filter width up to which a filter is applied tap by tap; above it Fourier transforms are faster.
+MOST_DIRECT_FILTERING = 1e6
+
+
+@register_terrain("hills", HillsTerrain)
+def hills(terrain: HillsTerrain, given: TerrainInputs) -> Landscape:
+    """Return white noise under a Gaussian filter, shifted and scaled to heights of 0 to `height_m`."""
+    grid = synthetic_grid(terrain)
+    if terrain.filter_sigma_m > 0.5 * min(terrain.size_m):
+        # A wider filter leaves only rounding errors to scale up.
+        message = (
+            f"{terrain.filter_sigma_m:g} exceeds half of the shorter side of terrain.size_m "
+            f"({min(terrain.size_m):g} m); lower it or enlarge the terrain"
+        )
+        raise ScenarioError([Problem("terrain.filter_sigma_m", message)])
+    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    # With wrap-around, every cell averages equally many independent neighbours; a mirrored or repeated edge
+    # would count some twice and make the hills rougher along the border.
+    surface = _filtered(noise, terrain.filter_sigma_m / terrain.spacing_m)
+    return landscape_of_heights(scaled(surface, grid, terrain.height_m), terrain)
+
+
+def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.ndarray, "row column"]:
+    """Return noise under a wrapped Gaussian filter of the given width in cells."""
+    if noise.size * sigma < MOST_DIRECT_FILTERING:
+        return gaussian_filter(noise, sigma, mode="wrap")
+    spectrum = np.fft.rfft2(noise)
+    for axis, cells in enumerate(noise.shape):
+        impulse = np.zeros(cells)
+        impulse[0] = 1.0
+        # The same taps as above, so that a terrain does not depend on the method of filtering.
+        response = np.fft.fft(gaussian_filter1d(impulse, sigma, mode="wrap")).real
+        spectrum *= response[:, None] if axis == 0 else response[: spectrum.shape[1]]
+    return np.fft.irfft2(spectrum, s=noise.shape)
+
+
+@register_terrain("fractal", FractalTerrain)
+def fractal(terrain: FractalTerrain, given: TerrainInputs) -> Landscape:
+    """Return white noise filtered to a power spectrum of k^-(2 H + 2), scaled to heights of 0 to `height_m`.
+
+    The variance of differences over d is then the integral of (1 - J0(k d)) k^-(2 H + 2) k dk, proportional to d^2H.
+    The surface is periodic.
+    """
+    grid = synthetic_grid(terrain)
+    noise = np.random.default_rng(terrain.seed).standard_normal(grid.shape)
+    wavenumber = np.hypot(np.fft.fftfreq(grid.rows)[:, None], np.fft.rfftfreq(grid.columns)[None])
+    wavenumber[0, 0] = np.inf  # no mean
+    surface = np.fft.irfft2(np.fft.rfft2(noise) * wavenumber ** -(terrain.hurst + 1), s=grid.shape)
+    return landscape_of_heights(scaled(surface, grid, terrain.height_m), terrain)

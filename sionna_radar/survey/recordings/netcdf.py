@@ -2,18 +2,32 @@
 
 netCDF-4 is a profile of HDF5. h5netcdf writes it without the netCDF library; xarray, Panoply, MATLAB and `ncdump` read
 it. The same content gives the same bytes: no time of writing is kept.
+
+Reading netCDF-4 files that anybody may have made.
+
+Only what lies in the file itself is read, in chunks that fit into memory; a file that is damaged, or is none, ends in
+one `InputFileError` that names it.
 """
 
 import errno
+import math
 import shutil
-from collections.abc import Mapping
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import h5netcdf
 import h5py
 import numpy as np
+from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import regular_file, shown
 
 # Of a variable whose length is known, and of one that grows, which may stay short.
 CHUNK_BYTES, GROWING_BYTES = 1_000_000, 200_000
@@ -106,3 +120,160 @@ class NetcdfFile:
         if not grows:
             rows = max(1, min(rows, sizes[0]))
         return (rows, *(max(1, size) for size in sizes[1:]))
+
+
+MOST_BYTES = 10**13
+LONGEST_TEXT = 10_000_000
+# What another process does with a file first.
+READ_TABLES = """
+import sys, h5py
+with h5py.File(sys.argv[1], 'r') as file:
+    dict(file.attrs)
+    def read(name, item):
+        dict(item.attrs)
+        getattr(item, 'shape', None), getattr(item, 'chunks', None), getattr(item, 'external', None)
+    file.visititems(read)
+"""
+PROBE_S = 60
+# HDF5 reads and unpacks whole chunks.
+MOST_CHUNK_BYTES = 256_000_000
+# Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
+FEW_ROWS, SLAB_ROWS = 512, 65_536
+
+
+@contextmanager
+def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
+    """Open a netCDF-4 file.
+
+    Parameters
+    ----------
+    path, name:
+        The file, and what asked for it.
+    remedy:
+        What to give instead of a file that is none.
+
+    Raises
+    ------
+    InputFileError
+        There and then, or while it is read: the file is none, or is damaged.
+
+    """
+    regular_file(path, name, remedy, MOST_BYTES)
+    where = f"{name} {shown(path)}"
+    _probe(path, where, remedy)
+    try:
+        with h5py.File(path, "r") as file:
+            yield NetcdfInput(file, where, remedy)
+    except InputFileError:
+        raise
+    except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:
+        reason = shown((str(error) or type(error).__name__).splitlines()[0])[1:-1]
+        message = f"{where} cannot be read as netCDF-4 ({reason}); {remedy}"
+        raise InputFileError(message) from error
+
+
+def _probe(path: Path, where: str, remedy: str) -> None:
+    """Refuse a file whose tables are damaged: another process reads them first, as they may crash the HDF5 library."""
+    if not sys.executable:
+        return
+    try:
+        command = [sys.executable, "-c", READ_TABLES, str(path.resolve())]
+        done = subprocess.run(command, capture_output=True, timeout=PROBE_S, check=False, text=True, errors="replace")
+    except subprocess.TimeoutExpired:
+        why = f"its tables could not be read in {PROBE_S} s"
+    else:
+        if done.returncode == 0:
+            return
+        if done.returncode < 0:
+            why = f"its tables crash the HDF5 library: {signal.strsignal(-done.returncode)}"
+        else:
+            last = (done.stderr.splitlines() or [""])[-1]
+            why = shown(last.partition(": ")[2] or last)[1:-1]
+    message = f"{where} cannot be read as netCDF-4 ({why}); {remedy}"
+    raise InputFileError(message)
+
+
+class NetcdfInput:
+    """An open netCDF-4 file."""
+
+    def __init__(self, file: h5py.File, where: str, remedy: str) -> None:
+        self._file, self._where, self._remedy = file, where, remedy
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._file
+
+    @property
+    def attributes(self) -> Mapping[str, Any]:
+        """Attributes of the file."""
+        return {key: _plain(value) for key, value in self._file.attrs.items()}
+
+    def fail(self, what: str) -> NoReturn:
+        """Raise the error of this file."""
+        message = f"{self._where}: {what}"
+        raise InputFileError(message)
+
+    def variable(self, name: str, shape: tuple[int, ...] | None = None) -> h5py.Dataset:
+        """Return a variable of numbers or text, of some shape if one is given."""
+        if not isinstance(self._file.get(name, getlink=True), h5py.HardLink):
+            self.fail(f"has no variable {name!r}; {self._remedy}")
+        found = self._file[name]
+        if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
+            self.fail(f"{name!r} is not a variable with values in this file; {self._remedy}")
+        if found.chunks and math.prod(found.chunks) * found.dtype.itemsize > MOST_CHUNK_BYTES:
+            self.fail(f"{name!r} lies in chunks of more than {MOST_CHUNK_BYTES:,} bytes; write it in smaller ones")
+        if shape is not None and found.shape != shape:
+            self.fail(f"{name!r} has the shape {found.shape}, not {shape}")
+        return found
+
+    def attributes_of(self, name: str) -> Mapping[str, Any]:
+        """Return the attributes of a variable; none if there is no such variable."""
+        return {key: _plain(value) for key, value in self.variable(name).attrs.items()} if name in self else {}
+
+    def numbers(self, name: str, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+        """Return all values of a variable, each of which must be a finite number."""
+        return self.finite(self.variable(name, shape)[...], name)
+
+    def finite(self, values: np.ndarray, name: str) -> Float[np.ndarray, "..."]:
+        """Return values of a variable as float64, or fail if one is no finite number."""
+        if values.dtype.kind not in "fiu":
+            self.fail(f"{name!r} holds no numbers, but {values.dtype}")
+        array = np.asarray(values, dtype=np.float64)
+        if not np.isfinite(array).all():
+            self.fail(f"{name!r} holds values that are no finite numbers; leave them out")
+        return array
+
+    def text(self, name: str) -> str:
+        """Return a text."""
+        variable = self.variable(name)
+        if variable.shape != ():
+            self.fail(f"{name!r} has the shape {variable.shape}; a single text is expected")
+        value = variable[()]
+        text = value.decode("utf-8") if isinstance(value, bytes) else str(value)
+        if len(text) > LONGEST_TEXT:
+            self.fail(f"{name!r} is longer than {LONGEST_TEXT:,} characters")
+        return text
+
+    def rows(self, found: h5py.Dataset, index: Int[np.ndarray, " row"]) -> np.ndarray:
+        """Return rows of a variable by their numbers, without reading much more than these."""
+        if len(index) == 0:
+            return np.zeros((0, *found.shape[1:]))
+        first, last = int(index.min()), int(index.max())
+        if last - first < 2 * len(index):
+            return np.asarray(found[first : last + 1])[index - first]
+        if len(index) <= FEW_ROWS:
+            return np.stack([found[row] for row in index])
+        rows = np.empty((len(index), *found.shape[1:]), dtype=found.dtype)
+        for start in range(first, last + 1, SLAB_ROWS):
+            own = (index >= start) & (index < start + SLAB_ROWS)
+            if own.any():
+                rows[own] = found[start : start + SLAB_ROWS][index[own] - start]
+        return rows
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute as Python's own type, as netCDF's scalars are often arrays of one."""
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    if isinstance(value, np.ndarray):
+        return value.item() if value.size == 1 else value
+    return value.item() if isinstance(value, np.generic) else value

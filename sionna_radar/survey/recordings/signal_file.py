@@ -31,13 +31,12 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
-from sionna_radar.foundation.georeference import Georeference, MapCells
-from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.dem_grid import MAX_DEM_CELLS, Extent
+from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
+from sionna_radar.mapping.mapper import MAX_DEM_CELLS, Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedRadar
-from sionna_radar.survey.recordings.netcdf_input import NetcdfInput, open_netcdf
+from sionna_radar.survey.recordings.netcdf import NetcdfInput, open_netcdf
 
 MOST_PULSES, LEAST_SAMPLES, MOST_SAMPLES = 10_000_000, 32, 2**18
 REMEDY = "give a recording of beat signals, as `run --record signals` makes it"

@@ -19,8 +19,7 @@ from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_librar
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
-from sionna_radar.tracing.device_paths import DevicePaths, DeviceTracing
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.tracing.paths import DevicePaths, DeviceTracing, Paths
 
 
 @register_sensor("radar", provides_profiles=True)

@@ -7,14 +7,13 @@ from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.progress import Stopwatch
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
-from sionna_radar.foundation.stopwatch import Stopwatch
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs, register_sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
-from sionna_radar.tracing.boresight import trace_boresights
-from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
 
 
 class Lidar:

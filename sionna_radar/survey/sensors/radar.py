@@ -9,16 +9,15 @@ import numpy as np
 from jaxtyping import Inexact, Int
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
+from sionna_radar.detection.detector import PairedEchoes
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.detection.triangular import PairedEchoes
 from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.signal.leakage import side_paths
 from sionna_radar.signal.receiver import Reception
-from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.steered import SteeredTracer
-from sionna_radar.tracing.tracer import Tracer
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 
 class Radar:

@@ -9,12 +9,10 @@ from jaxtyping import Int
 
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import Detector
-from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
-from sionna_radar.detection.profiles import Profiles
-from sionna_radar.flight.bursts import Bursts
-from sionna_radar.flight.pulses import Pose, Pulses, PulseSchedule
-from sionna_radar.foundation.stopwatch import Stopwatch
+from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
+from sionna_radar.foundation.progress import Stopwatch
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
@@ -25,8 +23,7 @@ from sionna_radar.signal.receiver import Receiver
 from sionna_radar.survey.sensors.sweeps import Beats, ChirpRecord
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
-from sionna_radar.tracing.steered import SteeredTracer, build_steered_tracer
-from sionna_radar.tracing.tracer import Tracer, build_tracer
+from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_steered_tracer, build_tracer
 
 Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 

@@ -7,16 +7,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Inexact, Int
 
-from sionna_radar.detection.burst_mean import burst_mean
-from sionna_radar.detection.bursts import zeroed
-from sionna_radar.detection.detector import Detector
-from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.detector import Detector, PairedEchoes, pair_sweeps
+from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
-from sionna_radar.detection.profiles import Profiles
-from sionna_radar.detection.triangular import PairedEchoes, pair_sweeps
+from sionna_radar.detection.preprocessing import burst_mean, zeroed
 from sionna_radar.detection.volume.detector import ThroughVolume, shows_volume, volume_in_front
-from sionna_radar.flight.bursts import Bursts
-from sionna_radar.flight.pulses import Pose, Pulses, PulseSequence
+from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSequence
 from sionna_radar.radar.chirp import Chirp
 
 # The beat signals of each sweep of a pulse, and of all its chirps.

@@ -10,15 +10,14 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho
-from sionna_radar.tracing.effects.volume_polarization import volume_polarization
+from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho, volume_polarization
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
-from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.path import two_way_attenuation
 from sionna_radar.weather.rain import rain_power_laws
 from sionna_radar.weather.rain_map import RainCell, RainField, RainMap, RainTogether
+from sionna_radar.weather.validity import Precipitation
 from sionna_radar.weather.volume import volume_of
 
 

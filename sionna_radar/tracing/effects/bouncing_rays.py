@@ -137,7 +137,7 @@ def _returned(
     faces: Int[np.ndarray, "tube bounce"],
 ) -> BouncedEchoes:
     """Return the echoes of tubes that meet faces one after the other."""
-    from sionna_radar.tracing.effects.physical_optics_kernels import second_differences
+    from sionna_radar.tracing.effects.physical_optics import second_differences
 
     radar, first = radar_m[tubes.row], tubes.corner_m.mean(axis=1)
     corner, field = tubes.corner_m.copy(), sent[tubes.row].astype(np.complex128)

@@ -30,7 +30,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.effects.reflection import PlaneMirror
+from sionna_radar.tracing.effects.mirrors import PlaneMirror
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.

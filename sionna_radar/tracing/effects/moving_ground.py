@@ -12,8 +12,7 @@ from jaxtyping import Float
 from scipy.constants import speed_of_light
 
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.mixing import place_uniforms
-from sionna_radar.foundation.randomness import Stream
+from sionna_radar.foundation.randomness import Stream, place_uniforms
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.surfaces.motion import CALM_MPS, Waves, Windblown

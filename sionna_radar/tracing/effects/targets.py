@@ -16,8 +16,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scene.body import Body
-from sionna_radar.scene.model import Target
+from sionna_radar.scene.model import Body, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.bodies import beyond_body, trace_body
 from sionna_radar.tracing.effects.physical_optics import scatterer_of

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sionna_radar.tracing.engine import Engine, EngineInputs, register_engine
-from sionna_radar.tracing.engines.density import DensityMap, footprint_density
-from sionna_radar.tracing.engines.filled_beam import filled_beam
+from sionna_radar.tracing.engines.persistent.density import DensityMap, filled_beam, footprint_density
 
 
 @register_engine("sionna")
@@ -14,7 +13,7 @@ def sionna_engine(given: EngineInputs) -> Engine:
     """Return Sionna RT's fields inside the beam, with speckle that is new in each pulse or persists on the surface."""
     table = given.tracing
     if table.speckle == "persistent":
-        from sionna_radar.tracing.engines.persistent import PersistentEngine
+        from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 
         rays = max(1, round(table.paths_per_pulse * table.side_lobe_share))
         return PersistentEngine(
@@ -29,7 +28,7 @@ def sionna_engine(given: EngineInputs) -> Engine:
             caster=given.caster,
             bounces=table.bounces,
         )
-    from sionna_radar.tracing.engines.beam import BeamEngine
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
 
     return BeamEngine(
         given.scene,
@@ -52,7 +51,7 @@ def _density(given: EngineInputs, scatterers: int) -> DensityMap:
 @register_engine("gamma")
 def gamma_engine(given: EngineInputs) -> Engine:
     """Return the paper's facet model, which is independent of Sionna."""
-    from sionna_radar.tracing.engines.facets import GammaEngine
+    from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 
     return GammaEngine(
         given.scene,

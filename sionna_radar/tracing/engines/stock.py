@@ -10,7 +10,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.raytracer.denormals import flushed_denormals
+from sionna_radar.raytracer.backend import flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.sionna.material import mi

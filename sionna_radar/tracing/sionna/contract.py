@@ -14,7 +14,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.frames import whisk_broom_from_antenna, world_from_body
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.taylor_array import taylor_cut
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.tracing.sionna.fields import calculate_fields, diffuse_buffer

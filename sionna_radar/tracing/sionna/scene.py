@@ -10,8 +10,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.kept_values import Same
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.raytracer.backend import load_mitsuba
-from sionna_radar.raytracer.denormals import flushed_denormals
+from sionna_radar.raytracer.backend import flushed_denormals, load_mitsuba
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster, mitsuba_mesh
 from sionna_radar.tracing.sionna.material import sionna_material

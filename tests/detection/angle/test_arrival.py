@@ -8,13 +8,13 @@ import pytest
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.detection.angle.build import build_angle_estimator
-from sionna_radar.detection.angle.range_strips import range_strips, stretches_of
+from sionna_radar.detection.angle.segments import range_strips, stretches_of
 from sionna_radar.detection.detector import build_detector
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
+from sionna_radar.signal.leakage import side_paths
 from sionna_radar.signal.receiver import Receiver
-from sionna_radar.signal.side_paths import side_paths
 from sionna_radar.tracing.paths import Paths
 
 ANTENNA, CHIRP, HEIGHT_M = make_antenna(8.0, 8.0), make_chirp(), 50.0

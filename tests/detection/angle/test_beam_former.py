@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from sionna_radar.detection.angle.beam_former import (
+from sionna_radar.detection.angle.row import (
     bartlett,
     capon,
     cosine_variance,

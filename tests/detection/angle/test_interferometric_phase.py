@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.angle.phase_noise import coherence, phase_covariance, phase_variance, ratio_covariance
+from sionna_radar.detection.angle.arrival import coherence, phase_covariance, phase_variance, ratio_covariance
 
 TRIALS, SCATTERERS = 2000, 24
 

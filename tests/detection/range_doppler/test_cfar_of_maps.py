@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from beams import make_chirp
-from sionna_radar.detection.range_doppler.clutter_map import ClutterMap
+from sionna_radar.detection.range_doppler.cfar import ClutterMap, RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler
-from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
 from sionna_radar.foundation.errors import ScenarioError
 
 FRAMES = RangeDoppler(chirp=replace(make_chirp(samples=256, rate_hz=20e3), sampling="iq"), chirps=128)

@@ -6,10 +6,9 @@ from scipy.constants import speed_of_light
 from scipy.stats import norm
 
 from beams import make_chirp
+from sionna_radar.detection.range_doppler.cfar import RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler
-from sionna_radar.detection.range_doppler.movers import Movers, find_movers
-from sionna_radar.detection.range_doppler.ring_cfar import RingCfar
-from sionna_radar.detection.range_doppler.staggered import StaggeredRangeDoppler
+from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
 from sionna_radar.foundation.errors import ScenarioError
 
 RATE_HZ = 20e3

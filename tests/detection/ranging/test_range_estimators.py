@@ -6,10 +6,10 @@ import pytest
 from beams import make_chirp
 from flights import make_pulses
 from sionna_radar.detection.detector import Spectra, build_detector
-from sionna_radar.detection.ranging.beam_profile import beam_profile
 from sionna_radar.detection.ranging.estimator import EchoSpans, build_range_estimator
+from sionna_radar.detection.ranging.plane_fit import beam_profile
 from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.taylor_array import taylor_cut
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.scenario.processing import ProcessingTable
 
 CELL_M = 0.3

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from sionna_radar.detection.volume.clutter import VolumeClutter
-from sionna_radar.detection.volume.ground_behind import LEVELS, SLOPES, learned_ground
-from sionna_radar.detection.volume.motion import MODEL_ERROR_MPS, estimated_motion, expected_motion
+from sionna_radar.detection.volume.clutter import MODEL_ERROR_MPS, VolumeClutter, estimated_motion, expected_motion
+from sionna_radar.detection.volume.end import LEVELS, SLOPES, learned_ground
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 
 CARRIER_HZ = 77e9

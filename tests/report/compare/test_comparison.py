@@ -10,9 +10,8 @@ import pytest
 import rasterio
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.report.compare.page import comparison_page
-from sionna_radar.report.compare.reading import read_results
-from sionna_radar.report.page.packing import array_of, unpacked
+from sionna_radar.report.page.compare import comparison_page, read_results
+from sionna_radar.report.page.scene_data import array_of, unpacked
 from sionna_radar.studies.comparison import compare_results, differing_settings
 
 

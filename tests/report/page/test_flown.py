@@ -3,7 +3,7 @@
 import pytest
 
 from sionna_radar import load_scenario
-from sionna_radar.report.page.flown import flown_rows
+from sionna_radar.report.page.scene_data import flown_rows
 from sionna_radar.survey.preparation import prepare
 
 

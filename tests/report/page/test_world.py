@@ -7,12 +7,20 @@ import pytest
 
 from beams import make_antenna
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.report.page.backscatter import sigma0_db
-from sionna_radar.report.page.beams import OUTLINE_RAYS, cast_beams, fan_of, spread_pulses
-from sionna_radar.report.page.relief import surroundings, thinned
-from sionna_radar.report.page.solids import MOST_FACES, solids_within, standing
+from sionna_radar.report.page.scene_data import (
+    MOST_FACES,
+    OUTLINE_RAYS,
+    cast_beams,
+    fan_of,
+    sigma0_db,
+    solids_within,
+    spread_pulses,
+    standing,
+    surroundings,
+    thinned,
+)
 from sionna_radar.scenario.objects import Building
-from sionna_radar.scene.buildings import build_box
+from sionna_radar.scene.footprints import build_box
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
 from sionna_radar.survey.preparation import Prepared, prepare

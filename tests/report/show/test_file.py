@@ -3,7 +3,7 @@
 import pytest
 
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.report.show.file import PAGE_FILE
+from sionna_radar.report.page.show import PAGE_FILE
 
 
 def test_a_page_is_replaced_while_it_is_ours_and_unchanged(tmp_path):

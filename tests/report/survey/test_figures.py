@@ -15,9 +15,9 @@ from matplotlib.image import imread
 from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.survey import environment_figure, figures
-from sionna_radar.report.survey.environment_figure import draw_environment
+from sionna_radar.report.drawing import Coordinates
+from sionna_radar.report.survey import figures
+from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.result import Survey
 from surveys import make_survey
@@ -109,7 +109,7 @@ def test_boresight_meets_a_slope_where_geometry_says(survey: Survey) -> None:
     turn = np.zeros((5, 3, 3))
     turn[:, :, 0] = boresights
     pose = Pose(position_m=np.tile([0.0, 0.0, 50.0], (5, 1)), velocity_mps=np.zeros((5, 3)), R_world_antenna=turn)
-    hits = environment_figure._meet_ground(pose, over_slope)
+    hits = figures._meet_ground(pose, over_slope)
     # 50 - x = 0.1 x ahead, 50 + x = 0.1 x behind; up, and past the slope's edge, nothing.
     np.testing.assert_allclose(hits[:3, 0], [50 / 1.1, -50 / 0.9, 0.0], atol=1e-3)
     np.testing.assert_allclose(hits[:3, 2], 0.1 * hits[:3, 0], atol=1e-3)

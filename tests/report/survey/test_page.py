@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.report.page import document as document_module
-from sionna_radar.report.page.packing import array_of, unpacked
+from sionna_radar.report.page import markup as document_module
+from sionna_radar.report.page.scene_data import array_of, unpacked
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.products import write_survey
-from sionna_radar.report.survey.reference_paper import reference_for
-from sionna_radar.report.survey.summary import summary_json
+from sionna_radar.report.survey.summary import reference_for, summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey

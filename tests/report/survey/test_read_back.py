@@ -18,10 +18,10 @@ from pyproj import CRS
 
 from sionna_radar.accuracy.breakdown import Breakdown
 from sionna_radar.accuracy.compare import DemError
-from sionna_radar.report.rasters import write_geotiff
+from sionna_radar.report.files.contents import PointsFile, Report
+from sionna_radar.report.files.geotiff import write_geotiff
+from sionna_radar.report.files.points_table import ON_MAP, columns_of, write_points_csv
 from sionna_radar.report.survey import products
-from sionna_radar.report.survey.contents import PointsFile, Report
-from sionna_radar.report.survey.points_table import ON_MAP, columns_of, write_points_csv
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.chain import run
@@ -177,7 +177,7 @@ def test_the_table_has_the_cloud(folder, summary):
 
 def test_parquet_has_every_bit(flown, tmp_path, summary):
     parquet = pytest.importorskip("pyarrow.parquet")
-    from sionna_radar.report.survey.points_table import write_points_parquet
+    from sionna_radar.report.files.points_table import write_points_parquet
 
     path = tmp_path / "points.parquet"
     write_points_parquet(path, flown.points, flown.schedule.time_s, flown.georeference)
@@ -196,7 +196,7 @@ def test_parquet_has_every_bit(flown, tmp_path, summary):
 
 
 def test_without_pyarrow_one_error_before_the_flight(monkeypatch, cli, small, tmp_path):
-    from sionna_radar.report.survey import points_table
+    from sionna_radar.report.files import points_table
 
     monkeypatch.setattr(points_table, "find_spec", lambda name: None)
     done = cli("run", small, "-o", tmp_path / "out", "--points", "parquet", "-q")

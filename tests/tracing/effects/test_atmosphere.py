@@ -17,15 +17,15 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.targets import trace_targets
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
-from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.kinds import Precipitation
+from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_power_laws
 from sionna_radar.weather.rain_map import RainCell, RainTogether
+from sionna_radar.weather.validity import Precipitation
 from worlds import make_surface
 
 CARRIER_HZ = 77e9

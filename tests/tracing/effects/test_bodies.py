@@ -7,9 +7,9 @@ import trimesh
 from beams import make_chirp
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.scene.body import Body
+from sionna_radar.scene.model import Body
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.effects.cross_section import rcs_m2
+from sionna_radar.tracing.effects.bodies import rcs_m2
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.effects.targets import trace_targets
 

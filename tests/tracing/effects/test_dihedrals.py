@@ -9,7 +9,7 @@ from flights import make_pulses
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
-from sionna_radar.tracing.effects.reflection import plane_mirrors
+from sionna_radar.tracing.effects.mirrors import plane_mirrors
 from sionna_radar.tracing.paths import BOUNCED
 
 CHIRP = make_chirp()

@@ -17,7 +17,7 @@ from sionna_radar.surfaces.permittivity import building_permittivity
 from sionna_radar.surfaces.radar_material import Mirror, RadarMaterial
 from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, patches_of
-from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.tracer import Tracer
 from worlds import make_surface
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2, expon, kstest
 
 from beams import make_chirp
 from flights import make_pulses
-from sionna_radar.flight.scans.rotating import RotatingScan
+from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.raycast import RayCaster

@@ -10,7 +10,7 @@ from flights import make_pulses
 from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.targets import trace_targets
-from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.tracer import Tracer
 from worlds import make_scene, make_surface
 

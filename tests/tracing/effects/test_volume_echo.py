@@ -17,15 +17,15 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.volume_echo import VolumeEcho
-from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.paths import VOLUME, Paths
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import marshall_palmer
-from sionna_radar.weather.kinds import Precipitation
 from sionna_radar.weather.path import gaussian_two_way_beam_sr, rain_clutter_power
 from sionna_radar.weather.rain import echo_speeds
 from sionna_radar.weather.rain_map import RainCell
 from sionna_radar.weather.snow import snow_reflectivity_per_m
+from sionna_radar.weather.validity import Precipitation
 from sionna_radar.weather.volume import EvenVolume, UnevenVolume
 from worlds import make_scene, make_surface
 

@@ -10,10 +10,10 @@ from sionna_radar.radar.antenna import antenna_of
 from sionna_radar.radar.array_pattern import ArrayPattern, ElementPattern, array_factor, steered
 from sionna_radar.radar.pattern import SphericalPattern, directions_of
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.facet_index import Footprint
-from sionna_radar.tracing.engines.facets import GammaEngine
-from sionna_radar.tracing.engines.persistent import PersistentEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.gamma.facet_index import Footprint
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.sionna.pattern import SionnaPattern, mi
 from worlds import make_scene, make_surface
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sionna_radar.tracing.engines.cell_groups import curve, grouped, numbered, regrouped
+from sionna_radar.tracing.engines.persistent.cell_tree import curve, grouped, numbered, regrouped
 
 
 def test_pieces_of_one_cell_and_surface_come_together_in_their_order():

@@ -12,17 +12,16 @@ from scipy.stats import kstest
 from beams import make_chirp, plane_power
 from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.mixing import split_mix
+from sionna_radar.foundation.randomness import split_mix
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.engine import Engine
-from sionna_radar.tracing.engines import facets
-from sionna_radar.tracing.engines.facet_index import FacetIndex, Fineness, Footprint
-from sionna_radar.tracing.engines.facet_kernels import LEAST_ROOM
-from sionna_radar.tracing.engines.facet_mesh import Facets, facets_of
-from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.tracing.engines.gamma import facets
+from sionna_radar.tracing.engines.gamma.facet_index import LEAST_ROOM, FacetIndex, Fineness, Footprint
+from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, facets_of
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from worlds import make_scene, make_surface
 
 WAVELENGTH_M = speed_of_light / 77e9

@@ -6,8 +6,8 @@ import pytest
 from beams import make_antenna, make_chirp
 from corners import WAVELENGTH_M, mirror_of, plate, rough_ground, scene_of, wall_on_ground
 from flights import make_pulses
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.persistent import PersistentEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 from sionna_radar.tracing.engines.stock import PathSolverEngine
 from sionna_radar.tracing.paths import BOUNCED, Paths
 from sionna_radar.tracing.sionna.pattern import mi, sionna_angles

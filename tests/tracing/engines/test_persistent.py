@@ -11,17 +11,16 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.taylor_array import taylor_cut
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.cell_tree import CellTree
-from sionna_radar.tracing.engines.density import DensityMap
-from sionna_radar.tracing.engines.filled_beam import FilledBeam
-from sionna_radar.tracing.engines.persistent import PersistentEngine
-from sionna_radar.tracing.engines.scatterers import Points, Scatterers
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.persistent.cell_tree import CellTree
+from sionna_radar.tracing.engines.persistent.density import DensityMap, FilledBeam
+from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
+from sionna_radar.tracing.engines.persistent.scatterers import Points, Scatterers
 
 PENCIL = Antenna(taylor_cut(np.deg2rad(2.0), -20.0), taylor_cut(np.deg2rad(2.0), -20.0))
 

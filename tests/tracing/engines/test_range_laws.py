@@ -11,7 +11,7 @@ from scipy.constants import speed_of_light
 
 from beams import make_antenna, make_chirp
 from flights import make_pulses
-from sionna_radar.tracing.engines.beam import BeamEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
 
 DOUBLING_DB = 10 * np.log10(2)
 

@@ -8,8 +8,8 @@ import pytest
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.engines.beam import BeamEngine
-from sionna_radar.tracing.engines.facets import GammaEngine
+from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from worlds import make_scene, make_surface
 
 SHEET = make_surface(lambda x, y: 0 * x, size_m=120.0, spacing_m=4.0)

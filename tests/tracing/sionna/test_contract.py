@@ -60,14 +60,14 @@ def test_a_release_that_computes_another_gain_is_refused(monkeypatch):
 
 
 def test_the_engines_check_before_they_trace(monkeypatch, plane, pencil):
-    from sionna_radar.tracing.engines.beam import BeamEngine
-    from sionna_radar.tracing.engines.persistent import PersistentEngine
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
+    from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
 
     def refuse():
         message = "another release"
         raise BackendError(message)
 
-    for module in ("beam", "persistent"):
+    for module in ("beam.beam", "persistent.persistent"):
         monkeypatch.setattr(f"sionna_radar.tracing.engines.{module}.check_sionna", refuse)
     with pytest.raises(BackendError, match="another release"):
         BeamEngine(plane, pencil, make_chirp(), 1, 16, 0.05)

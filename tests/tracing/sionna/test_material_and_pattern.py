@@ -57,7 +57,7 @@ def test_the_material_scatters_back_sigma0(model):
     """Each path's |a|^2 is lambda^2 G^2 sigma0 dA / ((4 pi)^3 r^4); the ratio to constant gamma leaves sigma0."""
     from dataclasses import replace
 
-    from sionna_radar.tracing.engines.beam import BeamEngine
+    from sionna_radar.tracing.engines.beam.beam import BeamEngine
 
     plain = make_scene(make_surface(lambda x, y: 0 * x), gamma=1.0)
     other = replace(plain, materials={"ground": model})

@@ -1,0 +1,252 @@
+"""Echoes in segments: a few range cells each, of which one direction is estimated.
+
+Where the ground of a range cell lies in the beam: a strip across the direction in which the range grows.
+
+Over level ground the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up
+across the boresight, by r tan(incidence) a radian, and stays along t, at right angles to g. A range cell is a strip
+along t, and the two-way beam's power on it, taken for a Gaussian with the variances S of the direction cosines, has
+along t the variance 1 / (t' S^-1 t). Tilted ground turns the strip by no more than it is tilted.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float, Inexact, Int
+
+from sionna_radar.detection.ranging.estimator import EchoSpans, span_cells
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
+
+# A beam within so many radians of the nadir meets no range that grows, one as near to the horizon no ground.
+STEEPEST_RAD = 0.02
+# Standard deviation of a point's ranges on the ground, over that of its width across: together 1.12 times the latter.
+LENGTH_OVER_WIDTH = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class RangeStrips(Columns):
+    """How the range cells of some pulses lie across their beams, from measured poses; left and up in each pair.
+
+    climb: unit vector along which the range grows.
+    incidence_rad: of the boresight from nadir, kept off nadir and horizon.
+    along: standard deviation of the two-way power's direction along the strip.
+    mean: where on a strip its mean lies, per unit of its distance from the boresight along `climb`.
+    """
+
+    climb: Float[np.ndarray, "pulse 2"]
+    incidence_rad: Float[np.ndarray, " pulse"]
+    along: Float[np.ndarray, " pulse"]
+    mean: Float[np.ndarray, "pulse 2"]
+
+    @property
+    def strip(self) -> Float[np.ndarray, "pulse 2"]:
+        """Unit vectors along the strips."""
+        return np.column_stack([-self.climb[:, 1], self.climb[:, 0]])
+
+    def length_m(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return the slant ranges that leave the resolution on the ground to the width of the beam.
+
+        Ranges spread evenly over a length l have the standard deviation l / sqrt(12), on level ground that over the
+        sine of the incidence.
+        """
+        width_m = range_m * self.along
+        return np.sqrt(12) * LENGTH_OVER_WIDTH * width_m * np.sin(self.incidence_rad)
+
+
+def range_strips(pose: Pose, spread: tuple[float, float]) -> RangeStrips:
+    """Return the strips of pulses.
+
+    Parameters
+    ----------
+    pose:
+        Measured poses.
+    spread:
+        Standard deviations of the two-way power over the direction cosines in azimuth and in elevation.
+
+    """
+    up = pose.R_world_antenna[:, 2, :]
+    across = np.linalg.norm(up[:, 1:], axis=1)
+    upright = np.array([0.0, 1.0])
+    climb = np.where(across[:, None] > 0, up[:, 1:] / np.maximum(across, 1e-300)[:, None], upright)
+    strip = np.column_stack([-climb[:, 1], climb[:, 0]])
+    variance = np.array(spread) ** 2
+    along = 1 / np.sqrt(np.sum(strip**2 / variance, axis=1))
+    mean = variance * climb / np.sum(variance * climb**2, axis=1)[:, None]
+    incidence = np.clip(np.arctan2(across, -up[:, 0]), STEEPEST_RAD, np.pi / 2 - STEEPEST_RAD)
+    return RangeStrips(climb=climb, incidence_rad=incidence, along=along, mean=mean)
+
+
+def stretches_of(
+    length: Int[np.ndarray, " echo"], most: Float[np.ndarray, " echo"]
+) -> tuple[Int[np.ndarray, " point"], Int[np.ndarray, " point"]]:
+    """Divide echoes of some lengths, in bins, into equal stretches; return echo and first bin in it of each."""
+    count = np.maximum(1, np.rint(length / np.maximum(most, 1.0)).astype(np.int64))
+    count = np.minimum(count, length)
+    echo = np.repeat(np.arange(len(length)), count)
+    number = np.arange(len(echo)) - np.repeat(np.cumsum(count) - count, count)
+    return echo, number * length[echo] // count[echo]
+
+
+# A stretch has at least so many independent looks, or is as long as its echo.
+FEWEST_LOOKS = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretches:
+    """Stretches of echoes, and sums over their cells.
+
+    row: pulse of the block; strips: how range cells lie across its beam.
+    cell_row, cell_bin, begin: the cells, and where each stretch begins among them; none in chosen rows.
+    length: bins of each.
+    power, peak_power: of the first receiver, summed and at most; noise: mean power of the noise in a cell.
+    range_m, range_variance_m2: mean and variance of the cells' ranges, weighted with their power.
+    """
+
+    row: Int[np.ndarray, " point"]
+    strips: RangeStrips
+    cell_row: Int[np.ndarray, " cell"]
+    cell_bin: Int[np.ndarray, " cell"]
+    begin: Int[np.ndarray, " point"]
+    length: Int[np.ndarray, " point"]
+    power: Float[np.ndarray, " point"]
+    peak_power: Float[np.ndarray, " point"]
+    noise: Float[np.ndarray, " point"]
+    range_m: Float[np.ndarray, " point"]
+    range_variance_m2: Float[np.ndarray, " point"]
+    bin_m: float
+    looks_per_bin: float
+
+    @staticmethod
+    def of(
+        spans: EchoSpans,
+        strips: RangeStrips,
+        signal: Complex[np.ndarray, "pulse bin"],
+        length_m: Float[np.ndarray, " echo"],
+    ) -> "Stretches":
+        """Divide echoes into stretches of about some lengths."""
+        cell_row, cell_bin, start = span_cells(spans.row, spans.start, spans.stop)
+        bins = np.maximum(length_m / spans.bin_m, FEWEST_LOOKS / spans.looks_per_bin)
+        echo, first = stretches_of(spans.stop - spans.start, bins)
+        begin = start[echo] + first
+        value = signal[cell_row, cell_bin]
+        power, range_m = value.real**2 + value.imag**2, cell_bin * spans.bin_m
+        total = sums(power, begin)
+        mean_m = sums(power * range_m, begin) / total
+        length = np.diff(begin, append=len(cell_row))
+        apart = range_m - np.repeat(mean_m, length)
+        row = spans.row[echo]
+        return Stretches(
+            row=row,
+            strips=strips.rows(row),
+            cell_row=cell_row,
+            cell_bin=cell_bin,
+            begin=begin,
+            length=length,
+            power=total,
+            peak_power=np.maximum.reduceat(power, begin) if len(begin) else total,
+            noise=receiver_noise(spans.noise)[row],
+            range_m=mean_m,
+            range_variance_m2=sums(power * apart**2, begin) / total,
+            bin_m=spans.bin_m,
+            looks_per_bin=spans.looks_per_bin,
+        )
+
+    def rows(self, chosen: Int[np.ndarray, " row"], power_share: Float[np.ndarray, " row"]) -> "Stretches":
+        """Return some stretches, one perhaps several times, each with a share of its echo's power; no cells of them."""
+        nothing = np.zeros(0, dtype=np.int64)
+        noise_power = self.noise_power[chosen]
+        return Stretches(
+            row=self.row[chosen],
+            strips=self.strips.rows(chosen),
+            cell_row=nothing,
+            cell_bin=nothing,
+            begin=np.zeros(len(chosen), dtype=np.int64),
+            length=self.length[chosen],
+            power=noise_power + power_share * (self.power[chosen] - noise_power),
+            peak_power=power_share * self.peak_power[chosen],
+            noise=self.noise[chosen],
+            range_m=self.range_m[chosen],
+            range_variance_m2=self.range_variance_m2[chosen],
+            bin_m=self.bin_m,
+            looks_per_bin=self.looks_per_bin,
+        )
+
+    @property
+    def looks(self) -> Float[np.ndarray, " point"]:
+        """Independent looks of each."""
+        return np.maximum(1.0, self.length * self.looks_per_bin)
+
+    @property
+    def noise_power(self) -> Float[np.ndarray, " point"]:
+        """Power of the noise, summed over the bins of each."""
+        return self.noise * self.length
+
+    @property
+    def snr(self) -> Float[np.ndarray, " point"]:
+        """Mean power of the echo over the noise."""
+        return np.maximum(self.power / self.noise_power - 1, 1e-6)
+
+    @property
+    def climb_per_m(self) -> Float[np.ndarray, " point"]:
+        """How much the direction climbs from range to range over level ground, rad/m."""
+        return 1 / (self.range_m * np.tan(self.strips.incidence_rad))
+
+    @property
+    def range_sigma_m(self) -> Float[np.ndarray, " point"]:
+        """Standard deviation of the mean of ranges spread evenly over a bin in each look."""
+        return self.bin_m / np.sqrt(12 * self.looks)
+
+    def cross(
+        self,
+        signal: Complex[np.ndarray, "pulse bin"],
+        first: Complex[np.ndarray, "pulse bin"],
+        ramp_rad_m: Float[np.ndarray, " point"],
+        bend_rad_m: float = 0.0,
+    ) -> tuple[Complex[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+        """Return the cross-spectrum of each stretch, its phase at the mean range, and its coherence.
+
+        ramp_rad_m: growth of the phase with range that is expected, and taken out.
+        bend_rad_m: phase of the wavefronts' curvature times the range, taken out at each cell's range; see
+            `wavefront_bend`.
+        """
+        one, other = signal[self.cell_row, self.cell_bin], first[self.cell_row, self.cell_bin]
+        cell_m = self.cell_bin * self.bin_m
+        ramp = np.repeat(ramp_rad_m, self.length) * (cell_m - np.repeat(self.range_m, self.length))
+        ramp += bend_rad_m / np.maximum(cell_m, self.bin_m)
+        # In real numbers: a product of complex ones may be rounded differently at the end of a block.
+        turn, aside = np.cos(ramp), np.sin(ramp)
+        real = one.real * other.real + one.imag * other.imag
+        imaginary = one.imag * other.real - one.real * other.imag
+        cross = sums(real * turn + imaginary * aside, self.begin) + 1j * sums(
+            imaginary * turn - real * aside, self.begin
+        )
+        power = sums(one.real**2 + one.imag**2, self.begin) * self.power
+        return cross, np.abs(cross) / np.sqrt(np.maximum(power, np.finfo(float).tiny))
+
+
+def wavefront_bend(per_cosine_rad: float, baseline_m: float) -> float:
+    """Return the phase of a spherical wavefront at a receiver beside the first, less a plane one's, times the range.
+
+    The way back is |p - b e| - r = -b u + b^2 (1 - u^2) / 2r + ... longer (Fresnel's approximation); `per_cosine_rad`
+    is the phase of -b u for each u. With the bend taken out a direction is that seen from the first receiver, from
+    where its range counts; else it is that of the middle of both.
+    """
+    return -per_cosine_rad * baseline_m / 2
+
+
+def receiver_noise(noise: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, " pulse"]:
+    """Return the noise of each pulse from its estimates around all bins.
+
+    It is white; next to a wide echo the echo raises the estimate, and where no training cells fit it is infinite.
+    """
+    tested = np.isfinite(noise).all(axis=0)
+    if not tested.any():
+        return np.full(len(noise), np.inf)
+    middle: Float[np.ndarray, " pulse"] = np.median(noise[:, tested], axis=1)
+    return middle
+
+
+def sums(value: Inexact[np.ndarray, " cell"], begin: Int[np.ndarray, " point"]) -> Inexact[np.ndarray, " point"]:
+    """Return the sums over stretches of cells."""
+    found: Inexact[np.ndarray, " point"] = np.add.reduceat(value, begin) if len(begin) else value[:0]
+    return found

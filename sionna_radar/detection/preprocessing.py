@@ -1,0 +1,90 @@
+"""Beat signals before the range FFT: interference bursts blanked, the chirps of a burst averaged.
+
+The beat of ground is the sum of many echoes and noise: its samples are Gaussian, of a width that the median tells even
+where a part of them is something else. Samples that hardly any Gaussian one would exceed belong to a burst. They are
+set to zero (zeroing: Fischer 2016, "Untersuchungen zum Interferenzverhalten automobiler Radarsensorik"), and the rest
+is raised by the share that was lost, so that echoes keep their power.
+
+Between chirps the range of a scatterer changes, and its beat turns by 2 pi (f0 + S t) times the change of its delay.
+Taking out what still ground on the axis does leaves the echo of the axis whole; one that recedes faster by v is
+weakened, over N chirps a time T apart, to
+
+    |sin(pi N f T) / (N sin(pi f T))|^2,   f = 2 v / wavelength,
+
+the sum of a geometric series. Noise is weakened to one N-th.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Inexact
+from scipy.constants import speed_of_light
+
+from sionna_radar.radar.chirp import Chirp
+
+# Share of the samples of a pure Gaussian signal that are taken for bursts.
+FALSE_BURSTS = 1e-6
+# Samples on either side of one that goes that go as well: a burst does not end where it falls under the threshold.
+BESIDE = 2
+
+
+def zeroed(beat: Inexact[np.ndarray, "pulse sample"]) -> Inexact[np.ndarray, "pulse sample"]:
+    """Return beat signals without bursts; a signal that is nothing else is left as it is."""
+    burst = bursts(beat)
+    kept = 1 - burst.mean(axis=1, keepdims=True)
+    burst &= kept > 0.5
+    out: Inexact[np.ndarray, "pulse sample"] = np.where(burst, 0, beat) / np.where(kept > 0.5, kept, 1.0)
+    return out
+
+
+def bursts(beat: Inexact[np.ndarray, "pulse sample"]) -> Bool[np.ndarray, "pulse sample"]:
+    """Return which samples are those of bursts."""
+    # Of a real Gaussian of unit width the median size is 0.674 and one in a million lies beyond 4.89; of a complex one,
+    # whose power is exponential, sqrt(ln 2) and sqrt(-ln p) in units of the root mean square.
+    ratio = np.sqrt(-np.log(FALSE_BURSTS) / np.log(2)) if np.iscomplexobj(beat) else 4.8916 / 0.67449
+    size = np.abs(beat)
+    width = np.median(size, axis=1, keepdims=True)
+    # A converter so coarse that it makes zeros of half of the samples leaves no width to tell bursts by.
+    beyond = (size > ratio * width) & (width > 0)
+    found = beyond.copy()
+    for step in range(1, BESIDE + 1):
+        found[:, step:] |= beyond[:, :-step]
+        found[:, :-step] |= beyond[:, step:]
+    return found
+
+
+def burst_mean(
+    beat: Inexact[np.ndarray, "chirp sample"],
+    chirp: Chirp,
+    offset_s: Float[np.ndarray, " own"],
+    range_rate_mps: Float[np.ndarray, " pulse"],
+) -> Inexact[np.ndarray, "pulse sample"]:
+    """Return the aligned mean of each burst; an echo that recedes as given keeps its power.
+
+    Parameters
+    ----------
+    beat:
+        Of the chirps, burst by burst.
+    chirp:
+        The sweep.
+    offset_s:
+        Time of each chirp of a burst from its middle.
+    range_rate_mps:
+        Of the ground in each burst, positive when receding.
+
+    """
+    delay_s = 2 * range_rate_mps[:, None] * offset_s / speed_of_light
+    frequency_hz = chirp.carrier_hz + chirp.slope_hz_s * chirp.sample_time_s
+    turns = chirp.direction * delay_s[:, :, None] * frequency_hz
+    shape = (len(range_rate_mps), len(offset_s), beat.shape[1])
+    mean = np.mean(_analytic(beat, chirp).reshape(shape) * np.exp(-2j * np.pi * np.mod(turns, 1.0)), axis=1)
+    return mean if chirp.sampling == "iq" else mean.real
+
+
+def _analytic(beat: Inexact[np.ndarray, "chirp sample"], chirp: Chirp) -> Inexact[np.ndarray, "chirp sample"]:
+    """Return beat signals that can be turned: a real one as the real part of its analytic signal."""
+    if chirp.sampling == "iq":
+        return beat
+    # `scipy.signal` takes as long to import as many a survey to simulate.
+    from scipy.signal import hilbert
+
+    analytic: Inexact[np.ndarray, "chirp sample"] = hilbert(beat, axis=1)
+    return analytic

@@ -1,0 +1,130 @@
+"""Range estimators: strongest bin, centroid, leading edge, and the fit of a plane's mean echo."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges, register_range_estimator
+from sionna_radar.detection.ranging.plane_fit import fit_echo
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Moments of echoes in bins: centre, root-mean-square width, standard deviation of the centre under speckle."""
+
+    centre: Float[np.ndarray, " echo"]
+    width: Float[np.ndarray, " echo"]
+    speckle: Float[np.ndarray, " echo"]
+
+
+def moments(spans: EchoSpans) -> Moments:
+    """Return the moments of echoes, weighted by the power above the noise."""
+    if len(spans.row) == 0:
+        return Moments(np.zeros(0), np.zeros(0), np.zeros(0))
+    row, bins, begin = spans.cells()
+    weight = np.maximum(spans.power[row, bins] - spans.noise[row, bins], 0.0)
+    total = np.add.reduceat(weight, begin)
+    safe = np.where(total > 0, total, 1.0)
+    centre = np.where(total > 0, np.add.reduceat(weight * bins, begin) / safe, spans.peak)
+    away = (bins - np.repeat(centre, spans.stop - spans.start)) ** 2
+    width = np.sqrt(np.add.reduceat(weight * away, begin) / safe)
+    speckle = np.sqrt(np.add.reduceat(weight**2 * away, begin) / 2 / spans.looks_per_bin) / safe
+    # A single bin has no measurable width: the range lies anywhere in it.
+    least = np.sqrt(1 / 12)
+    return Moments(centre, np.maximum(width, least), np.maximum(speckle, least * 0.1))
+
+
+@register_range_estimator("centroid")
+class CentroidRange:
+    """The mean range of the span, weighted by the power above the noise.
+
+    With exponential powers of means mu the variance of sum(P r) / sum(P) is sum(mu^2 (r - mean)^2) / sum(mu)^2
+    over independent bins; P^2 / 2 is an unbiased estimate of mu^2.
+    """
+
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of some echoes."""
+        shape = moments(spans)
+        return Ranges(range_m=shape.centre * spans.bin_m, sigma_m=shape.speckle * spans.bin_m)
+
+
+# The leading edge is where the echo first reaches this share of its level.
+EDGE_SHARE = 0.5
+# Edge to middle of a Gaussian echo, over the length of its box: the box of exp(-x^2 / 2 s^2) is 2 sqrt(pi) s
+# long and 1 / sqrt(2) high, and half of that is reached sqrt(3 log 2) s before the middle.
+EDGE_TO_MIDDLE = float(np.sqrt(3 * np.log(2)) / (2 * np.sqrt(np.pi)))
+
+
+@register_range_estimator("leading_edge")
+class LeadingEdgeRange:
+    """The range where the echo first reaches half of its level, moved to the middle by the echo's length.
+
+    Level and length are those of a box with the echo's power and squared power (the offset centre of
+    gravity of radar altimetry: Wingham et al. 1986, "New techniques in satellite altimeter tracking systems").
+    Speckle delays the first cell above the level by about one look; the length, estimated from the looks of the
+    box, has a relative error of one over the square root of their number.
+    """
+
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of the echoes."""
+        if len(spans.row) == 0:
+            return Ranges(range_m=np.zeros(0), sigma_m=np.zeros(0))
+        row, bins, begin = spans.cells()
+        power = np.maximum(spans.power[row, bins] - spans.noise[row, bins], 0.0)
+        total = np.add.reduceat(power, begin)
+        square = np.maximum(np.add.reduceat(power**2, begin), np.finfo(float).tiny)
+        # E[P^2] = 2 mu^2: a box of n bins at the level mu has total^2 / sum(P^2) = n / 2.
+        level, length = square / np.maximum(total, np.finfo(float).tiny) / 2, 2 * total**2 / square
+        number = np.repeat(np.arange(len(begin)), spans.stop - spans.start)
+        above = np.flatnonzero(power >= EDGE_SHARE * level[number])
+        _, first = np.unique(number[above], return_index=True)
+        cell = bins[above[first]]
+        here = spans.power[spans.row, cell]
+        before = spans.power[spans.row, np.maximum(cell - 1, 0)]
+        missing = (EDGE_SHARE * level - before) / np.maximum(here - before, np.finfo(float).tiny)
+        looks = np.maximum(length * spans.looks_per_bin, 1.0)
+        return Ranges(
+            range_m=(cell - 1 + np.clip(missing, 0.0, 1.0) + EDGE_TO_MIDDLE * length) * spans.bin_m,
+            sigma_m=np.hypot(1 / spans.looks_per_bin, EDGE_TO_MIDDLE * length / np.sqrt(looks)) * spans.bin_m,
+        )
+
+
+@register_range_estimator("peak")
+class PeakRange:
+    """The range of the strongest bin, refined by a parabola through the logarithms of three bins.
+
+    Under speckle any bin of the echo may be the strongest, so the echo's own width is the uncertainty.
+    """
+
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of some echoes."""
+        last = spans.power.shape[1] - 1
+        inner = np.clip(spans.peak, 1, last - 1)
+        tiny = np.finfo(float).tiny
+        left, middle, right = (np.log(spans.power[spans.row, inner + k] + tiny) for k in (-1, 0, 1))
+        curvature = left - 2 * middle + right
+        curved = curvature < 0
+        step = np.where(curved, 0.5 * (left - right) / np.where(curved, curvature, 1.0), 0.0)
+        shape = moments(spans)
+        return Ranges(range_m=(inner + np.clip(step, -1.0, 1.0)) * spans.bin_m, sigma_m=shape.width * spans.bin_m)
+
+
+@register_range_estimator("model_fit")
+class ModelFitRange:
+    """The boresight range of the sloping plane whose echo through this beam fits best.
+
+    Range, slope and power are fitted by maximum likelihood of exponential powers; see `beam_profile`. Without a
+    known antenna there is no model to fit, and the centroid is returned.
+    """
+
+    def __call__(self, spans: EchoSpans) -> Ranges:
+        """Return the ranges of some echoes."""
+        centroid = CentroidRange()(spans)
+        if spans.beam is None or len(spans.row) == 0:
+            return centroid
+        fit = fit_echo(
+            spans.beam, spans.power, spans.noise, spans.row, spans.start, spans.stop, centroid.range_m / spans.bin_m
+        )
+        scale = spans.bin_m / np.sqrt(spans.looks_per_bin)
+        return Ranges(range_m=fit.centre * spans.bin_m, sigma_m=fit.sigma * scale)

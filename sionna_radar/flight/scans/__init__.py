@@ -1,1 +1,0 @@
-"""The scans, one file each."""

@@ -1,0 +1,129 @@
+"""Small numerical tools: decibels, window functions, Halton points, linear algebra on one thread.
+
+Linear algebra on one thread: a split among several would change the rounding, the last bits of every result.
+
+For the small matrices of a survey, several threads are not faster anyway.
+
+Points that fill a square evenly, as `scipy.stats.qmc.Halton` gives them without scrambling, bit for bit.
+
+`scipy.stats` takes as long to import as many a survey to simulate.
+
+Windows over samples, as SciPy computes them, bit for bit.
+
+`scipy.signal` brings `scipy.stats` and more with it: for one window it would take as long as many a survey.
+"""
+
+import math
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+
+def from_db(value_db: float) -> float:
+    """Return the power ratio of a value in dB."""
+    return 10.0 ** (value_db / 10.0)
+
+
+def to_db(ratio: float) -> float:
+    """Return a power ratio in dB; a ratio of zero gives minus infinity."""
+    return 10.0 * math.log10(ratio) if ratio > 0 else -math.inf
+
+
+def decibels(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return power ratios in dB; NaN for ratios that are not positive."""
+    return 10.0 * np.log10(np.where(ratio > 0, ratio, np.nan))
+
+
+# Rows that a triangular system is solved by at once.
+ROWS = 96
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+
+def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
+    """Return a function that runs with one thread of BLAS and OpenMP; the caller's settings are restored afterwards."""
+
+    @wraps(function)
+    def limited(*given: Given.args, **named: Given.kwargs) -> Result:
+        with threadpool_limits(limits=1):
+            return function(*given, **named)
+
+    return limited
+
+
+def solve_lower(root: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n ..."]) -> Float[np.ndarray, "n ..."]:
+    """Return root^-1 right for a lower triangular matrix; what is above its diagonal must be zero.
+
+    By blocks of rows, nearly all in products of matrices: faster than LAPACK's way, and beside other threads, which
+    SciPy's wrapper of that keeps waiting.
+    """
+    solved = np.empty_like(right)
+    for low in range(0, len(root), ROWS):
+        rows = slice(low, low + ROWS)
+        solved[rows] = np.linalg.inv(root[rows, rows]) @ (right[rows] - root[rows, :low] @ solved[:low])
+    return solved
+
+
+def halton(count: int) -> Float[np.ndarray, "{count} 2"]:
+    """Return the first points of the Halton sequence in two dimensions (Halton 1960), the origin first."""
+    points = np.zeros((count, 2))
+    for axis, base in enumerate((2, 3)):
+        rest, share = np.arange(count), 1.0
+        while rest.any():
+            share /= base
+            points[:, axis] += (rest % base) * share
+            rest //= base
+    return points
+
+
+# Factors of the cosines of 0, 1, ... turns over the window.
+COSINES = {
+    "hann": (0.5, 0.5),
+    "hamming": (0.54, 1 - 0.54),
+    "blackman": (0.42, 0.50, 0.08),
+    "blackmanharris": (0.35875, 0.48829, 0.14128, 0.01168),
+}
+
+
+def window(name: str, samples: int) -> Float[np.ndarray, " sample"]:
+    """Return a periodic window by its name in `scipy.signal.get_window`."""
+    if name not in COSINES:
+        from scipy.signal import get_window
+
+        weights: Float[np.ndarray, " sample"] = get_window(name, samples)
+        return weights
+    if samples == 1:
+        return np.ones(1)
+    turn, total = np.linspace(-np.pi, np.pi, samples + 1), np.zeros(samples + 1)
+    for number, factor in enumerate(COSINES[name]):
+        total += factor * np.cos(number * turn)
+    return total[:-1]
+
+
+def taylor(count: int, nbar: int, side_lobe_ratio_db: float) -> Float[np.ndarray, " element"]:
+    """Return the symmetric Taylor window of `scipy.signal.windows.taylor`, not normalised.
+
+    Doerry 2017, "Catalog of Window Taper Functions for Sidelobe Control", Sandia SAND2017-4042, section on Taylor
+    windows.
+    """
+    if count == 1:
+        return np.ones(1)
+    A = np.arccosh(np.float64(10 ** (side_lobe_ratio_db / 20))) / np.pi
+    s2 = nbar**2 / (A**2 + (nbar - 0.5) ** 2)
+    order = np.arange(1, nbar, dtype=float)
+    square, sign = order * order, np.where(np.arange(nbar - 1) % 2 == 0, 1.0, -1.0)
+    factor = np.empty(nbar - 1)
+    for m in range(nbar - 1):
+        above = sign[m] * np.prod(1 - square[m] / s2 / (A**2 + (order - 0.5) ** 2))
+        below = 2 * np.prod(1 - square[m] / square[:m]) * np.prod(1 - square[m] / square[m + 1 :])
+        factor[m] = above / below
+    place = np.arange(count, dtype=float)
+    weights: Float[np.ndarray, " element"] = 1 + 2 * np.matmul(
+        factor, np.cos(2 * np.pi * order[:, None] * (place - count / 2.0 + 0.5) / count)
+    )
+    return weights

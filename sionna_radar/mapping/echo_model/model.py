@@ -1,0 +1,294 @@
+"""The echoes predicted for a surface, and their derivatives with respect to its heights.
+
+A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
+meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
+the beam adds power to the two range cells around its range, Doppler included, and the window's response spreads it.
+Power per solid angle falls with the square of the range (constant gamma: sigma0 dA = gamma r^2 dOmega, over r^4).
+
+Powers are exponential about their means mu. A change of the surface changes log mu; the part explained by a change of
+the echo's level is projected out, so that reflectivity need not be known. Cells far below the echo's level hold side
+lobes and a handful of scatterers: each cell has a weight w(mu) that decreases there, which leaves the
+score w (P / mu - 1) unbiased, as it does not depend on P.
+
+Behind a volume such as rain, mu includes the volume's power, as far as the beam is in the air: a sample ends it at its
+own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
+
+The mean range of each whole echo, with which mapping begins.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from scipy.linalg import solve_banded
+
+from sionna_radar.detection.echoes import Profiles
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.threads import in_threads, over_rows, parts
+from sionna_radar.mapping.echo_model.beam import BeamNodes
+from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
+from sionna_radar.radar.chirp import Chirp
+
+# Handled by one core at a time.
+PULSES_AT_ONCE = 64
+# Of the largest: what is left of the response of a window where samples leave off.
+LEAST_TAP = 1e-3
+# How far rays are followed, relative to the unambiguous range.
+FOLLOWED = 1.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sightings:
+    """Input of the mapping: the profiles of some pulses and the measured pose of each.
+
+    chirp, beam: the sweep and the antenna.
+    response: power response of the spectrum to a point target, on an odd number of cells centred on it.
+    looks_per_cell: independent looks per range cell.
+    doppler: whether ranges shift with the range rate, 1, or not, 0.
+    reach_m: unambiguous range of the sampling.
+    memory: how long the ground keeps its speckle.
+    """
+
+    profiles: Profiles
+    pose: Pose
+    chirp: Chirp
+    beam: BeamNodes
+    response: Float[np.ndarray, " cell"]
+    looks_per_cell: float
+    doppler: float
+    reach_m: float
+    memory: SpeckleMemory = STILL
+
+    def __len__(self) -> int:
+        return len(self.profiles)
+
+    def rows(self, keep: Bool[np.ndarray, " pulse"]) -> "Sightings":
+        """Return the sightings of some pulses."""
+        return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
+
+    @property
+    def followed_m(self) -> float:
+        """How far rays are followed: between those in reach and the next ones there is ground that is."""
+        return FOLLOWED * self.reach_m
+
+    def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
+        """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
+        return speckle_reach(self.profiles.pulse, self.pose.rows, range_m, self.beam, self.chirp, self.memory)
+
+    def direction(self) -> Float[np.ndarray, "pulse node 3"]:
+        """Return the beam's nodes in the world frame."""
+        return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
+
+    def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
+        """Return by how much motion shifts ranges along directions."""
+        rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
+        return self.doppler * self.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
+
+
+@dataclass(frozen=True)
+class Footprints:
+    """Where the beam's nodes meet a surface.
+
+    range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height there.
+    shift_m: by how much motion lengthens the range.
+    """
+
+    range_m: Float[np.ndarray, "pulse node"]
+    place_m: Float[np.ndarray, "pulse node 2"]
+    range_per_height: Float[np.ndarray, "pulse node"]
+    shift_m: Float[np.ndarray, "pulse node"]
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The log-likelihood linearised about a surface, in the heights under the nodes.
+
+    score: its gradient.
+    factor: rows of F of all pulses, with F^T F the expected curvature of each.
+    first, last: where the rows of each pulse begin and end; those between belong to none, and are zero.
+    residual: whitened residuals of the data in these rows; the score is F^T residual.
+    weight: of the range cell of each row, from 0 to 1: the variance of a residual in independent looks.
+    """
+
+    place_m: Float[np.ndarray, "pulse node 2"]
+    score: Float[np.ndarray, "pulse node"]
+    factor: Float32[np.ndarray, "kept node"]
+    first: Int[np.ndarray, " pulse"]
+    last: Int[np.ndarray, " pulse"]
+    residual: Float[np.ndarray, " row"]
+    weight: Float[np.ndarray, " row"]
+
+    def rows_of(self, pulse: int) -> slice:
+        """Return which rows are those of a pulse."""
+        return slice(int(self.first[pulse]), int(self.last[pulse]))
+
+
+def spline_taps(response: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " tap"]:
+    """Return the factors of cubic B-splines, a cell apart, whose sum is a response at the cells and smooth between.
+
+    A Hann window's power response nearly is such a spline.
+    """
+    ends = 8
+    padded = np.pad(response, ends)
+    bands = np.outer([1 / 6, 2 / 3, 1 / 6], np.ones(len(padded)))
+    factor = solve_banded((1, 1), bands, padded)
+    counts = np.flatnonzero(np.abs(factor) > LEAST_TAP * factor.max())
+    half = max(len(padded) // 2 - int(counts[0]), int(counts[-1]) - len(padded) // 2)
+    kept = factor[len(padded) // 2 - half : len(padded) // 2 + half + 1]
+    return kept * (response.sum() / kept.sum())
+
+
+def footprints(
+    sightings: Sightings,
+    surface: Heightfield,
+    wanted: Bool[np.ndarray, " node"] | None = None,
+    near: Footprints | None = None,
+) -> Footprints:
+    """Cast the beam's nodes of every pulse, or some of the nodes, on a surface.
+
+    near: where they met a surface that was the same within centimetres: what has come to hide what since is not seen.
+    """
+    from sionna_radar.mapping.echo_model.power_kernels import meet
+
+    pose, beam = sightings.pose, sightings.beam.direction
+    shape = len(pose), len(beam)
+    feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape), np.empty(shape))
+    height, grid = np.ascontiguousarray(surface.height_m), surface.grid
+    on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
+    guess = np.empty((0, 0)) if near is None else near.range_m
+    doppler = sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
+    of = (
+        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna, beam)),
+        np.ones(shape[1], dtype=bool) if wanted is None else wanted,
+    )
+
+    def some(low: int, high: int) -> None:
+        to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
+        meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
+
+    list(in_threads(some, parts(shape[0], PULSES_AT_ONCE)))
+    return feet
+
+
+class EchoModel:
+    """Predicted echoes of all pulses over one surface."""
+
+    def __init__(self, sightings: Sightings, surface: Heightfield, near: Footprints | None = None) -> None:
+        self._sightings = sightings
+        self._feet = footprints(sightings, surface, near=near)
+
+    @property
+    def footprints(self) -> Footprints:
+        """Where the beam's nodes meet the surface."""
+        return self._feet
+
+    def centroid_m(self) -> Float[np.ndarray, " pulse"]:
+        """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
+        from sionna_radar.mapping.echo_model.power_kernels import centroids
+
+        beam, mean = self._sightings.beam, np.empty(len(self._sightings))
+        cell_m = float(self._sightings.profiles.cell_m)
+        # A profile's last cell ends in the middle between it and the next, which is at the unambiguous range.
+        reach = self._sightings.reach_m / cell_m - 0.5
+        on = self._feet.range_m, self._feet.shift_m, beam.share, beam.lattice, cell_m, reach, mean
+        over_rows(lambda low, high: centroids(low, high, *on), len(mean))
+        return mean
+
+    def linearise(self, looks: Float[np.ndarray, " pulse"], fewest_rows: int | None = None) -> Linearised:
+        """Return score and curvature of the likelihood of the profiles.
+
+        looks: independent looks in each range cell of each pulse.
+        fewest_rows: of so many rows of neighbouring cells one is kept in place of all, that the median pulse keeps
+            about these: where a surface is as smooth as a few cells are long, others say nearly the same. Each pulse
+            keeps other ones. Residuals and weights are those of all rows.
+        """
+        from sionna_radar.mapping.echo_model.kernels import linearise
+
+        profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
+        in_front = (
+            (np.zeros(0, dtype=np.float32), np.zeros(0), 0.0)
+            if volume is None
+            else (volume.power, volume.drift_m, volume.spread_m / profiles.cell_m)
+        )
+        data, geometry, antenna = self._inputs(looks)
+        pulses, nodes, begin = len(profiles), len(beam.direction), self._rooms()
+        values, room = int(begin[-1]), np.diff(begin)
+        together = 1 if fewest_rows is None else max(1, int(np.median(room) / fewest_rows))
+        begin_factor = np.concatenate([[0], np.cumsum(-(-room // together))])
+        score, count = np.empty((pulses, nodes)), np.empty(pulses, dtype=np.int64)
+        factor, residual = np.zeros((int(begin_factor[-1]), nodes), dtype=np.float32), np.zeros(values)
+        weight = np.zeros(values)
+        results = score, factor, together, residual, weight, count, begin, begin_factor
+        list(
+            in_threads(
+                lambda low, high: linearise(low, high, data, in_front, geometry, antenna, results),
+                parts(pulses, PULSES_AT_ONCE),
+            )
+        )
+        first = begin_factor[:-1]
+        return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
+
+    def score(self, looks: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse node"]:
+        """Return the score alone; see `linearise`."""
+        if self._sightings.profiles.volume is not None:
+            return self.linearise(looks).score
+        from sionna_radar.mapping.echo_model.kernels import scores
+
+        score = np.empty(self._feet.range_m.shape)
+        inputs = self._inputs(looks)
+        list(in_threads(lambda low, high: scores(low, high, *inputs, score), parts(len(score), PULSES_AT_ONCE)))
+        return score
+
+    def _inputs(self, looks: Float[np.ndarray, " pulse"]) -> tuple[tuple[object, ...], ...]:
+        """Return profiles, geometry and antenna as the kernels take them."""
+        profiles, beam = self._sightings.profiles, self._sightings.beam
+        data = profiles.first, profiles.start, profiles.power, profiles.noise, looks.astype(float), profiles.cell_m
+        geometry = self._feet.range_m, self._feet.shift_m, self._feet.range_per_height
+        return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
+
+    def _rooms(self) -> Int[np.ndarray, " edge"]:
+        """Return where there is room for the cells that the beam can light in each pulse, and the end of it."""
+        profiles = self._sightings.profiles
+        cells = np.diff(profiles.start)
+        if profiles.volume is None:
+            # Between the nodes lie all samples, and the window spreads each by half of its length.
+            reached = (self._feet.range_m + self._feet.shift_m) / profiles.cell_m
+            met = np.isfinite(reached)
+            nearest = np.where(met, reached, np.inf).min(axis=1)
+            farthest = np.where(met, reached, -np.inf).max(axis=1)
+            margin = len(self._sightings.response) // 2 + 3
+            spread = np.where(met.any(axis=1), farthest - nearest, 0.0)
+            cells = np.minimum(cells, np.ceil(spread).astype(np.int64) + 2 * margin)
+        return np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cells)])
+
+
+CELLS_BELOW_PEAK = 1e-2
+LEAST_SIGMA_CELLS = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanRanges(Columns):
+    """Power-weighted mean range of each whole echo, on the axis of the spectrum, and its speckle error."""
+
+    range_m: Float[np.ndarray, " pulse"]
+    sigma_m: Float[np.ndarray, " pulse"]
+
+
+def mean_ranges(sightings: Sightings) -> MeanRanges:
+    """Return the mean range of every profile, from the cells within 20 dB of its strongest.
+
+    Behind a volume of rain, where the strongest cell may be rain, it is the detected range.
+    """
+    from sionna_radar.mapping.echo_model.power_kernels import mean_cells
+
+    profiles = sightings.profiles
+    shift_m = sightings.shift_m(sightings.pose.boresight[:, None])[:, 0]
+    if profiles.volume is not None:
+        return MeanRanges(range_m=profiles.volume.echo_m - shift_m, sigma_m=profiles.volume.echo_sigma_m)
+    mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
+    looks = float(sightings.looks_per_cell)
+    mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
+    sigma = np.maximum(sigma, LEAST_SIGMA_CELLS) * profiles.cell_m
+    return MeanRanges(range_m=(profiles.first + mean) * profiles.cell_m - shift_m, sigma_m=sigma)

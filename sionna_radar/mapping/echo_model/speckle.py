@@ -1,0 +1,217 @@
+"""Over how many pulses speckle repeats, from geometry and beam alone.
+
+The field in a range cell is the sum over the ground of fixed random scatterers, each weighted with the beam's gain
+toward it and turned by the phase of its range. So the fields of two pulses are correlated by the overlap of their
+beams, and by how evenly their phases differ over the ground in the cell:
+
+    rho = sum a_p a_q exp(4 pi j (r_q - r_p) / wavelength) / sqrt(sum a_p^2 sum a_q^2),   a^2 = gain^2 / r^2,
+
+and the powers by |rho|^2 (Goodman 2007, "Speckle Phenomena in Optics", section 5). Where the beam turns slowly and the
+radar flies along it, speckle stays for many pulses; abeam a few centimetres of flight renew it. Overlap and phase are
+both nearly Gaussian in the distance between pulses, so one number describes a pulse: the errors of pulses n apart are
+correlated by exp(-n^2 / reach^2). The ground is a level plane in the range of the echo.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.threads import parts
+from sionna_radar.mapping.echo_model.beam import BeamNodes
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.materials import SurfaceTable
+from sionna_radar.surfaces.motion import Windblown
+
+# Directions across the beam, and pulses for which the correlation is computed; others take that of the most similar.
+# The directions are random, but always the same.
+DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
+# The lag is doubled while the speckle of so many pulses is still correlated by more than this.
+STILL_ALIKE, LONGEST_LAG = 0.7, 256
+LEAST_CORRELATION = 1e-2
+SHALLOWEST = 0.02
+LONG_REACH = 4.0
+# Pulses whose poses are held at once: it bounds the memory.
+AT_ONCE = 20_000
+
+PoseOf = Callable[[Int[np.ndarray, " row"]], Pose]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeckleMemory:
+    """How long the ground keeps its speckle: `tracing.speckle`, `tracing.decorrelation_time_s`.
+
+    decorrelation_s: lag at which the field's correlation 1 / (1 + (b t)^2) has fallen to 1 / e; infinite for ground
+        that stands still, 0 for speckle that is new in each pulse.
+    plants: what the wind moves on the ground; None for nothing.
+    """
+
+    decorrelation_s: float = np.inf
+    plants: Windblown | None = None
+
+    def correlation(self, lag_s: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the correlation of powers that moving scatterers leave after a time."""
+        if self.decorrelation_s == 0:
+            return np.where(lag_s == 0, 1.0, 0.0)
+        field = 1 / (1 + (np.e - 1) * (lag_s / self.decorrelation_s) ** 2)
+        return field**2 if self.plants is None else (field * self.plants.field_correlation(lag_s)) ** 2
+
+
+STILL = SpeckleMemory()
+
+
+def speckle_memory(scenario: Scenario) -> SpeckleMemory:
+    """Return how long the ground of a scenario keeps its speckle: that of its material where there are several."""
+    table = scenario.tracing
+    if table.speckle == "per_pulse":
+        return SpeckleMemory(decorrelation_s=0.0)
+    return SpeckleMemory(decorrelation_s=table.decorrelation_time_s or np.inf, plants=_plants(scenario))
+
+
+def _plants(scenario: Scenario) -> Windblown | None:
+    table = scenario.all_materials.get(getattr(scenario.terrain, "material", "ground"))
+    if not isinstance(table, SurfaceTable) or table.motion != "plants":
+        return None
+    return Windblown.of(math.hypot(*scenario.weather.wind_mps[:2]), scenario.radar.carrier_hz)
+
+
+def speckle_reach(
+    pulse: Int[np.ndarray, " pulse"],
+    pose_of: PoseOf,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    memory: SpeckleMemory,
+) -> Float[np.ndarray, " pulse"]:
+    """Return over how many pulses the speckle of each repeats; 0 where it does not.
+
+    Parameters
+    ----------
+    pulse:
+        Sorted indices of the pulses in the survey.
+    pose_of:
+        Returns the measured poses of some of them, by their rows in `pulse`.
+    range_m:
+        Range of each echo on the axis of the beam.
+    beam, chirp, memory:
+        Of the radar, and of the ground.
+
+    """
+    reach = np.zeros(len(pulse))
+    if len(pulse) < 2 or memory.decorrelation_s == 0:
+        return reach
+    lag, alike = np.ones(len(pulse), dtype=np.int64), np.full(len(pulse), np.nan)
+    some = [np.arange(*bounds) for bounds in parts(len(pulse), AT_ONCE)]
+    feature = np.concatenate([_features(pulse, pose_of, range_m, beam, chirp, rows) for rows in some])
+    sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
+    rest, tried = sampled, 1
+    while len(rest) and tried <= LONGEST_LAG:
+        found = _alike(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
+        found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
+        # A lag at which nothing is left says less than the one before it.
+        better = np.isfinite(found) & ((found > LEAST_CORRELATION) | (tried == 1))
+        lag[rest[better]], alike[rest[better]] = tried, found[better]
+        rest, tried = rest[better & (found > STILL_ALIKE)], 2 * tried
+    known = sampled[np.isfinite(alike[sampled])]
+    if len(known) == 0:
+        return reach
+    squared = -(lag[known] ** 2) / np.log(np.clip(alike[known], 1e-300, 1 - 1e-9))
+    of_known = np.where(alike[known] < LEAST_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
+    return of_known[KDTree(feature[known]).query(feature)[1]]
+
+
+def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return by how much repeated speckle raises the variance of a mean over many pulses: the sum of correlations."""
+    lags = np.arange(1, int(np.ceil(4 * LONG_REACH)) + 1)
+    short = 1 + 2 * np.exp(-((lags / np.clip(reach, 1e-6, LONG_REACH)[:, None]) ** 2)).sum(axis=1)
+    # Over many pulses the sum is the integral, to all digits.
+    return np.where(reach < LONG_REACH, short, np.sqrt(np.pi) * reach)
+
+
+def _features(
+    pulse: Int[np.ndarray, " pulse"],
+    pose_of: PoseOf,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    row: Int[np.ndarray, " row"],
+) -> Float[np.ndarray, "row feature"]:
+    """Return what the correlation of pulses with the next depends on: motion and turn in the antenna's frame."""
+    after = np.minimum(np.append(row, row[-1] + 1), len(pulse) - 1)
+    both = pose_of(after)
+    pose, ahead = both.rows(slice(0, -1)), both.boresight[1:]
+    turn = np.einsum("pji,pj->pi", pose.R_world_antenna, ahead)[:, 1:]
+    turn[np.diff(pulse[after]) != 1] = 0.0
+    width = np.array([np.ptp(beam.azimuth), np.ptp(beam.elevation)])
+    moved = np.einsum("pji,pj->pi", pose.R_world_antenna, pose.velocity_mps) / chirp.rate_hz
+    phase = 4 * np.pi * chirp.carrier_hz / chirp.propagation_mps * moved * width.max()
+    return np.column_stack([turn / width, phase / 10, np.log(np.maximum(range_m[row], 1e-3)), pose.boresight[:, 2]])
+
+
+def _alike(
+    pulse: Int[np.ndarray, " pulse"],
+    pose_of: PoseOf,
+    range_m: Float[np.ndarray, " pulse"],
+    beam: BeamNodes,
+    chirp: Chirp,
+    row: Int[np.ndarray, " chosen"],
+    lag: Int[np.ndarray, " chosen"],
+) -> Float[np.ndarray, " chosen"]:
+    """Return the correlation of powers between pulses and those some pulses later; NaN where there is none."""
+    result = np.full(len(row), np.nan)
+    unit = np.random.default_rng(SEED).random((DIRECTIONS, 2))
+    low = np.array([beam.azimuth[0], beam.elevation[0]])
+    span = np.array([np.ptp(beam.azimuth), np.ptp(beam.elevation)])
+    across = low + unit * span
+    across = across[np.sum(across**2, axis=1) < 1]
+    direction = np.column_stack([np.sqrt(1 - np.sum(across**2, axis=1)), across])
+    gain = beam.two_way(direction)
+    other = np.minimum(np.searchsorted(pulse, pulse[row] + lag), len(pulse) - 1)
+    pose, pose_later = pose_of(row), pose_of(other)
+    for number, (p, q) in enumerate(zip(row, other, strict=True)):
+        if pulse[q] != pulse[p] + lag[number]:
+            continue
+        away = direction @ pose.R_world_antenna[number].T
+        drop = max(-range_m[p] * pose.boresight[number, 2], 1e-3)
+        near = drop / np.maximum(-away[:, 2], SHALLOWEST)
+        # Position errors of a centimetre would hide the phases; the velocity is known better.
+        later = near[:, None] * away - pose.velocity_mps[number] * lag[number] / chirp.rate_hz
+        far = np.linalg.norm(later, axis=1)
+        gain_later = beam.two_way(later / far[:, None] @ pose_later.R_world_antenna[number])
+        result[number] = _overlap(near, far, gain / near**2, gain_later / far**2, chirp)
+    return result
+
+
+def _overlap(
+    near: Float[np.ndarray, " n"],
+    far: Float[np.ndarray, " n"],
+    power: Float[np.ndarray, " n"],
+    later: Float[np.ndarray, " n"],
+    chirp: Chirp,
+) -> float:
+    """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
+
+    A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
+    what pulls one echo farther pulls the next one nearer.
+    """
+    field = np.sqrt(power * later) * np.exp(4j * np.pi * chirp.carrier_hz / chirp.propagation_mps * (far - near))
+    cell = np.floor(near / chirp.range_resolution_m).astype(np.int64)
+    cell -= cell.min()
+    # Random directions: the sum over pairs of different ones is free of the bias of few.
+    both = np.bincount(cell, field.real) ** 2 + np.bincount(cell, field.imag) ** 2 - np.bincount(cell, power * later)
+    one, two = np.bincount(cell, power), np.bincount(cell, later)
+    from_one, from_two = (_from_mean(power_of) for power_of in (one, two))
+    total = np.sqrt(np.sum((from_one * one) ** 2) * np.sum((from_two * two) ** 2))
+    return float(np.clip(np.sum(from_one * from_two * both) / max(total, 1e-300), 0.0, 1.0))
+
+
+def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+    """Return how far each cell is from their mean, weighted with their power."""
+    cell = np.arange(len(power))
+    distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
+    return distance

@@ -1,0 +1,1 @@
+"""Maps that interpolate points linearly: gridding, triangulation and walls."""

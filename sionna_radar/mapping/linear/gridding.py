@@ -1,0 +1,253 @@
+"""From points to a DEM: linear interpolation in their Delaunay triangles, empty where nothing was seen.
+
+Left empty are cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
+gaps (they close the bays of the outline, where nothing was seen), and cells in triangles across a radar shadow.
+Such a triangle extends from an occluding edge to the ground behind it, parallel to the rays that passed the
+edge: seen from the radar it is edge-on. Left empty too are cells in triangles between the foot and the top of a wall
+(`wall_triangles`).
+
+A grid cut into windows that hold few points each, so that maps of long surveys take no more memory than short ones.
+
+A window depends on the grid and the points alone, never on who works on it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.threads import in_threads
+from sionna_radar.mapping.linear.triangulation import circles_hold_none, delaunay_triangles
+from sionna_radar.mapping.linear.walls import wall_triangles
+from sionna_radar.mapping.points import Points
+
+
+@dataclass(frozen=True)
+class Window:
+    """Some rows and columns of a grid."""
+
+    grid: Grid
+    rows: slice
+    columns: slice
+
+    @property
+    def low_m(self) -> Float[np.ndarray, "2"]:
+        """Centre of its first cell."""
+        return np.array([self.grid.x_m[self.columns.start], self.grid.y_m[self.rows.start]])
+
+    @property
+    def high_m(self) -> Float[np.ndarray, "2"]:
+        """Centre of its last cell."""
+        return np.array([self.grid.x_m[self.columns.stop - 1], self.grid.y_m[self.rows.stop - 1]])
+
+    def around(self, place_m: Float[np.ndarray, "n 2"], reach_m: float) -> Bool[np.ndarray, " n"]:
+        """Return which places are no farther than that from its cells, along each axis."""
+        return np.all((place_m >= self.low_m - reach_m) & (place_m <= self.high_m + reach_m), axis=1)
+
+
+def windows_of(grid: Grid, place_m: Float[np.ndarray, "n 2"], most: int, least_m: float) -> list[Window]:
+    """Return windows that together are the grid, each with about as many points as the others.
+
+    Parameters
+    ----------
+    grid:
+        The grid.
+    place_m:
+        The points; those beyond the grid count in the windows at its edge.
+    most:
+        Points of a window, unless it would become narrower than
+    least_m:
+        its least width and height.
+
+    """
+    cell = np.floor((place_m - [grid.west_m, grid.south_m]) / grid.spacing_m + 0.5).astype(np.int64)
+    least = max(1, int(np.ceil(least_m / grid.spacing_m)))
+    return list(_halves(Window(grid, slice(0, grid.rows), slice(0, grid.columns)), cell, most, least))
+
+
+def _halves(window: Window, cell: np.ndarray, most: int, least: int) -> Iterator[Window]:
+    """Yield the parts of a window, halved across its longer side as long as they hold too many points."""
+    sides = window.columns, window.rows
+    lengths = [side.stop - side.start for side in sides]
+    axis = int(lengths[1] > lengths[0])
+    if len(cell) <= most or lengths[axis] < 2 * least:
+        yield window
+        return
+    side = sides[axis]
+    middle = int(np.clip(np.median(cell[:, axis]), side.start + least, side.stop - least))
+    below = cell[:, axis] < middle
+    for part, inside in ((slice(side.start, middle), below), (slice(middle, side.stop), ~below)):
+        columns, rows = (part, sides[1]) if axis == 0 else (sides[0], part)
+        yield from _halves(Window(window.grid, rows, columns), cell[inside], most, least)
+
+
+LONGEST_SIDE_GAPS = 3.0
+# Points that are triangulated at once, and the least width of their windows, relative to the longest side.
+MOST_POINTS, LEAST_SIDES = 25_000, 4.0
+# Triangles whose shadows are looked for at once: it bounds the memory.
+AT_ONCE = 10_000
+
+
+# Filled cells, by their numbers in the grid; the three points around each; and their weights.
+Filled = tuple[Int[np.ndarray, " filled"], Int[np.ndarray, "filled 3"], Float[np.ndarray, "filled 3"]]
+
+
+@dataclass(frozen=True)
+class Interpolated:
+    """A DEM of linear interpolation, and from which points each cell was made.
+
+    cell: filled cells, by their numbers in the grid; corner: the three points around each; share: their weights.
+    """
+
+    dem: Raster
+    cell: Int[np.ndarray, " filled"]
+    corner: Int[np.ndarray, "filled 3"]
+    share: Float[np.ndarray, "filled 3"]
+
+
+def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_rad: float) -> Interpolated:
+    """Interpolate points to a grid.
+
+    Parameters
+    ----------
+    points:
+        Located echoes; of several at one horizontal position the highest counts.
+    grid:
+        Grid of the DEM.
+    max_gap_m:
+        Largest distance of a filled cell from a point.
+    shadow_incidence_rad:
+        A triangle wider than the gap and seen by the radar at a greater incidence is a shadow.
+
+    """
+    highest = _highest(points)
+    known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
+    longest_m = LONGEST_SIDE_GAPS * max_gap_m
+    windows = windows_of(grid, known.place, MOST_POINTS, LEAST_SIDES * longest_m)
+
+    def part(number: int, _: int) -> Filled:
+        near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)
+        return _interpolated(
+            known, np.flatnonzero(near), points.origin_m, windows[number], max_gap_m, shadow_incidence_rad
+        )
+
+    found = list(in_threads(part, [(number, number + 1) for number in range(len(windows))]))
+    height = np.full(grid.rows * grid.columns, np.nan)
+    for cell, corner, share in found:
+        height[cell] = np.einsum("ck,ck->c", share, known.point_m[corner, 2])
+    cell, corner, share = (np.concatenate(each) for each in zip(*found, strict=True))
+    dem = Raster(grid=grid, height_m=height.reshape(grid.shape))
+    return Interpolated(dem, cell, highest[corner], share)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Known(Columns):
+    """Points of different horizontal positions: rows among all points, positions, errors of the ranges."""
+
+    row: Int[np.ndarray, " n"]
+    point_m: Float[np.ndarray, "n 3"]
+    sigma_m: Float[np.ndarray, " n"]
+
+    @property
+    def place(self) -> Float[np.ndarray, "n 2"]:
+        """Horizontal positions."""
+        return self.point_m[:, :2]
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """The horizontal positions, by which the nearest are found."""
+        return KDTree(self.place)
+
+
+def _interpolated(
+    known: _Known,
+    near: Int[np.ndarray, " near"],
+    origin_m: Float[np.ndarray, "point 3"],
+    window: Window,
+    gap_m: float,
+    incidence_rad: float,
+) -> Filled:
+    """Return the filled cells of a window, by their numbers in the grid, the three points around each, their weights.
+
+    Only points near it are triangulated. All triangles that may fill a cell are among theirs, for these have no long
+    sides; what is among them because farther points are not is sorted out.
+    """
+    own = known if len(near) == len(known) else known.rows(near)
+    simplices = delaunay_triangles(own.place)
+    if not len(simplices):
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
+    some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
+    kept = np.concatenate([_lit(own.point_m[each], origin_m[own.row[each]], gap_m, incidence_rad) for each in some])
+    kept &= ~wall_triangles(own.point_m, own.sigma_m, simplices, gap_m, window.grid.spacing_m)
+    if len(near) < len(known):
+        kept[kept] = circles_hold_none(own.place[simplices[kept]], known.tree)
+    inside = _triangle_of_cells(own.place, simplices, kept, window)
+    row, column = np.nonzero(inside >= 0)
+    triangle = inside[row, column]
+    row, column = row + window.rows.start, column + window.columns.start
+    cell_m = np.column_stack([window.grid.x_m[column], window.grid.y_m[row]])
+    use = known.tree.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
+    corner = simplices[triangle[use]]
+    share = _barycentric(own.place[corner], cell_m[use])
+    return (row * window.grid.columns + column)[use], near[corner], share
+
+
+def _triangle_of_cells(
+    place: Float[np.ndarray, "n 2"],
+    simplices: Int[np.ndarray, "triangle 3"],
+    wanted: Bool[np.ndarray, " triangle"],
+    window: Window,
+) -> Int[np.ndarray, "row column"]:
+    """Return the wanted triangle that each cell of a window lies in; -1 for none."""
+    # Numba takes half a second to import.
+    from sionna_radar.mapping.linear.triangulation import fill_triangles
+
+    inside = np.full((window.rows.stop - window.rows.start, window.columns.stop - window.columns.start), -1)
+    first = (float(window.low_m[0]), float(window.low_m[1]))
+    fill_triangles(place, simplices, wanted, first, window.grid.spacing_m, inside)
+    return inside
+
+
+def _highest(points: Points) -> Int[np.ndarray, " n"]:
+    """Return the highest of the points at each horizontal position."""
+    order = np.lexsort((-points.position_m[:, 2], points.position_m[:, 1], points.position_m[:, 0]))
+    place = points.position_m[order, :2]
+    new = np.ones(len(place), dtype=bool)
+    new[1:] = np.any(place[1:] != place[:-1], axis=1)
+    return np.asarray(order[new])
+
+
+def _lit(
+    corner: Float[np.ndarray, "triangle 3 3"],
+    origin: Float[np.ndarray, "triangle 3 3"],
+    gap_m: float,
+    incidence_rad: float,
+) -> Bool[np.ndarray, " triangle"]:
+    """Return the triangles that are neither too wide nor in shadow, by their corners and where these were seen from."""
+    side = np.roll(corner, -1, axis=1) - corner
+    normal = np.cross(side[:, 0], side[:, 1])
+    normal *= np.sign(normal[:, 2:])
+    to_radar = origin.mean(axis=1) - corner.mean(axis=1)
+    cos = np.einsum("ti,ti->t", normal, to_radar)
+    cos /= np.maximum(np.linalg.norm(normal, axis=1) * np.linalg.norm(to_radar, axis=1), 1e-30)
+    longest = np.linalg.norm(side, axis=2).max(axis=1)
+    on_plan = np.linalg.norm(side[:, :, :2], axis=2).max(axis=1)
+    shadow = (cos < np.cos(incidence_rad)) & (longest > gap_m)
+    return ~shadow & (on_plan <= LONGEST_SIDE_GAPS * gap_m)
+
+
+def _barycentric(
+    corner: Float[np.ndarray, "cell 3 2"], cell: Float[np.ndarray, "cell 2"]
+) -> Float[np.ndarray, "cell 3"]:
+    """Return the weights of the corners of triangles at cells."""
+    from_first = cell - corner[:, 0]
+    b, c = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    weight_b = (from_first[:, 0] * c[:, 1] - from_first[:, 1] * c[:, 0]) / area
+    weight_c = (b[:, 0] * from_first[:, 1] - b[:, 1] * from_first[:, 0]) / area
+    return np.column_stack([1 - weight_b - weight_c, weight_b, weight_c])

@@ -1,0 +1,134 @@
+"""How well a linear interpolation between points is known.
+
+The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
+terrain the variance
+
+    C(0) - 2 sum w_i C(z, y_i) + sum w_i w_j (C(y_i, y_j) + n_ij),
+
+whether or not the weights are the best ones. The noise n_ij of two heights is correlated as far as their speckle is the
+same; over three of them that is worked out, not taken as in a mean of many. The covariances C are those of means over
+footprints, so that what a wide beam smooths away counts; what a range estimator reads wrong on a slope does not. The
+distances are short, so that the covariance of one part of the map serves all of it, but for the local amplitude of
+short waves.
+
+The DEM method "linear": linear interpolation between the points.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import parts
+from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.terrain import covariance
+from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.local_relief import UNIFORM, LocalRelief, calm, local_relief
+
+TABLE = 3000
+Floats = Float[np.ndarray, "..."]
+# Covariances of long waves and of short ones.
+LongAndShort = tuple[CovarianceTable, CovarianceTable]
+# Standard deviation of the logarithm of the noise factor: the estimators of ranges know their errors to a factor.
+NOISE_FACTOR_SPREAD = 1.0
+FEWEST_POINTS = 20
+# Cells that are worked on at once: it bounds the memory.
+AT_ONCE = 50_000
+
+
+@dataclass(frozen=True)
+class LinearUncertainty:
+    """The uncertainty of a map of linear interpolation."""
+
+    interpolated: Interpolated
+    heights: Heights
+    fitted: FittedCovariance
+    local: LocalRelief
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        spread = float(np.median(self.heights.spread_m))
+        some = [slice(*bounds) for bounds in parts(len(self.interpolated.cell), AT_ONCE)]
+        farthest = max(float(each.max(initial=0.0)) for part in some for each in self._distances(grid, part)) + 1.0
+        to_place, between = (
+            self.local.divided(self.fitted.covariance, farthest, each, TABLE) for each in (spread / np.sqrt(2), spread)
+        )
+        alone = self.local.divided(self.fitted.covariance, 1.0, 0.0, 2)
+        sigma = np.full(grid.rows * grid.columns, np.nan)
+        for part in some:
+            variance = self._variance_m2(grid, part, to_place, between, alone)
+            sigma[self.interpolated.cell[part]] = np.sqrt(np.maximum(variance, 0.0))
+        return np.where(wanted, sigma.reshape(grid.shape), np.nan)
+
+    def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
+        """Return how far the points around cells are from these, and each from the next."""
+        corner = self.heights.place_m[self.interpolated.corner[part]]
+        cell = self._cells_m(grid, part)
+        apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
+        return np.linalg.norm(corner - cell[:, None], axis=2), apart
+
+    def _variance_m2(
+        self, grid: Grid, part: slice, to_place: LongAndShort, between: LongAndShort, alone: LongAndShort
+    ) -> Float[np.ndarray, " cell"]:
+        """Return the variance of cells; tables are of heights and points, of two points, and of a height alone."""
+        away, apart = self._distances(grid, part)
+        share, corner = self.interpolated.share[part], self.interpolated.corner[part]
+        of_cell = self.local.at(self._cells_m(grid, part))[:, None]
+        of_corner = self.local.at(self.heights.place_m[corner].reshape(-1, 2)).reshape(corner.shape)
+        of_next = np.roll(of_corner, -1, axis=1)
+
+        def covariance(tables: LongAndShort, distance_m: Floats, one: Floats, other: Floats) -> Floats:
+            return tables[0].at(distance_m) + one * other * tables[1].at(distance_m)
+
+        noise = self.heights.noise_m2(corner, corner, self.fitted.noise_factor)
+        shared = self.heights.noise_m2(corner, np.roll(corner, -1, axis=1), self.fitted.noise_factor)
+        # Corner i and the next one are `apart[:, i]`.
+        pair = share * np.roll(share, -1, axis=1)
+        same = covariance(between, np.zeros_like(away), of_corner, of_corner)
+        next_one = covariance(between, apart, of_corner, of_next)
+        both = np.sum(share**2 * (same + noise), axis=1) + 2 * np.sum(pair * (next_one + shared), axis=1)
+        before = covariance(alone, np.zeros_like(of_cell), of_cell, of_cell)[:, 0]
+        to_cell = np.sum(share * covariance(to_place, away, of_cell, of_corner), axis=1)
+        variance: Float[np.ndarray, " cell"] = before - 2 * to_cell + both
+        return variance
+
+    def _cells_m(self, grid: Grid, part: slice) -> Float[np.ndarray, "cell 2"]:
+        row, column = np.divmod(self.interpolated.cell[part], grid.columns)
+        return np.column_stack([grid.x_m[column], grid.y_m[row]])
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return NaN: how far the errors of neighbouring triangles are alike is not worked out."""
+        return float("nan")
+
+
+def linear_uncertainty(
+    interpolated: Interpolated, heights: Heights, noise_factor_spread: float = NOISE_FACTOR_SPREAD
+) -> LinearUncertainty | None:
+    """Return the uncertainty of a linear interpolation between heights; None with too few of them.
+
+    noise_factor_spread: how well the errors of the heights are known beforehand; see `fit_covariance`.
+    """
+    if len(heights) < FEWEST_POINTS or len(interpolated.cell) == 0:
+        return None
+    measured = heights.above(heights.trend())
+    fitted = fit_covariance(measured.rows(calm(measured)), 1, noise_factor_spread)
+    return LinearUncertainty(interpolated, heights, fitted, local_relief(measured, fitted) or UNIFORM)
+
+
+@register_dem_method("linear")
+class Linear:
+    """Interpolates between the located echoes."""
+
+    profiles: Literal["unused"] = "unused"
+
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
+        found = grid_points(given.points, given.grid, given.max_gap_m, given.shadow_incidence_rad)
+        # The errors of measured directions are known by their theory, those of ranges to a factor.
+        spread = NOISE_FACTOR_SPREAD if given.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
+        uncertainty = linear_uncertainty(found, given.heights(), spread)
+        return Estimate(dem=found.dem) if uncertainty is None else Estimate.known_by(found.dem, uncertainty)

@@ -1,1 +1,0 @@
-"""The DEM methods, one file each."""

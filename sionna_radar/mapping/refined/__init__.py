@@ -1,0 +1,1 @@
+"""Maps that fit range profiles or echo ranges to a smooth surface."""

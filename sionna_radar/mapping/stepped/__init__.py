@@ -1,0 +1,1 @@
+"""Maps of surfaces with steps: planes, borders, and what belongs to which."""

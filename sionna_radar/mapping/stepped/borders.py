@@ -1,0 +1,374 @@
+"""Which part of a map with steps each cell beside a border belongs to, from whole profiles.
+
+Echoes of both sides of a border fall into the same profiles, and each range cell holds the sum of what all of the
+beam sees. So a cell cannot be judged by itself: the profiles of all pulses that see it are predicted with the cell in
+either part, everything else as the map has it, and the likelier one stays (iterated conditional modes; Besag 1986, "On
+the statistical analysis of dirty pictures", J. R. Stat. Soc. B 48, 259-302).
+
+Cells are columns with plane tops, and their sides are walls. Each part has two reflectivities, of its tops and of its
+walls: the likeliest ones given the map, found by the multiplicative updates for exponential powers (Fevotte and
+Idier 2011, "Algorithms for nonnegative matrix factorization with the beta-divergence", Neural Comput. 23, 2421-2456).
+Where much less power came back than the top of a raised part would return, the ground around is tried as well, so that
+courtyards open that the coarse map has missed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter, minimum_filter
+from scipy.spatial import KDTree
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import equal_parts, in_threads, parts
+from sionna_radar.mapping.echo_model.beam import beam_samples
+from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
+from sionna_radar.mapping.stepped.border_kernels import NOTHING, Columns, Echoes, Views
+
+Result = TypeVar("Result")
+# Samples of the beam: so many for each map cell within the main lobe, but not fewer and not more than these.
+SAMPLES_PER_CELL, FEWEST_SAMPLES, MOST_SAMPLES = 12, 300, 1500
+# Power in a pulse's cells that the map does not explain, relative to its strongest.
+PEDESTAL = 2e-2
+# Reflectivity is relative to this range.
+UNIT_M = 50.0
+# Gain in nepers for each of a cell's eight neighbours in the same part.
+ALIKE = 4.0
+SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
+# Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
+PRIOR_ECHOES = 5.0
+# A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
+HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
+# Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
+# that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
+# than so many nepers, as the model of columns makes likelihoods too sure; by far more, if an echo is nearer that lies a
+# step away.
+NEAR_CELLS, SELDOM, TOO_LITTLE, SEVERAL, SURE_NEPERS, FAR_SURER_NEPERS = 4, 0.2, 0.4, 3.0, 8.0, 64.0
+# Cells by which parts may grow, and beyond which a ray that passes a cell lowered meets something else.
+GROWTH_CELLS, BEYOND_CELLS = 10, 6
+PULSES_AT_ONCE = 64
+# Blocks of cells that are handled one after the other, with the cells around each that its pulses reach.
+BLOCK_CELLS, MARGIN_CELLS = 200, 24
+
+
+@dataclass(frozen=True)
+class StepMap:
+    """Heights of the cells of a map with steps, and the part that each belongs to.
+
+    expected, returned: power of each cell's top that its part's reflectivity leads to expect, in units of the mean
+        power of its range cells, summed over pulses; and what came back, relative to that.
+    margin: by how many nepers the part of each cell is likelier than any a step apart; infinite away from borders.
+    """
+
+    height_m: Float[np.ndarray, "row column"]
+    part: Int[np.ndarray, "row column"]
+    expected: Float[np.ndarray, "row column"]
+    returned: Float[np.ndarray, "row column"]
+    margin: Float[np.ndarray, "row column"]
+
+    def doubtful(self, elsewhere: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+        """Return the cells near borders whose tops were hardly seen, sent back too little, or may be another's.
+
+        elsewhere: cells that echoes of other levels are nearer to; see `nearer_elsewhere`.
+        """
+        near = distance_transform_edt(~beside_borders(self.part)) < NEAR_CELLS
+        seen = self.expected > 0
+        typical = float(np.median(self.expected[seen])) if seen.any() else 0.0
+        unseen = self.expected < SELDOM * typical
+        hollow = (self.returned < TOO_LITTLE) & (self.expected > SEVERAL)
+        checked = np.isfinite(self.margin) & (self.margin >= FAR_SURER_NEPERS)
+        return np.asarray(near & (unseen | hollow | (self.margin < SURE_NEPERS) | (elsewhere & ~checked)))
+
+
+def with_borders(
+    sightings: Sightings,
+    axis_m: Float[np.ndarray, "pulse 3"],
+    height_m: Float[np.ndarray, "row column"],
+    part: Int[np.ndarray, "row column"],
+    low: Bool[np.ndarray, "row column"],
+    step_m: float,
+    grid: Grid,
+) -> StepMap:
+    """Return a map whose cells at borders belong to the parts that are likeliest given the profiles.
+
+    Parameters
+    ----------
+    sightings, axis_m:
+        Profiles, measured poses, and where on their axes the echoes of the pulses are.
+    height_m, part:
+        The map, and the number of the part that each cell belongs to.
+    low:
+        Cells of parts that are not raised above those around them: the ground.
+    step_m:
+        Least difference of heights that is a step.
+    grid:
+        Cells of the map.
+
+    """
+    nothing = np.zeros(grid.shape)
+    result = StepMap(height_m.copy(), part.copy(), nothing, nothing.copy(), np.full(grid.shape, np.inf))
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            window = _span(row, grid.rows), _span(column, grid.columns)
+            core = np.zeros(grid.shape, dtype=bool)
+            core[row : row + BLOCK_CELLS, column : column + BLOCK_CELLS] = True
+            cells = grid.cut(*window)
+            near = _near(axis_m, cells)
+            if near.any():
+                block = _Block(sightings.rows(near), result.height_m[window], result.part[window], cells)
+                found = block.improved(core[window], low[window], step_m)
+                inner = core[window]
+                for field in fields(StepMap):
+                    getattr(result, field.name)[window][inner] = getattr(found, field.name)[inner]
+    return result
+
+
+def nearer_elsewhere(
+    height_m: Float[np.ndarray, "row column"], point_m: Float[np.ndarray, "n 3"], step_m: float, grid: Grid
+) -> Bool[np.ndarray, "row column"]:
+    """Return the cells whose nearest located echo lies a step above or below them."""
+    if len(point_m) == 0:
+        return np.zeros(grid.shape, dtype=bool)
+    nearest = KDTree(point_m[:, :2]).query(grid.centres_m)[1]
+    return np.asarray((np.abs(point_m[nearest, 2] - height_m.ravel()) > step_m).reshape(grid.shape))
+
+
+class _Block:
+    """Cells of a map as columns, and the pulses that see them."""
+
+    def __init__(
+        self,
+        sightings: Sightings,
+        height_m: Float[np.ndarray, "row column"],
+        part: Int[np.ndarray, "row column"],
+        grid: Grid,
+    ) -> None:
+        self._numbers, inverse = np.unique(part, return_inverse=True)
+        number = inverse.reshape(part.shape).astype(np.int64)
+        spacing = grid.spacing_m
+        ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
+        self._columns = Columns(
+            height_m.copy(),
+            *_slopes(height_m, number, spacing),
+            number,
+            ceiling,
+            float(ceiling.max()),
+            float(grid.x_m[0]) - spacing / 2,
+            float(grid.y_m[0]) - spacing / 2,
+            spacing,
+        )
+        self._farthest = float(sightings.reach_m)
+        self._views = _views(sightings, spacing)
+        self._echoes = _echoes(sightings)
+        until = np.concatenate([[0.0], np.cumsum(self._echoes.power)])[self._echoes.start]
+        self._level = np.full(2 * len(self._numbers), max(float(np.median(np.diff(until))), np.finfo(float).tiny) / 10)
+        self._cast()
+
+    def improved(
+        self, core: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"], step_m: float
+    ) -> StepMap:
+        """Return the map with the likeliest parts of the cells in the core."""
+        part = self._columns.part
+        found, expected = self._update(FIRST_UPDATES)
+        hollow = (found < HOLLOW * expected) & (expected > FEWEST_EXPECTED) & ~low
+        ground, ground_m = self._ground(hollow, low)
+        crossing = self._crossing()
+        changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
+        for _ in range(SWEEPS):
+            wanted = (beside_borders(part) | hollow) & core & binary_dilation(changed, iterations=2)
+            changed[:] = False
+            if not wanted.any():
+                break
+            self._sweep(np.flatnonzero(wanted), crossing, ground, ground_m, changed, margin, step_m)
+            if not changed.any():
+                break
+            # A ray over a cell that was lowered may meet another that it was not known to cross.
+            self._cast()
+            found, expected = self._update(UPDATES)
+        returned = found / np.maximum(expected, np.finfo(float).tiny)
+        return StepMap(self._columns.height, self._numbers[part], expected, returned, margin)
+
+    def _cast(self) -> None:
+        from sionna_radar.mapping.stepped.border_kernels import cast_all
+
+        self._over_pulses(lambda low, high: cast_all(self._columns, self._views, self._farthest, low, high))
+
+    def _update(self, rounds: int) -> Float[np.ndarray, "2 row column"]:
+        """Update the reflectivities; return the power found of each cell's top, and that expected; see `shares`."""
+        from sionna_radar.mapping.stepped.border_kernels import land, predict, shares, unknown_landings
+
+        views, echoes, level = self._views, self._echoes, self._level
+        landings = unknown_landings(views.what.shape)
+        bounds = equal_parts(len(echoes.first))
+        cells = np.zeros((len(bounds), 2, self._columns.part.size))
+        sums = np.empty((len(bounds), 2, len(level)))
+        into = {low: (*sums[k], *cells[k]) for k, (low, _) in enumerate(bounds)}
+
+        def foresee(low: int, high: int) -> None:
+            predict(views, echoes, landings, level, low, high)
+
+        def add(by_cell: bool, low: int, high: int) -> None:
+            shares(views, echoes, landings, level, *into[low], by_cell, low, high)
+
+        self._over_pulses(lambda low, high: land(self._columns, views, echoes, landings, low, high))
+        self._over_pulses(foresee)
+        for left in reversed(range(rounds)):
+            sums[:] = 0.0
+            list(in_threads(partial(add, left == 0), bounds))
+            found, expected = sums.sum(axis=0)
+            level *= np.sqrt((found + PRIOR_ECHOES) / (expected + PRIOR_ECHOES))
+            self._over_pulses(foresee)
+        return np.asarray(cells.sum(axis=0).reshape(2, *self._columns.part.shape))
+
+    def _ground(
+        self, hollow: Bool[np.ndarray, "row column"], low: Bool[np.ndarray, "row column"]
+    ) -> tuple[Int[np.ndarray, " cell"], Float[np.ndarray, " cell"]]:
+        """Return for each hollow cell the part of the nearest low one, NOTHING for others, and the height there."""
+        if not low.any():
+            return np.full(low.size, NOTHING), np.zeros(low.size)
+        row, column = distance_transform_edt(~low, return_distances=False, return_indices=True)
+        part = np.where(hollow, self._columns.part[row, column], NOTHING)
+        return part.ravel(), self._columns.height[row, column].ravel()
+
+    def _crossing(self) -> tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]]:
+        """Return the pulses whose rays come near each cell, and where those of each cell begin."""
+        from sionna_radar.mapping.stepped.border_kernels import crossed
+
+        beyond_m = BEYOND_CELLS * self._columns.spacing
+        sides = self._columns.part.shape
+
+        def some(low: int, high: int) -> Int[np.ndarray, "2 entry"]:
+            into = np.empty((2, 0), dtype=np.int64)
+            while True:
+                used = crossed(self._columns, self._views, beyond_m, *into, low, high)
+                if used <= into.shape[1]:
+                    return into[:, :used]
+                into = np.empty((2, used), dtype=np.int64)
+
+        cell, pulse = np.concatenate(self._over_pulses(some), axis=1)
+        order = np.argsort(cell, kind="stable")
+        return np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), pulse[order]
+
+    def _sweep(
+        self,
+        cells: Int[np.ndarray, " wanted"],
+        crossing: tuple[Int[np.ndarray, " first"], Int[np.ndarray, " entry"]],
+        ground: Int[np.ndarray, " cell"],
+        ground_m: Float[np.ndarray, " cell"],
+        changed: Bool[np.ndarray, "row column"],
+        margin: Float[np.ndarray, "row column"],
+        step_m: float,
+    ) -> None:
+        """Give cells to the parts under which the profiles are likeliest, and mark those that changed.
+
+        Tiles of the map that are too far apart for a pulse to see two of them are handled at once.
+        """
+        from sionna_radar.mapping.stepped.border_kernels import improve
+
+        first, pulses = crossing
+        count = changed.shape[1]
+        tile = np.stack([cells // count, cells % count]) // self._tile_cells(first, pulses)
+        given = self._columns, self._views, self._echoes, self._level, self._farthest, ALIKE
+
+        def one_tile(groups: list[Int[np.ndarray, "_"]], number: int, _: int) -> None:
+            improve(*given, groups[number], first, pulses, ground, ground_m, changed, margin, step_m)
+
+        for parity in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            turn = (tile % 2 == np.array(parity)[:, None]).all(axis=0)
+            groups = [cells[turn & (tile == one[:, None]).all(axis=0)] for one in np.unique(tile[:, turn], axis=1).T]
+            groups.sort(key=len, reverse=True)  # so that the last to end is a small one
+            list(in_threads(partial(one_tile, groups), parts(len(groups), 1)))
+
+    def _tile_cells(self, first: Int[np.ndarray, " first"], pulses: Int[np.ndarray, " entry"]) -> int:
+        """Return the side of tiles of which no pulse sees two that are not neighbours, in cells."""
+        count = self._columns.part.shape[1]
+        cell = np.repeat(np.arange(len(first) - 1), np.diff(first))
+        widest = 1
+        for place in (cell // count, cell % count):
+            least, most = np.full(len(self._echoes.first), place.max(initial=0)), np.zeros(len(self._echoes.first), int)
+            np.minimum.at(least, pulses, place)
+            np.maximum.at(most, pulses, place)
+            widest = max(widest, int((most - least).max()))
+        return widest + 4 * BEYOND_CELLS
+
+    def _over_pulses(self, work: Callable[[int, int], Result]) -> list[Result]:
+        return list(in_threads(work, parts(len(self._echoes.first), PULSES_AT_ONCE)))
+
+
+def _views(sightings: Sightings, spacing_m: float) -> Views:
+    """Return the poses and samples of the beam, not yet cast."""
+    pose, beam = sightings.pose, sightings.beam
+    # Area of the main lobe on ground as far as the nearest half of all echoes, seen at 45 deg.
+    range_m = float(np.median(mean_ranges(sightings).range_m))
+    area_m2 = range_m**2 * float(np.ptp(beam.azimuth) * np.ptp(beam.elevation)) * np.sqrt(2)
+    count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, FEWEST_SAMPLES, MOST_SAMPLES))
+    direction, share = beam_samples(beam, count)
+    shape = len(pose), len(share)
+    return Views(
+        position=np.ascontiguousarray(pose.position_m),
+        velocity=np.ascontiguousarray(pose.velocity_mps),
+        R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
+        direction=direction,
+        share=share,
+        enters=np.empty(shape),
+        meets=np.empty(shape),
+        what=np.empty(shape, dtype=np.int32),
+    )
+
+
+def _echoes(sightings: Sightings) -> Echoes:
+    """Return the measured profiles, not yet predicted."""
+    profiles = sightings.profiles
+    power, start = profiles.power.astype(np.float64), profiles.start
+    strongest = np.zeros(len(profiles))
+    some = np.diff(start) > 0
+    strongest[some] = np.maximum.reduceat(power, start[:-1][some])
+    pad = 2 * (len(sightings.response) // 2) + 1
+    return Echoes(
+        first=profiles.first,
+        start=start,
+        power=power,
+        floor=profiles.noise + PEDESTAL * strongest,
+        response=sightings.response,
+        doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
+        cell_m=float(profiles.cell_m),
+        unit_m=UNIT_M,
+        hits=np.zeros(len(power) + 2 * pad * len(profiles)),
+        mean=np.empty(len(power)),
+        looks=np.full(len(profiles), sightings.looks_per_cell),
+    )
+
+
+def _slopes(
+    height_m: Float[np.ndarray, "row column"], part: Int[np.ndarray, "row column"], spacing_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+    """Return the slopes of each cell toward its neighbours in the same part, along x and y."""
+
+    def along(axis: int) -> Float[np.ndarray, "row column"]:
+        rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(part, axis=axis) == 0
+        total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
+        for side in (slice(None, -1), slice(1, None)):
+            where = (slice(None),) * axis + (side,)
+            total[where] += np.where(same, rise, 0.0)
+            count[where] += same
+        return np.asarray(total / np.maximum(count, 1))
+
+    return along(1), along(0)
+
+
+def beside_borders(part: Int[np.ndarray, "row column"]) -> Bool[np.ndarray, "row column"]:
+    """Return the cells with a neighbour in another part."""
+    return np.asarray(maximum_filter(part, 3, mode="nearest") != minimum_filter(part, 3, mode="nearest"))
+
+
+def _span(start: int, count: int) -> slice:
+    return slice(max(start - MARGIN_CELLS, 0), min(start + BLOCK_CELLS + MARGIN_CELLS, count))
+
+
+def _near(place_m: Float[np.ndarray, "n 3"], grid: Grid) -> Bool[np.ndarray, " n"]:
+    west, east, south, north = grid.extent_m
+    x, y = place_m[:, 0], place_m[:, 1]
+    return np.asarray((x > west) & (x < east) & (y > south) & (y < north))

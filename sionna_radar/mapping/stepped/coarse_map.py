@@ -1,0 +1,234 @@
+"""A coarse map with jumps: the heights, among levels, that agree best with the echoes and with each other.
+
+The evidence of all echoes for and against every height of every cell (`evidence`), and the heights that agree best
+with it and with each other (`levels`), give a map that may have jumps. What this map shows in plain view is then
+known not to be occluded, and the map is computed once more.
+
+One height for every cell of a map, out of a few levels: smooth where possible, broken where necessary.
+
+Semi-global matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI
+30, 328-341): along each of eight directions dynamic programming finds the cost of the best path of heights that ends
+at each level of each cell, with one penalty for a change by one level and one for any jump; the eight costs are added.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from scipy.spatial import KDTree
+
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.progress import Progress, Step, Steps
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.stepped.evidence import ROWS_AT_ONCE, evidence_against
+from sionna_radar.mapping.terrain.heights import plane_through
+
+# Penalties in nepers: one in three neighbours differs by a level, one in twenty by a jump.
+CHANGE, JUMP = 1.0, 3.0
+# Levels whose cost exceeds the best by no more than this, along each direction, are as good.
+AS_GOOD = 0.5
+DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+
+
+def choose_levels(cost: Float32[np.ndarray, "row column level"]) -> Int[np.ndarray, "row column"]:
+    """Return the level of each cell: the highest of those as good as the best, since nothing occludes it from above.
+
+    Parameters
+    ----------
+    cost:
+        Evidence against each level of each cell, in nepers.
+
+    """
+    total, cost = np.zeros_like(cost), np.ascontiguousarray(cost)
+    for down, right in DIRECTIONS:
+        add_paths(cost, down, right, CHANGE, JUMP, total)
+    good = total <= total.min(axis=-1, keepdims=True) + AS_GOOD * len(DIRECTIONS)
+    highest: Int[np.ndarray, "row column"] = cost.shape[-1] - 1 - np.argmax(good[..., ::-1], axis=-1)
+    return highest
+
+
+# The map is computed in blocks of cells, each with the cells around it that its pulses reach.
+BLOCK_CELLS, MARGIN_CELLS = 120, 24
+# Over the pulses of a block: from the echoes, and then also from visibility.
+PASSES = 2
+MARGIN_M = 3.0
+MOST_LEVELS = 128
+FEWEST_POINTS = 6
+
+
+@dataclass(frozen=True)
+class CoarseMap:
+    """Heights of the cells, whether echoes support them, and the distance of the levels that they were chosen from."""
+
+    height_m: Float[np.ndarray, "row column"]
+    supported: Bool[np.ndarray, "row column"]
+    level_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Block:
+    """A block of cells of the coarse map, with the cells around it that its pulses reach.
+
+    row, column: its first cell; rows, columns: all cells; near: pulses that look at them.
+    base_m, level_m: base heights of the cells, and the levels above them.
+    """
+
+    row: int
+    column: int
+    rows: slice
+    columns: slice
+    near: Bool[np.ndarray, " pulse"]
+    base_m: Float[np.ndarray, "row column"]
+    level_m: Float[np.ndarray, " level"]
+
+
+def coarse_map(
+    sightings: Sightings, points: Points, grid: Grid, axis_m: Float[np.ndarray, "pulse 3"], progress: Progress
+) -> CoarseMap:
+    """Return the coarse map, block by block; the level is the widest of all blocks.
+
+    Parameters
+    ----------
+    sightings:
+        Profiles and measured poses.
+    points:
+        Located echoes.
+    grid:
+        Cells of the map.
+    axis_m:
+        Where on their axes the echoes of the pulses are.
+    progress:
+        Called for the pulses of each block ("levels").
+
+    """
+    height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
+    widest = sightings.profiles.cell_m
+    blocks = list(_blocks(sightings, points, grid))
+    step = Steps(progress, "levels", PASSES * sum(int(block.near.sum()) for block in blocks))
+    for block in blocks:
+        cells = grid.cut(block.rows, block.columns)
+        found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block, step)
+        core = slice(block.row, block.row + BLOCK_CELLS), slice(block.column, block.column + BLOCK_CELLS)
+        inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
+        height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+        supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+        widest = max(widest, float(block.level_m[1] - block.level_m[0]))
+    step.finish()
+    return CoarseMap(height, supported, widest)
+
+
+def _blocks(sightings: Sightings, points: Points, grid: Grid) -> Iterator[_Block]:
+    """Yield the blocks of cells with enough points, and pulses that look at them."""
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            rows = slice(max(row - MARGIN_CELLS, 0), min(row + BLOCK_CELLS + MARGIN_CELLS, grid.rows))
+            columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
+            block = grid.cut(rows, columns)
+            here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
+            if len(here) < FEWEST_POINTS:
+                continue
+            base, level = _levels(here, block, sightings.profiles.cell_m)
+            near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
+            if near.any():
+                yield _Block(row=row, column=column, rows=rows, columns=columns, near=near, base_m=base, level_m=level)
+
+
+def _block(
+    sightings: Sightings, axis_m: Float[np.ndarray, "pulse 3"], grid: Grid, block: _Block, step: Step
+) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
+    """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
+    base_m, level_m = block.base_m, block.level_m
+    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m, step=step))]
+    nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
+    origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
+    in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
+    against = evidence_against(sightings, grid, base_m, level_m, in_view, step)
+    chosen = choose_levels(against)
+    supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
+    return base_m + level_m[chosen], supported
+
+
+def lowest_in_view_m(
+    height_m: Float[np.ndarray, "row column"], grid: Grid, origin_m: Float[np.ndarray, "row column 3"]
+) -> Float[np.ndarray, "row column"]:
+    """Return the height over each cell above which a point is visible from its origin, over a map."""
+    from sionna_radar.mapping.stepped.evidence import lowest_in_view
+
+    x, y = np.meshgrid(grid.x_m, grid.y_m)
+    east, north, up = np.moveaxis(origin_m, -1, 0)
+    distance = np.maximum(np.hypot(east - x, north - y), 1e-6)
+    drop = float(np.max(up - height_m.min()))
+    steepest = float(np.max(distance)) * float(np.ptp(height_m)) / max(drop, 1e-6)
+    # Nothing outside the map is in the way.
+    steepest = min(steepest, float(np.hypot(*grid.shape)) * grid.spacing_m)
+    farthest = len(np.arange(grid.spacing_m, steepest + grid.spacing_m, grid.spacing_m))
+    on = grid.x_m, grid.y_m, grid.west_m, grid.south_m, grid.spacing_m, np.ascontiguousarray(origin_m), farthest
+    result = np.empty(grid.shape)
+    list(in_threads(lambda *some: lowest_in_view(height_m, *on, result, *some), parts(grid.rows, ROWS_AT_ONCE)))
+    return result
+
+
+def _levels(
+    point_m: Float[np.ndarray, "n 3"], grid: Grid, cell_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " level"]]:
+    """Return a plane through some echoes, and levels around it that span them, a range cell apart."""
+    plane = plane_through(point_m[:, :2], point_m[:, 2])
+    above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
+    low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
+    spacing = max(cell_m, (high - low) / MOST_LEVELS)
+    return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
+
+
+def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
+    """Return which pulses' axes come near the cells of a grid between two heights."""
+    position, axis = sightings.pose.position_m, sightings.pose.boresight
+    near = np.zeros(len(sightings), dtype=bool)
+    for height_m in (low_m, high_m):
+        reach = np.clip((height_m - position[:, 2]) / np.minimum(axis[:, 2], -0.05), 0.0, sightings.reach_m)
+        near |= _within((position + reach[:, None] * axis)[:, :2], grid, MARGIN_CELLS * grid.spacing_m)
+    return near
+
+
+def _within(place_m: Float[np.ndarray, "n 2"], grid: Grid, margin_m: float) -> Bool[np.ndarray, " n"]:
+    west, east, south, north = grid.extent_m
+    x, y = place_m.T
+    inside: Bool[np.ndarray, " n"] = (x > west - margin_m) & (x < east + margin_m)
+    return inside & (y > south - margin_m) & (y < north + margin_m)
+
+
+@compiled
+@no_type_check
+def add_paths(cost, down, right, change, jump, total):
+    """Add the cost of the best paths of heights from one direction: (row, column, level)."""
+    rows, columns, levels = cost.shape
+    before, here = np.empty((columns, levels), dtype=np.float32), np.empty((columns, levels), dtype=np.float32)
+    change, jump = np.float32(change), np.float32(jump)
+    for i in range(rows):
+        row = i if down >= 0 else rows - 1 - i
+        for j in range(columns):
+            column = j if right >= 0 else columns - 1 - j
+            source = column - right
+            # A path starts at the border.
+            if not 0 <= source < columns or (down != 0 and i == 0):
+                for k in range(levels):
+                    here[column, k] = cost[row, column, k]
+            else:
+                past = here[source] if down == 0 else before[source]
+                least = past[0]
+                for k in range(levels):
+                    least = min(least, past[k])
+                for k in range(levels):
+                    best = min(past[k], least + jump)
+                    if k > 0:
+                        best = min(best, past[k - 1] + change)
+                    if k < levels - 1:
+                        best = min(best, past[k + 1] + change)
+                    here[column, k] = cost[row, column, k] + (best - least)
+            for k in range(levels):
+                total[row, column, k] += here[column, k]
+        before, here = here, before

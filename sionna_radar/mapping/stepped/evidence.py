@@ -1,0 +1,327 @@
+"""Evidence of the echoes for and against a surface at every height over every cell of a map.
+
+A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, contributes at least the mean power
+m = n + g w to its range cell, n being the receiver noise; the power P there is exponential about the
+mean of everything in the cell.
+
+** Against: P far below m. The log-likelihood of m relative to the best mean is log(P / m) - P / m + 1, at most 0.
+  It does not count where something nearer in the same pulse is bright enough to occlude the patch, unless a map
+  already shows the patch in plain view.
+** For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
+  the noise and the strongest power (uniform in its logarithm, over K nepers), the gain is
+  log(P / m) - P / m + log K, where that is positive. Power leaked by the window from a neighbour does not count.
+
+The reflectivity of each height of each cell is the one, in steps of 6 dB, that is likeliest for all pulses. So a
+bright roof at the edge of the beam is not taken for ground on its axis: their powers vary differently between pulses.
+
+Every function works on some rows of the map alone, pulse after pulse, so that rows may be divided among cores.
+"""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.echo_model.beam import BeamNodes
+from sionna_radar.mapping.echo_model.model import Sightings
+
+# A step of reflectivity: 6 dB, in nepers of power.
+STEP = float(np.log(4.0))
+# Least power of a patch of one map cell, relative to the level of a whole echo.
+LEAST_SHARE = 0.3
+# Least two-way gain, relative to the axis, at which echoes count as evidence for a patch.
+WIDEST_FOR = 0.02
+# Cells over which the window leaks a strong power.
+SPREAD_CELLS = 4
+# A cell with less than this share of the power leaked from its neighbours holds no echo.
+SPILT = 0.25
+# Rows of the map handled by one core at a time.
+ROWS_AT_ONCE = 8
+
+
+def evidence_against(
+    sightings: Sightings,
+    grid: Grid,
+    base_m: Float[np.ndarray, "row column"],
+    level_m: Float[np.ndarray, " level"],
+    in_view_m: Float[np.ndarray, "row column"] | None = None,
+    step: Step = no_step,
+) -> Float32[np.ndarray, "row column level"]:
+    """Return the evidence against a surface at some heights over the cells of a grid.
+
+    Parameters
+    ----------
+    sightings:
+        Profiles and measured poses.
+    grid:
+        Cells of the map.
+    base_m, level_m:
+        Base heights of the cells, and the levels above them, increasing.
+    in_view_m:
+        Heights above which the cells are known to be in view; None if unknown.
+    step:
+        Called after each pulse.
+
+    Returns
+    -------
+    Negative log-likelihood ratios, in nepers: 0 where nothing was seen, negative where echoes agree.
+
+    """
+    bright = _reflectivities(sightings)
+    if len(bright.step) == 0:
+        return np.zeros((*grid.shape, len(level_m)), dtype=np.float32)
+    against = np.zeros((*grid.shape, len(level_m), len(bright.step)), dtype=np.float32)
+    windows = _windows(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
+    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
+    spill = SPILT * sightings.response / sightings.response.max()
+    spill[len(spill) // 2] = 0.0
+    gain = (beam.share / beam.share.max()).reshape(len(beam.azimuth), len(beam.elevation))
+    given = (
+        *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, spill, profiles.cell_m),
+        *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
+        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
+        *(gain, _axes(beam)),
+        *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
+        np.full(grid.shape, np.inf) if in_view_m is None else np.ascontiguousarray(in_view_m),
+        *(bright.step, bright.typical, bright.alternatives, WIDEST_FOR, SPREAD_CELLS),
+    )
+    for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
+        pass
+    for _ in range(len(sightings)):
+        step()
+    lowest: Float32[np.ndarray, "row column level"] = against.min(axis=-1)
+    return lowest
+
+
+def _axes(beam: BeamNodes) -> Float[np.ndarray, "6"]:
+    """Return start and step of the samples in azimuth and in elevation, and the ends of both."""
+    u, v = beam.azimuth, beam.elevation
+    return np.array([u[0], u[1] - u[0], v[0], v[1] - v[0], u[-1], v[-1]])
+
+
+@dataclass(frozen=True)
+class _Reflectivities:
+    """Powers of patches on the axis: steps from the weakest, a typical one, and the span K of all powers."""
+
+    step: Float[np.ndarray, " step"]
+    typical: float
+    alternatives: float
+
+
+def _reflectivities(sightings: Sightings) -> _Reflectivities:
+    profiles = sightings.profiles
+    from sionna_radar.mapping.echo_model.power_kernels import echo_levels
+
+    level, volume = np.empty(len(profiles)), np.zeros(len(profiles.power))
+    if profiles.volume is not None:
+        volume = profiles.volume.power.astype(np.float64) * profiles.volume.in_air
+    echo_levels(profiles.start, profiles.power, profiles.noise, volume, level)
+    level = level[level > 0]
+    if len(level) == 0:
+        return _Reflectivities(np.zeros(0), 0.0, 0.0)
+    low, typical, high = np.percentile(level, [5, 25, 99])
+    lowest, highest = np.log(LEAST_SHARE * low), np.log(high / LEAST_SHARE)
+    span = float(np.log(profiles.power.max() / profiles.noise.min()))
+    return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), LEAST_SHARE * float(typical), span)
+
+
+def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
+    """Return the rows and columns that the main lobe of each pulse crosses between two heights, the last excluded."""
+    position = sightings.pose.position_m[:, None, None]
+    corner = sightings.direction()[:, None, sightings.beam.corners]
+    drop = np.array(span_m)[:, None] - position[..., 2]
+    reach = np.clip(drop / np.minimum(corner[..., 2], -0.05), 0.0, sightings.reach_m)
+    place = (position[..., :2] + reach[..., None] * corner[..., :2]).reshape(len(sightings), -1, 2)
+    low, high = place.min(axis=1), place.max(axis=1)
+    rows = (np.searchsorted(grid.y_m, bound[:, 1]) for bound in (low, high))
+    columns = (np.searchsorted(grid.x_m, bound[:, 0]) for bound in (low, high))
+    return np.column_stack([*rows, *columns])
+
+
+# Beams whose directions are farther off the boresight than by this cosine are not bounded by planes, and planes that
+# are steeper than this slope, upright ones, bound no height.
+LEAST_BORESIGHT, LEAST_SLOPE = 0.1, 1e-6
+
+
+@compiled
+@no_type_check
+def prepare_cells(power, noise, spill, spread_cells, edged, most, own, before):
+    """Write what the range cells of one profile say, each with two cells more at both ends, where there is noise.
+
+    edged: the power, at least the noise; own: whether it comes from the cell itself, and not from its neighbours.
+    most: largest own power of the cell and its two neighbours.
+    before: strongest power of the cells nearer than `spread_cells`, of which it has as many more at its far end.
+    """
+    cells, half = len(power), len(spill) // 2
+    for k in range(cells + 4):
+        edged[k], own[k] = noise, False
+    for c in range(cells):
+        edged[c + 2] = max(power[c], noise)
+        leaked = 0.0
+        for tap in range(len(spill)):
+            if 0 <= c + half - tap < cells:
+                leaked += spill[tap] * power[c + half - tap]
+        own[c + 2] = power[c] > leaked
+    for k in range(cells + 4):
+        most[k] = noise
+        for neighbour in range(max(k - 1, 0), min(k + 2, cells + 4)):
+            if own[neighbour]:
+                most[k] = max(most[k], edged[neighbour])
+    strongest = noise
+    for k in range(cells + 4 + spread_cells):
+        if 0 <= k - 2 - spread_cells < cells:
+            strongest = max(strongest, edged[k - spread_cells])
+        before[k] = strongest
+
+
+@compiled
+@no_type_check
+def two_way(gain, first_u, step_u, first_v, step_v, u, v):
+    """Return the bilinear two-way gain at direction cosines within the table."""
+    i, j = (u - first_u) / step_u, (v - first_v) / step_v
+    low_i, low_j = min(max(int(i), 0), gain.shape[0] - 2), min(max(int(j), 0), gain.shape[1] - 2)
+    a, b = i - low_i, j - low_j
+    below = gain[low_i, low_j] * (1 - b) + gain[low_i, low_j + 1] * b
+    above = gain[low_i + 1, low_j] * (1 - b) + gain[low_i + 1, low_j + 1] * b
+    return below * (1 - a) + above * a
+
+
+@compiled
+@no_type_check
+def planes_around(R, axes, planes):
+    """Write planes through the antenna between which the beam's table lies; a row of zeros is none.
+
+    Where |u| <= U and |v| <= V, the part f of a unit vector along the boresight is at least c = sqrt(1 - U^2 - V^2), so
+    that u <= u_max implies u <= (u_max / c) f for a positive u_max, and u <= u_max f for any other.
+    planes: a, b and c = 1, -1 or 0 of a x + b y + c z <= 0, in the world frame from the antenna.
+    """
+    planes[:] = 0.0
+    least = 1 - max(abs(axes[0]), abs(axes[4])) ** 2 - max(abs(axes[2]), abs(axes[5])) ** 2
+    widen = 1 / np.sqrt(least) if least > LEAST_BORESIGHT**2 else np.inf
+    planes[4] = -R[:, 0]
+    for k, (axis, sign, bound) in enumerate(((1, 1, axes[4]), (1, -1, -axes[0]), (2, 1, axes[5]), (2, -1, -axes[2]))):
+        if widen < np.inf:
+            planes[k] = sign * R[:, axis] - bound * (widen if bound > 0 else 1.0) * R[:, 0]
+    for k in range(len(planes)):
+        steep = abs(planes[k, 2])
+        planes[k] = planes[k] / steep if steep > LEAST_SLOPE else np.zeros(3)
+
+
+@compiled
+@no_type_check
+def levels_between(planes, east, north, base_up, level):
+    """Return the first and the last level, excluded, of a column of the map that may lie between planes.
+
+    level: evenly spaced.
+    """
+    if len(level) == 1:
+        return 0, 1
+    bottom, spacing = base_up + level[0], level[1] - level[0]
+    lowest, highest = bottom, base_up + level[-1]
+    for k in range(len(planes)):
+        beyond = planes[k, 0] * east + planes[k, 1] * north
+        if planes[k, 2] > 0:
+            highest = min(highest, -beyond)
+        elif planes[k, 2] < 0:
+            lowest = max(lowest, beyond)
+    # One more on both sides, for rounding.
+    return max(int((lowest - bottom) / spacing) - 1, 0), min(int((highest - bottom) / spacing) + 3, len(level))
+
+
+@compiled
+@no_type_check
+def add_evidence(
+    windows, first, start, power, noise, spill, cell_m, position, velocity, R_world_antenna, doppler, gain, axes, x, y,
+    base, level, in_view, steps, typical, alternatives, widest_for, spread_cells, against, low, high,
+):  # fmt: skip
+    """Subtract the evidence of all pulses for the rows of the map from `low` to `high`.
+
+    windows: first and last row and column of the map that each pulse sees, the last excluded.
+    gain: two-way gain of the beam on a table of direction cosines, of which `axes` has starts, steps and ends.
+    in_view: heights above which cells are in view; steps: the reflectivities; against: (row, column, level, step).
+    """
+    log_alternatives = np.log(alternatives)
+    longest = 0
+    for pulse in range(len(windows)):
+        longest = max(longest, start[pulse + 1] - start[pulse])
+    edged, most, before = np.empty(longest + 4), np.empty(longest + 4), np.empty(longest + 4 + spread_cells)
+    log_edged, log_most = np.empty(longest + 4), np.empty(longest + 4)
+    own, planes = np.empty(longest + 4, dtype=np.bool_), np.empty((5, 3))
+    for pulse in range(len(windows)):
+        top, bottom = max(windows[pulse, 0], low), min(windows[pulse, 1], high)
+        if top >= bottom or windows[pulse, 2] >= windows[pulse, 3]:
+            continue
+        cells = start[pulse + 1] - start[pulse]
+        own_noise = noise[pulse]
+        prepare_cells(power[start[pulse] : start[pulse + 1]], own_noise, spill, spread_cells, edged, most, own, before)
+        for k in range(cells + 4):
+            log_edged[k], log_most[k] = np.log(edged[k]), np.log(most[k])
+        R = R_world_antenna[pulse]
+        planes_around(R, axes, planes)
+        for row in range(top, bottom):
+            north = y[row] - position[pulse, 1]
+            for column in range(windows[pulse, 2], windows[pulse, 3]):
+                east = x[column] - position[pulse, 0]
+                flat, view = east * east + north * north, in_view[row, column]
+                first_level, last_level = levels_between(
+                    planes, east, north, base[row, column] - position[pulse, 2], level
+                )
+                for number in range(first_level, last_level):
+                    height = base[row, column] + level[number]
+                    up = height - position[pulse, 2]
+                    range_m = np.sqrt(flat + up * up)
+                    u = (R[0, 1] * east + R[1, 1] * north + R[2, 1] * up) / range_m
+                    v = (R[0, 2] * east + R[1, 2] * north + R[2, 2] * up) / range_m
+                    if u < axes[0] or u > axes[4] or v < axes[2] or v > axes[5]:
+                        continue
+                    if R[0, 0] * east + R[1, 0] * north + R[2, 0] * up <= 0.0:
+                        continue
+                    w = two_way(gain, axes[0], axes[1], axes[2], axes[3], u, v)
+                    if w <= 0.0:
+                        continue
+                    rate = velocity[pulse, 0] * east + velocity[pulse, 1] * north + velocity[pulse, 2] * up
+                    apparent = range_m - doppler * rate / range_m
+                    cell = max(int(np.rint(apparent / cell_m)) - first[pulse], -1)
+                    place = min(cell, cells) + 2
+                    nearer = before[min(cell, cells + spread_cells) + 2]
+                    seen = height > view or nearer < own_noise + typical * w
+                    fits = own[place] and w > widest_for
+                    if not seen and not fits:
+                        continue
+                    there, strong = edged[place], most[place]
+                    for step in range(len(steps)):
+                        mean = own_noise + steps[step] * w
+                        if not fits and strong >= mean:
+                            continue
+                        log_mean, support = np.log(mean), 0.0
+                        if seen and strong < mean:
+                            support = log_most[place] - log_mean - strong / mean + 1
+                        if fits:
+                            support += max(log_edged[place] - log_mean - there / mean + log_alternatives, 0.0)
+                        against[row, column, number, step] -= support
+
+
+@compiled
+@no_type_check
+def lowest_in_view(height, x, y, west, south, spacing, origin, farthest, result, low, high):
+    """Write the height over the cells of some rows above which a point is visible from its origin."""
+    rows, columns = height.shape
+    for i in range(low, high):
+        for j in range(columns):
+            east, north, up = origin[i, j, 0] - x[j], origin[i, j, 1] - y[i], origin[i, j, 2]
+            distance = max(np.hypot(east, north), 1e-6)
+            highest = -np.inf
+            for k in range(1, farthest + 1):
+                away = k * spacing
+                if away >= distance:
+                    break
+                row = int(np.floor((y[i] + north / distance * away - south) / spacing + 0.5))
+                column = int(np.floor((x[j] + east / distance * away - west) / spacing + 0.5))
+                between = height[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)]
+                highest = max(highest, between + (between - up) * away / max(distance - away, 1e-6))
+            result[i, j] = highest

@@ -1,0 +1,285 @@
+"""A DEM of ground with steps: walls stay steep, and each level between them is mapped separately.
+
+1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into parts where neighbours
+   differ by more than a step (`map_parts`).
+2. A part that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface fits
+   them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
+   scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.
+3. Cells beside borders join the part under which whole profiles are likeliest (`borders`). Cells near borders that no
+   pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
+   those whose nearest echo is a step away, unless the profiles clearly say otherwise.
+
+How well a map with steps is known: within its parts, and beside their borders.
+
+A cell beside a border belongs to the other side with a chance p that falls with the margin by which its part is
+likelier than the next. Then it is wrong by the whole step: the variance of the cell rises by step^2 p (1 - p).
+
+The DEM method "stepped": a surface that may break at walls.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.spatial import KDTree
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.progress import Progress, Step, Steps, silent
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import several_at_once
+from sionna_radar.mapping.coverage import closed
+from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
+from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.refined.refinement import refine, refinement_steps
+from sionna_radar.mapping.seen import empty, seen_part
+from sionna_radar.mapping.stepped.borders import nearer_elsewhere, with_borders
+from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
+from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
+from sionna_radar.mapping.stepped.segments import parts_of, raised_cells, to_border_m, windows_of
+from sionna_radar.mapping.terrain.echo_heights import on_axis
+from sionna_radar.mapping.terrain.tiles import FEWEST_PULSES
+
+# Margin over which the chance of the other side falls by e. The columns of the model are not the walls of the world,
+# and echoes of overlapping pulses are not independent, so that it takes more than one neper.
+NEPERS = 16.0
+
+
+@dataclass(frozen=True)
+class SteppedUncertainty:
+    """The standard deviations of the cells of a map with steps.
+
+    other_side: probability that a cell is of the part beyond its border, and wrong by the whole step.
+    """
+
+    cell_sigma_m: Float[np.ndarray, "row column"]
+    other_side: Float[np.ndarray, "row column"]
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells; NaN elsewhere. The grid is that of the map."""
+        return np.where(wanted, self.cell_sigma_m, np.nan)
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return NaN: errors of borders are shared in ways that are not worked out."""
+        return float("nan")
+
+
+def moved_with(
+    sigma_m: Float[np.ndarray, "row column"],
+    before: Int[np.ndarray, "row column"],
+    after: Int[np.ndarray, "row column"],
+) -> Float[np.ndarray, "row column"]:
+    """Return standard deviations with those of cells that changed their part taken from the nearest cell that did not.
+
+    Parameters
+    ----------
+    sigma_m:
+        Standard deviations within the parts that the cells belonged to before.
+    before, after:
+        Numbers of the parts of the cells.
+
+    """
+    result, moved = sigma_m.copy(), before != after
+    for number in np.unique(after[moved]):
+        stayed, came = np.argwhere((after == number) & ~moved), np.argwhere((after == number) & moved)
+        if len(stayed):
+            nearest = stayed[KDTree(stayed).query(came)[1]]
+            result[came[:, 0], came[:, 1]] = sigma_m[nearest[:, 0], nearest[:, 1]]
+    return result
+
+
+def with_steps(
+    sigma_m: Float[np.ndarray, "row column"],
+    height_m: Float[np.ndarray, "row column"],
+    margin: Float[np.ndarray, "row column"],
+) -> SteppedUncertainty:
+    """Return the uncertainty of a map from that within its parts, its heights, and the margins beside its borders.
+
+    Parameters
+    ----------
+    sigma_m:
+        Standard deviations within the parts.
+    height_m:
+        The map.
+    margin:
+        By how many nepers the part of each cell is likelier than the next; infinite away from borders.
+
+    """
+    highest, lowest = maximum_filter(height_m, 3, mode="nearest"), minimum_filter(height_m, 3, mode="nearest")
+    step_m = np.maximum(highest - height_m, height_m - lowest)
+    beyond = 0.5 * np.exp(-margin / NEPERS)
+    return SteppedUncertainty(np.hypot(sigma_m, step_m * np.sqrt(beyond * (1 - beyond))), beyond)
+
+
+# A step is more than this many levels, and steeper than 45 deg.
+STEP_LEVELS = 4
+# Windows of this many cells hold single wrong cells by a minority.
+ALONE_CELLS = 5
+
+
+@dataclass(frozen=True)
+class SteppedMap:
+    """A surface with steps, the cells supported by an echo, and how well they are known."""
+
+    surface: Heightfield
+    supported: Bool[np.ndarray, "row column"]
+    uncertainty: SteppedUncertainty
+
+
+def step_surface(
+    sightings: Sightings, points: Points, grid: Grid, gap_m: float, progress: Progress = silent
+) -> SteppedMap:
+    """Return the most probable surface, with steps.
+
+    Parameters
+    ----------
+    sightings:
+        Profiles and measured poses.
+    points:
+        Located echoes.
+    grid:
+        Cells of the DEM.
+    gap_m:
+        Widest gap, within a part, that is filled between cells supported by echoes.
+    progress:
+        Called for the pulses of the coarse map ("levels"), and for the steps in its parts ("mapping").
+
+    """
+    echoes = mean_ranges(sightings)
+    axis_m = on_axis(sightings.pose, echoes.range_m)
+    coarse = coarse_map(sightings, points, grid, axis_m, progress)
+    step_m = max(STEP_LEVELS * coarse.level_m, grid.spacing_m)
+    part = parts_of(coarse.height_m, step_m)
+    surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
+    height, sigma, roofs = surfaces.of(part, progress)
+    filled = coarse.supported.copy()
+    for number, window in enumerate(windows_of(part)):
+        inside = part[window] == number
+        filled[window] |= inside & closed(coarse.supported[window] & inside, gap_m, grid.spacing_m)
+    bordered = with_borders(sightings, axis_m, height, part, ~raised_cells(height, part, step_m), step_m, grid)
+    height, own_sigma = bordered.height_m, moved_with(sigma, part, bordered.part)
+    doubtful = bordered.doubtful(nearer_elsewhere(height, points.position_m, step_m, grid))
+    beams = FilledBeams(points, sightings)
+    for number, plane in roofs.items():
+        _refit(plane, (bordered.part == number) & ~doubtful, beams, height, own_sigma, grid, step_m)
+    uncertainty = with_steps(own_sigma, height, bordered.margin)
+    return SteppedMap(Heightfield(grid=grid, height_m=height), filled & ~doubtful, uncertainty)
+
+
+@dataclass(frozen=True)
+class _Surfaces:
+    """What the surfaces of the parts of a map are made from."""
+
+    sightings: Sightings
+    echoes: MeanRanges
+    points: Points
+    grid: Grid
+    coarse: CoarseMap
+    step_m: float
+
+    def of(
+        self, part: Int[np.ndarray, "row column"], progress: Progress
+    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
+        """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
+        whole, grid = self._whole_part(part), self.grid
+        height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
+        windows = windows_of(part)
+        pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
+        alone = pulses >= FEWEST_PULSES
+        steps = [refinement_steps(grid.cut(*window)) for window in windows]
+        step = Steps(progress, "mapping", sum(steps[number] for number in np.flatnonzero(alone)))
+
+        def map_part(number: int, step: Step) -> None:
+            window = windows[number]
+            inside, own = part[window] == number, whole == number
+            found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside, step)
+            height[window][inside], sigma[window][inside] = found[inside], known[inside]
+
+        # A part as large as all others together keeps all cores busy; those others go side by side, the largest first.
+        largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
+        first = int(2 * pulses.max(initial=0) > pulses.sum())
+        for numbers in (largest[:first], largest[first:]):
+            for _ in several_at_once(map_part, numbers.tolist(), [steps[number] for number in numbers], step):
+                pass
+        step.finish()
+        mapped = np.isfinite(sigma) & self.coarse.supported
+        spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
+        beam_rad = self.sightings.beam.spread[1]
+        planes: dict[int, Plane] = {}
+        for number in np.flatnonzero(~alone):
+            window = windows[number]
+            inside, cells, coarse_m = part[window] == number, grid.cut(*window), self.coarse.height_m[window]
+            plane = plane_of_points(coarse_m, inside, self.points, cells, spread_m, self.step_m, beam_rad)
+            if plane is not None:
+                place = cells.centres_m[inside.ravel()]
+                height[window][inside], sigma[window][inside] = plane.at(place), plane.sigma_m(place)
+                planes[int(number)] = plane
+        return height, np.where(np.isfinite(sigma), sigma, spread_m), planes
+
+    def _from_echoes(
+        self,
+        own: Bool[np.ndarray, " pulse"],
+        cells: Grid,
+        coarse_m: Float[np.ndarray, "row column"],
+        inside: Bool[np.ndarray, "row column"],
+        step: Step,
+    ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
+        """Return heights and standard deviations of a part from the echoes that see nothing else."""
+        sightings = self.sightings.rows(own)
+        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells)
+        if plane is None:
+            mapped = refine(sightings, cells, step)
+            height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)
+            # Far from the echoes the coarse map knows better, which is not wrong by a step but in single cells.
+            far = median_filter(np.abs(height - coarse_m), ALONE_CELLS, mode="nearest") >= self.step_m
+            return np.where(far, coarse_m, height), np.where(far, np.nan, sigma)
+        for _ in range(refinement_steps(cells)):
+            step()
+        place = cells.centres_m
+        return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
+
+    def _whole_part(self, part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, " pulse"]:
+        """Return the part of the map that contains the main lobe of each pulse; -1 if in more than one."""
+        pose, range_m = self.sightings.pose, self.echoes.range_m
+        reach_m = range_m * self.sightings.beam.elevation.max() / np.maximum(-pose.boresight[:, 2], 0.05)
+        row, column, inside = self.grid.cell_of(on_axis(pose, range_m))
+        within_one = inside & (to_border_m(part, self.grid.spacing_m)[row, column] > reach_m)
+        return np.where(within_one, part[row, column], -1)
+
+
+def _refit(
+    plane: Plane,
+    cells: Bool[np.ndarray, "row column"],
+    beams: FilledBeams,
+    height_m: Float[np.ndarray, "row column"],
+    sigma_m: Float[np.ndarray, "row column"],
+    grid: Grid,
+    step_m: float,
+) -> None:
+    """Move the cells of a plane to where it is by the echoes from what it fills of their beams."""
+    if not cells.any():
+        return
+    window = windows_of(cells.astype(np.int64) - 1)[0]
+    inside, cut = cells[window], grid.cut(*window)
+    found = beams.refitted(plane, inside, cut, step_m)
+    place = cut.centres_m[inside.ravel()]
+    height_m[window][inside] += found.at(place) - plane.at(place)
+    sigma_m[window][inside] = found.sigma_m(place)
+
+
+@register_dem_method("stepped")
+class Stepped:
+    """Fits a surface with steps to the whole echoes."""
+
+    profiles: Literal["required"] = "required"
+
+    def __call__(self, given: MapInputs) -> Estimate:
+        """Return the DEM and its uncertainty."""
+        assert given.sightings is not None
+        if len(given.sightings) < FEWEST_PULSES:
+            return Estimate(dem=empty(given.grid))
+        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
+        seen = seen_part(stepped.surface, given)
+        return Estimate.known_by(seen.within(stepped.supported), stepped.uncertainty)

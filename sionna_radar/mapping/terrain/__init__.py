@@ -1,0 +1,1 @@
+"""Terrain as a random field: covariance, local relief, smoothing, kriging, and the uncertainty of heights."""

@@ -1,0 +1,466 @@
+"""Covariance of terrain heights, estimated from scattered measurements of them by maximum likelihood.
+
+The Matern family spans rough to infinitely smooth terrain by its smoothness, from fractal (0.3 to 1, the Hurst
+exponent) to Gaussian (infinite), with a length and a variance (Stein 1999, "Interpolation of Spatial Data").
+
+A measured height is the mean of the terrain over a beam's footprint plus noise. Two such means have the terrain's
+covariance smoothed with both footprints: a Matern covariance is a mixture of Gaussian ones with gamma-distributed
+squares of their lengths, and a Gaussian smoothed with Gaussian footprints is again Gaussian. So a wide beam does not
+pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
+fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
+
+A covariance of heights by linear interpolation in a table, dense near zero: all that is asked of it by thousands.
+
+The table is linear in the square root of the distance, so that an entry is found without a search.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import LinAlgError
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.optimize import minimize
+from scipy.spatial import KDTree
+from scipy.spatial.distance import pdist
+from scipy.special import gammaln, kve
+
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads
+
+
+@dataclass(frozen=True)
+class CovarianceTable:
+    """Covariances at the distances 0, step, 4 step, 9 step and so on, which they do not exceed."""
+
+    step_m: float
+    value_m2: Float[np.ndarray, " entry"]
+
+    @staticmethod
+    def distances(farthest_m: float, entries: int) -> Float[np.ndarray, " {entries}"]:
+        """Return the distances of the entries of a table that reaches to the farthest."""
+        return np.linspace(0.0, np.sqrt(farthest_m), entries) ** 2
+
+    def at(self, distance_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the covariance at distances."""
+        result = np.empty(distance_m.shape)
+        look_up(np.ascontiguousarray(distance_m).ravel(), self.step_m, self.value_m2, result.reshape(-1))
+        return result
+
+    def between(self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "n m"]:
+        """Return the covariance between places."""
+        result = np.empty((len(one_m), len(other_m)))
+        between(*(np.ascontiguousarray(place) for place in (one_m, other_m)), self.step_m, self.value_m2, result)
+        return result
+
+
+# Bounds of the smoothness; beyond them terrain is Gaussian.
+ROUGHEST, SMOOTHEST = 0.3, 12.0
+# Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
+GROUP, GROUPS = 260, 3
+LEAST_NOISE_M = 1e-3
+# Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
+NEW_NOISE = 0.03
+# Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
+# 0.95 to 1.1 times as the noise model says. What is looser takes rough ground for noise: over real ground 0.1 left
+# half of what 0.05 calls rough to the noise.
+NOISE_FACTOR_SPREAD = 0.05
+# Below the footprint the echoes tell smooth terrain from rough by the tails of the beam's pattern, which are not quite
+# Gaussian, and a map that takes rough ground for smooth is overconfident: rough ground is as many nepers likelier
+# beforehand, times log(1 + smoothness); Gaussian ground counts as that of the given smoothness.
+ROUGHER, OF_GAUSSIAN = 6.0, 12.0
+# The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
+MIXTURE, SHORTEST = 48, -14.0
+TABLE = 400
+ITERATIONS, STEP = 30, 1e-3
+# Where the search for the smoothness begins, and above which Gaussian terrain is tried too.
+FIRST_SMOOTHNESS, GAUSSIAN_TRIED = 1.0, 2.0
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """A stationary, isotropic covariance of heights."""
+
+    smoothness: float
+    length_m: float
+    variance_m2: float
+
+    def at(self, distance_m: Float[np.ndarray, "..."], spread_m: float = 0.0) -> Float[np.ndarray, "..."]:
+        """Return the covariance of heights at a distance.
+
+        spread_m: standard deviation, along each axis, of Gaussian footprints over which both are averaged.
+        """
+        if spread_m == 0.0:
+            return self.variance_m2 * _correlation(self.smoothness, distance_m / self.length_m)
+        square, share = self._mixture()
+        widened = square + 2 * spread_m**2
+        weight = share * square / widened
+        result: Float[np.ndarray, ...] = np.exp(-np.multiply.outer(distance_m**2, 0.5 / widened)) @ weight
+        return self.variance_m2 * result
+
+    def table(self, farthest_m: float, spread_m: float, entries: int) -> CovarianceTable:
+        """Return a table of the covariance up to a distance; see `at`."""
+        distance = CovarianceTable.distances(farthest_m, entries)
+        return CovarianceTable(float(distance[1]), self.at(distance, spread_m))
+
+    def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""
+        if np.isinf(self.smoothness):
+            scale = 2 * np.pi * self.length_m**2
+        else:
+            nu = self.smoothness
+            scale = 4 * np.pi * nu * (2 * nu / self.length_m**2) ** nu
+        return self.variance_m2 * scale * self._density(wavenumber)
+
+    def spectrum_root(self, grid: Grid) -> Float[np.ndarray, "row frequency"]:
+        """Return the square root of the power spectrum on the grid's real Fourier frequencies.
+
+        White noise of unit variance, filtered with it, has this covariance (periodic over the grid).
+        """
+        north = 2 * np.pi * np.fft.fftfreq(grid.rows, grid.spacing_m)[:, None]
+        east = 2 * np.pi * np.fft.fftfreq(grid.columns, grid.spacing_m)[None]
+        density = self._density(np.hypot(east, north))
+        half = density[:, : grid.columns // 2 + 1]
+        return np.sqrt(half * self.variance_m2 / density.mean())
+
+    def _density(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        if np.isinf(self.smoothness):
+            return np.exp(-((wavenumber * self.length_m) ** 2) / 2)
+        return (2 * self.smoothness / self.length_m**2 + wavenumber**2) ** -(self.smoothness + 1)
+
+    def _mixture(self) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
+        """Return squared lengths of Gaussian covariances and their shares.
+
+        With s gamma-distributed of shape nu and rate 2 nu / L^2, the mean of exp(-d^2 / 4 s) over s is Matern. The
+        shares of rough terrain sum to less than one: the rest is of lengths far below any footprint, and averages out.
+        """
+        if np.isinf(self.smoothness):
+            return np.array([self.length_m**2]), np.ones(1)
+        nu = self.smoothness
+        log = np.linspace(max(SHORTEST, -16 / nu - 2), np.log(1 + 16 / nu + 6 / np.sqrt(nu)), MIXTURE)
+        density = np.exp(nu * log - np.exp(log) * nu + nu * np.log(nu) - gammaln(nu))
+        return np.exp(log) * self.length_m**2, density * (log[1] - log[0])
+
+
+@dataclass(frozen=True)
+class FittedCovariance:
+    """A covariance and the factor on the variance of the noise that goes with it."""
+
+    covariance: Covariance
+    noise_factor: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """Scattered heights to learn a covariance from.
+
+    place_m, height_m: horizontal positions, and heights above a trend.
+    sigma_m: standard deviations of their noise.
+    spread_m: standard deviations, along an axis, of the Gaussian footprints over which they are means.
+    order, reach: position in the sequence of pulses, and over how many of them speckle repeats: the errors of two
+        heights n pulses apart have the correlation exp(-n^2 / reach^2); 0 for none.
+    """
+
+    place_m: Float[np.ndarray, "n 2"]
+    height_m: Float[np.ndarray, " n"]
+    sigma_m: Float[np.ndarray, " n"]
+    spread_m: Float[np.ndarray, " n"]
+    order: Float[np.ndarray, " n"]
+    reach: Float[np.ndarray, " n"]
+
+    def rows(self, kept: Bool[np.ndarray, " n"]) -> "Measured":
+        """Return some of the heights."""
+        return replace(self, **{f.name: getattr(self, f.name)[kept] for f in fields(self)})
+
+
+def fit_covariance(
+    measured: Measured, groups: int = GROUPS, noise_factor_spread: float = NOISE_FACTOR_SPREAD
+) -> FittedCovariance:
+    """Fit a covariance of the terrain, and the factor on the variance of the noise, to groups of neighbours.
+
+    Parameters
+    ----------
+    measured:
+        Scattered heights.
+    groups:
+        How many groups of them.
+    noise_factor_spread:
+        Standard deviation of the logarithm of the noise factor, beforehand.
+
+    """
+    extent = float(np.ptp(measured.place_m, axis=0).max())
+    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    near, bounds = neighbours(measured, groups), search_bounds(measured)
+    start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
+    options = {"maxiter": ITERATIONS, "ftol": 1e-6}
+    rough = minimize(
+        _loss, start, args=(near, noise_factor_spread), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
+    found, smoothness = rough, float(np.exp(rough.x[3]))
+    if smoothness > GAUSSIAN_TRIED:
+        gaussian = minimize(
+            _loss,
+            rough.x[:3],
+            args=(near, noise_factor_spread),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=bounds[:3],
+            options=options,
+        )
+        found, smoothness = (gaussian, np.inf) if gaussian.fun < rough.fun else (rough, smoothness)
+    length, scale, factor = (float(value) for value in np.exp(found.x[:3]))
+    return FittedCovariance(Covariance(smoothness, length, scale), factor)
+
+
+def search_bounds(measured: Measured) -> list[tuple[float, float]]:
+    """Return bounds of the logarithms of length, variance, noise factor and smoothness."""
+    extent = float(np.ptp(measured.place_m, axis=0).max())
+    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    return [
+        (np.log(3e-3 * extent), np.log(extent)),
+        (np.log(1e-4 * variance), np.log(1e3 * variance)),
+        (np.log(0.02), np.log(100.0)),
+        (np.log(ROUGHEST), np.log(SMOOTHEST)),
+    ]
+
+
+def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
+    """Return groups of neighbouring heights, which the likelihood is summed over."""
+    kept = decorrelated(measured)
+    return [Group.of(measured, kept[rows]) for rows in _groups(measured.place_m[kept], groups)]
+
+
+def decorrelated(measured: Measured) -> Int[np.ndarray, " kept"]:
+    """Return the rows of heights that share little speckle.
+
+    Of pulses that follow each other so closely that they share most of it, one stands for several: together they tell
+    little more, and what the model of their correlation misses would pass for rough ground.
+    """
+    apart = max(1, int(np.median(measured.reach)))
+    return np.flatnonzero(measured.order % apart == 0) if apart > 1 else np.arange(len(measured.order))
+
+
+@dataclass(frozen=True)
+class Group:
+    """Neighbouring heights, a common footprint, and what is the same for all covariances that are tried.
+
+    table_m: distances at which a covariance is computed; entry, share: of every two heights, the entry below their
+        distance, and how far it is toward the next; noise_m2: the covariance of their noise. Pairs are those of the
+        lower triangle, row by row.
+    """
+
+    height_m: Float[np.ndarray, " n"]
+    spread_m: float
+    table_m: Float[np.ndarray, " entry"]
+    entry: Int[np.ndarray, " pair"]
+    share: Float[np.ndarray, " pair"]
+    noise_m2: Float[np.ndarray, " pair"]
+
+    @classmethod
+    def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "Group":
+        """Return the group of some of the measured heights."""
+        place = np.ascontiguousarray(measured.place_m[rows])
+        table = CovarianceTable.distances(float(pdist(place).max(initial=1e-6)), TABLE)
+        lower = np.tril_indices(len(rows))
+        entry, share = np.empty(len(lower[0]), dtype=np.int32), np.empty(len(lower[0]))
+        pairs(place, table[1], TABLE - 1, entry, share)
+        sigma = np.maximum(measured.sigma_m[rows], LEAST_NOISE_M)
+        noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
+        spread = float(np.median(measured.spread_m[rows]))
+        return cls(measured.height_m[rows], spread, table, entry, share, noise[lower])
+
+    def loss(
+        self, tried: Covariance, noise_factor: float, others: Sequence[Covariance]
+    ) -> tuple[float, Float[np.ndarray, " other"], float, float]:
+        """Return the negative log-likelihood, and its growth.
+
+        It grows toward each of other covariances, with the logarithm of the variance, and with that of the noise
+        factor. Raises LinAlgError where the heights' covariance is not positive.
+        """
+        value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
+        fill(value, self.entry, self.share, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
+        # A lower triangle along rows is the upper one of Fortran's order.
+        root, failed = dpotrf(total.T, lower=0, clean=0, overwrite_a=1)
+        if failed:
+            raise LinAlgError
+        solved = dpotrs(root, self.height_m, lower=0)[0]
+        loss = float(self.height_m @ solved / 2 + np.log(np.diag(root)).sum())
+        inverse = dpotri(root, lower=0, overwrite_c=1)[0].T
+        by_entry = np.empty(TABLE)
+        by_noise = sensitivity(inverse, solved, self.entry, self.share, self.noise_m2, by_entry)
+        toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
+        return loss, toward, float(by_entry @ value), noise_factor * float(by_noise)
+
+
+def repeated(order: Float[np.ndarray, " n"], reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Return the correlation of errors from speckle that neighbouring pulses share; see `Measured`."""
+    together = repeated_pairs(order[:, None], order[None], reach[:, None], reach[None])
+    np.fill_diagonal(together, 1.0)
+    return together
+
+
+def repeated_pairs(
+    order: Float[np.ndarray, "..."],
+    other: Float[np.ndarray, "..."],
+    reach: Float[np.ndarray, "..."],
+    other_reach: Float[np.ndarray, "..."],
+) -> Float[np.ndarray, "..."]:
+    """Return that correlation of pairs of different heights.
+
+    Two echoes of one pulse lie in different range cells, which share none.
+    """
+    apart = (order - other) ** 2
+    square = np.maximum((reach**2 + other_reach**2) / 2, 1e-6)
+    # The first factor keeps the matrix positive where the reach changes (Gibbs 1997).
+    alike = np.sqrt(reach * other_reach / square) * np.exp(-apart / square)
+    together: Float[np.ndarray, ...] = (1 - NEW_NOISE) * np.where(apart > 0, alike, 0.0)
+    return together
+
+
+def _loss(
+    parameters: Float[np.ndarray, " parameter"], groups: Sequence[Group], noise_factor_spread: float
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Return the negative logarithm of the posterior, and its gradient.
+
+    parameters: logarithms of length, variance and noise factor, and of the smoothness unless that is infinite.
+    """
+    smoothness = float(np.exp(parameters[3])) if len(parameters) > 3 else np.inf
+    loss, gradient = posterior_loss(parameters[:3], smoothness, groups, noise_factor_spread, len(parameters) > 3)
+    loss += ROUGHER * float(np.log1p(min(smoothness, OF_GAUSSIAN)))
+    if len(parameters) > 3:
+        gradient[3] += ROUGHER * smoothness / (1 + smoothness)
+    return loss, gradient
+
+
+def posterior_loss(
+    parameters: Float[np.ndarray, "3"],
+    smoothness: float,
+    groups: Sequence[Group],
+    noise_factor_spread: float = NOISE_FACTOR_SPREAD,
+    smoother: bool = False,
+) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    """Return the negative logarithm of the posterior of terrain of a given smoothness, and its gradient.
+
+    parameters: logarithms of length, variance and noise factor. The gradient is that along them and, if `smoother`,
+    along the logarithm of the smoothness.
+    """
+    length, variance, factor = (float(value) for value in np.exp(parameters))
+    tried = Covariance(smoothness, length, variance)
+    others = [Covariance(smoothness, length * np.exp(STEP), variance)]
+    if smoother:
+        others.append(Covariance(smoothness * np.exp(STEP), length, variance))
+    loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2)
+    gradient = np.zeros(3 + smoother)
+    gradient[2] = parameters[2] / noise_factor_spread**2
+    numbers = [(k, k + 1) for k in range(len(groups))]
+    try:
+        for own, toward, by_variance, by_noise in in_threads(
+            lambda k, _: groups[k].loss(tried, factor, others), numbers
+        ):
+            loss += own
+            gradient += [toward[0] / STEP, by_variance, by_noise, *toward[1:] / STEP]
+    except LinAlgError:
+        return 1e12, np.zeros(len(gradient))
+    return loss, gradient
+
+
+def _correlation(smoothness: float, scaled: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    if np.isinf(smoothness):
+        return np.exp(-(scaled**2) / 2)
+    root = np.maximum(np.sqrt(2 * smoothness) * scaled, 1e-10)
+    logarithm = (1 - smoothness) * np.log(2) - gammaln(smoothness) + smoothness * np.log(root)
+    # The exponentially scaled Bessel function does not vanish where the correlation does not.
+    return np.exp(logarithm - root) * kve(smoothness, root)
+
+
+def _groups(place_m: Float[np.ndarray, "n 2"], count: int) -> list[Int[np.ndarray, " member"]]:
+    """Return groups of neighbours around points far from each other."""
+    if len(place_m) <= GROUP * 2:
+        return [np.arange(len(place_m))]
+    centre = int(np.argmin(np.sum((place_m - np.median(place_m, axis=0)) ** 2, axis=1)))
+    tree, groups = KDTree(place_m), list[Int[np.ndarray, " member"]]()
+    while True:
+        near = tree.query(place_m[centre], k=GROUP)[1]
+        groups.append(np.sort(near))
+        if len(groups) == count:
+            return groups
+        taken = np.concatenate(groups)
+        centre = int(np.argmax(KDTree(place_m[taken]).query(place_m)[0]))
+
+
+@compiled
+@no_type_check
+def entry_of(distance, step, last):
+    """Return the entry of a `CovarianceTable` below a distance, and how far it is toward the next."""
+    k = min(int(np.sqrt(distance / step)), last - 1)
+    return k, min(max((distance / step - k * k) / (2 * k + 1), 0.0), 1.0)
+
+
+@compiled
+@no_type_check
+def look_up(distance, step, value, result):
+    """Write the covariance at distances."""
+    for n in range(len(distance)):
+        k, share = entry_of(distance[n], step, len(value) - 1)
+        result[n] = value[k] + share * (value[k + 1] - value[k])
+
+
+@compiled
+@no_type_check
+def between(one, other, step, value, result):
+    """Write the covariance between places."""
+    for i in range(len(one)):
+        for j in range(len(other)):
+            x, y = one[i, 0] - other[j, 0], one[i, 1] - other[j, 1]
+            k, share = entry_of(np.sqrt(x * x + y * y), step, len(value) - 1)
+            result[i, j] = value[k] + share * (value[k + 1] - value[k])
+
+
+@compiled
+@no_type_check
+def pairs(place, step, last, entry, share):
+    """Write the entry below the distance of each two of some places, row by row of the lower triangle."""
+    n = 0
+    for i in range(len(place)):
+        for j in range(i + 1):
+            x, y = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
+            entry[n], share[n] = entry_of(np.sqrt(x * x + y * y), step, last)
+            n += 1
+
+
+@compiled
+@no_type_check
+def fill(value, entry, share, noise, factor, jitter, total):
+    """Write the lower triangle of the covariance of measured heights: of the terrain, and of the noise."""
+    n = 0
+    for i in range(len(total)):
+        for j in range(i + 1):
+            k = entry[n]
+            total[i, j] = value[k] + share[n] * (value[k + 1] - value[k]) + factor * noise[n]
+            n += 1
+        total[i, i] += jitter
+
+
+@compiled
+@no_type_check
+def sensitivity(inverse, solved, entry, share, noise, by_entry):
+    """Write by how much the loss grows with each entry of the table, and return by how much with the noise's factor.
+
+    inverse: of the measured heights' covariance, its lower triangle; solved: times the heights. The loss grows with
+    the covariance by half of (inverse - solved solved^T).
+    """
+    by_entry[:] = 0.0
+    by_noise, n = 0.0, 0
+    for i in range(len(solved)):
+        for j in range(i + 1):
+            # The upper triangle holds the same off the diagonal.
+            outward = (inverse[i, j] - solved[i] * solved[j]) * (0.5 if i == j else 1.0)
+            k = entry[n]
+            by_entry[k] += outward * (1.0 - share[n])
+            by_entry[k + 1] += outward * share[n]
+            by_noise += outward * noise[n]
+            n += 1
+    return by_noise

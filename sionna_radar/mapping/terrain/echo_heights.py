@@ -1,0 +1,157 @@
+"""Heights from whole echoes: the mean range of each, freed of what the beam does on a slope, and surfaces through them.
+
+The mean range of an echo is not the range on the axis of the beam. The forward model predicts it over a surface; by how
+much the measured one exceeds that is by how much the ground's mean height over the footprint falls short.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import uniform_filter1d
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.progress import Step
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model.model import EchoModel, MeanRanges, Sightings
+from sionna_radar.mapping.terrain.covariance import GROUPS
+from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
+from sionna_radar.mapping.terrain.smoothing import TOLERANCE, Smoothed, TerrainModel, smooth
+
+# Surfaces one after the other: over a plane, then over the ground.
+SURFACES = 2
+# Tolerance of a surface that only begins an iteration.
+ROUGH = 1e-4
+# Neighbouring pulses whose echoes are alike in shape.
+SIMILAR_PULSES = 9
+LEAST_SIGMA_M = 0.02
+OUTLIER_SIGMAS = 4.0
+# Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
+OUTSTANDING_SIGMAS = 6.0
+# A footprint reaches so many standard deviations from its middle.
+FOOTPRINT_SPREADS = 2.0
+
+
+@dataclass(frozen=True)
+class EchoSurface:
+    """A smoothing surface through the mean ranges of whole echoes.
+
+    heights: what the mean ranges say, one for each pulse; fits: whether each fits the surface, and was used.
+    """
+
+    smoothed: Smoothed
+    heights: Heights
+    fits: Bool[np.ndarray, " pulse"]
+
+    def outstanding(self) -> Float[np.ndarray, "echo 4"]:
+        """Return the echoes of other surfaces: their places, radii of their footprints, and distances from it, m."""
+        heights = self.heights.rows(~self.fits)
+        apart = np.abs(heights.height_m - self.smoothed.surface.at(*heights.place_m.T))
+        other = apart > OUTSTANDING_SIGMAS * heights.sigma_m
+        heights, apart = heights.rows(other), apart[other]
+        return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
+
+
+def echo_surface(
+    sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step, tolerance: float = TOLERANCE
+) -> EchoSurface:
+    """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
+
+    Parameters
+    ----------
+    sightings, echoes:
+        Whole echoes, their measured poses, and their mean ranges.
+    grid:
+        Cells of the DEM.
+    step:
+        Called after each of `SURFACES`.
+    tolerance:
+        Of the last of them; see `smooth`.
+
+    """
+    grid = reaching(grid, sightings, echoes)
+    reach = sightings.repeated(echoes.range_m)
+    if sightings.profiles.volume is not None:
+        reach = np.maximum(reach, sightings.profiles.volume.echo_reach)
+    surface = TerrainModel.flat(grid, _heights(sightings, echoes, np.zeros(len(sightings)), reach).trend())
+    for number in range(SURFACES):
+        heights, fits = heights_over(surface, sightings, echoes, reach)
+        last = number == SURFACES - 1
+        smoothed = smooth(
+            heights.rows(fits), grid, tolerance=tolerance if last else ROUGH, groups=GROUPS if last else 1
+        )
+        surface = smoothed.surface
+        step()
+    return EchoSurface(smoothed, heights, fits)
+
+
+def heights_over(
+    surface: Heightfield, sightings: Sightings, echoes: MeanRanges, reach: Float[np.ndarray, " pulse"]
+) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
+    """Return what the echoes say about a surface, as heights, and which of them fit it.
+
+    Parameters
+    ----------
+    surface:
+        One near the ground, over a grid that reaches all footprints.
+    sightings, echoes:
+        Whole echoes, their measured poses, and their mean ranges.
+    reach:
+        Over how many pulses the speckle of each repeats.
+
+    """
+    pose = sightings.pose
+    axis = pose.boresight
+    predicted = EchoModel(sightings, surface).centroid_m() - sightings.shift_m(axis[:, None])[:, 0]
+    on_axis = surface.first_hit(pose.position_m, axis, sightings.reach_m)
+    known = np.isfinite(predicted) & np.isfinite(on_axis)
+    heights = _heights(sightings, echoes, np.where(known, predicted - on_axis, 0.0), reach)
+    mean = heights.weights(surface.grid) @ surface.height_m.ravel()
+    # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
+    residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[known])))) if known.any() else 1.0
+    fits = known & (np.abs(np.nan_to_num(residual)) <= OUTLIER_SIGMAS * scale)
+    if fits.mean() < 0.5:
+        fits = known
+    return replace(heights, height_m=heights.height_m + mean - surface.at(*heights.place_m.T)), fits
+
+
+def _heights(
+    sightings: Sightings, echoes: MeanRanges, bias_m: Float[np.ndarray, " pulse"], reach: Float[np.ndarray, " pulse"]
+) -> Heights:
+    point = on_axis(sightings.pose, echoes.range_m - bias_m)
+    # Speckle makes the uncertainty that is read from one echo as uncertain, and small where the error is not.
+    sigma = np.sqrt(uniform_filter1d(echoes.sigma_m**2, SIMILAR_PULSES, mode="nearest"))
+    sigma *= np.abs(sightings.pose.boresight[:, 2])
+    return Heights(
+        place_m=point[:, :2],
+        height_m=point[:, 2],
+        sigma_m=np.maximum(sigma, LEAST_SIGMA_M),
+        footprint_m=footprint_axes(sightings.pose, echoes.range_m, sightings.beam),
+        order=sightings.profiles.pulse.astype(float),
+        reach=reach,
+    )
+
+
+def on_axis(pose: Pose, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, "pulse 3"]:
+    """Return the points at some ranges on the axes of the beams."""
+    return pose.position_m + range_m[:, None] * pose.boresight
+
+
+def reaching(grid: Grid, sightings: Sightings, echoes: MeanRanges) -> Grid:
+    """Return the grid that covers another and all of the footprints."""
+    direction = sightings.direction()[:, sightings.beam.corners]
+    down = np.minimum(direction[..., 2], -0.1)
+    drop = echoes.range_m * -sightings.pose.boresight[:, 2]
+    reach = np.minimum(drop[:, None] / -down, sightings.followed_m)
+    place = (sightings.pose.position_m[:, None, :2] + reach[..., None] * direction[..., :2]).reshape(-1, 2)
+    (west, south), (east, north) = place.min(axis=0), place.max(axis=0)
+    return Grid.covering(
+        min(west, float(grid.x_m[0])),
+        min(south, float(grid.y_m[0])),
+        max(east, float(grid.x_m[-1])),
+        max(north, float(grid.y_m[-1])),
+        grid.spacing_m,
+        (grid.west_m, grid.south_m),
+    )

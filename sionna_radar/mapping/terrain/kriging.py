@@ -1,0 +1,146 @@
+"""How well a surface through measured heights is known: the kriging variance of cells and of means over windows.
+
+Under a Gaussian terrain of covariance C and data y = B z + e, means over footprints with noise, the variance of what
+is still unknown about a height z, or about a mean of heights, is (Rasmussen and Williams 2006, section 2.2)
+
+    var z - k^T (B C B^T + N)^-1 k,   k = cov(B z, z).
+
+It depends on where the echoes are and how uncertain, not on what they say. A block of cells takes it from the echoes in
+and around it; those farther off tell it nothing more.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sionna_radar.foundation.numerics import solve_lower
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.local_relief import LocalRelief
+
+# Blocks of cells, and how far around them echoes count, at least; the nearest so many.
+BLOCK_CELLS, MARGIN_M, MOST_ECHOES = 32, 20.0, 600
+# Echoes that decide about a mean over a window.
+MOST_OF_A_WINDOW = 1500
+# Squares that a window is divided into, where it has more cells.
+SQUARES_OF_A_WINDOW = 300
+TABLE = 6000
+JITTER = 1e-10
+
+
+@dataclass(frozen=True)
+class Kriging:
+    """What is known of a terrain: its covariance, the heights measured, and the factor on their noise's variance.
+
+    local: amplitude of the terrain's short waves; None where it is one.
+    """
+
+    covariance: Covariance
+    heights: Heights
+    noise_factor: float
+    local: LocalRelief | None = None
+
+    @property
+    def terrain(self) -> FittedCovariance:
+        """The covariance with the factor that goes with it."""
+        return FittedCovariance(self.covariance, self.noise_factor)
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        sigma = np.full(grid.shape, np.nan)
+        blocks = [block for block in _blocks(grid) if wanted[block].any()]
+
+        def some(low: int, high: int) -> None:
+            for rows, columns in blocks[low:high]:
+                here = wanted[rows, columns]
+                cell = np.argwhere(here)
+                place = np.column_stack([grid.x_m[columns][cell[:, 1]], grid.y_m[rows][cell[:, 0]]])
+                sigma[rows, columns][here] = self._of_places(place)
+
+        list(in_threads(some, parts(len(blocks), 1)))
+        return sigma
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
+        """Return the standard deviation of the mean height over some places, evenly spread over an area."""
+        near = self._near(place_m, MOST_OF_A_WINDOW)
+        place_m, share, side_m = _in_squares(place_m)
+        spread = side_m / np.sqrt(12)
+        before = float(share @ self._between(place_m, place_m, spread) @ share)
+        if len(near) == 0:
+            return float(np.sqrt(before))
+        root, between = self._known(near, place_m, spread)
+        told = solve_lower(root, between @ share)
+        return float(np.sqrt(max(before - told @ told, 0.0)))
+
+    def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        before = self._before(place_m)
+        near = self._near(place_m, MOST_ECHOES)
+        if len(near) == 0:
+            return np.sqrt(before)
+        root, between = self._known(near, place_m)
+        told = solve_lower(root, between)
+        return np.sqrt(np.maximum(before - np.einsum("ij,ij->j", told, told), JITTER * before))
+
+    def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
+        """Return the heights in and around some places, the nearest of them."""
+        low, high = place_m.min(axis=0), place_m.max(axis=0)
+        outside = np.maximum(low - self.heights.place_m, self.heights.place_m - high).max(axis=1)
+        near = np.flatnonzero(outside < MARGIN_M)
+        return near if len(near) <= most else near[np.argpartition(outside[near], most)[:most]]
+
+    def _known(
+        self, near: Int[np.ndarray, " near"], place_m: Float[np.ndarray, "cell 2"], around_m: float = 0.0
+    ) -> tuple[Float[np.ndarray, "near near"], Float[np.ndarray, "near cell"]]:
+        """Return the Cholesky factor of the measured heights' covariance, and theirs with the heights of places.
+
+        around_m: standard deviation, along each axis, of what is averaged around each place.
+        """
+        heights = self.heights.rows(near)
+        spread = float(np.median(heights.spread_m))
+        total = self._between(heights.place_m, heights.place_m, spread)
+        noise = heights.variance_m2(self.noise_factor)
+        total[np.diag_indices_from(total)] += noise + JITTER * self.covariance.variance_m2
+        between = self._between(heights.place_m, place_m, float(np.hypot(spread, around_m)) / np.sqrt(2))
+        return np.linalg.cholesky(total), between
+
+    def _before(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        """Return the variance of heights before anything is measured."""
+        if self.local is None:
+            return np.full(len(place_m), self.covariance.variance_m2)
+        long, short = (table.value_m2[0] for table in self.local.divided(self.covariance, 1.0, 0.0, 2))
+        return long + self.local.at(place_m) ** 2 * short
+
+    def _between(
+        self, one_m: Float[np.ndarray, "n 2"], other_m: Float[np.ndarray, "m 2"], spread_m: float
+    ) -> Float[np.ndarray, "n m"]:
+        """Return the covariance of heights between places, both averaged over a Gaussian of the spread."""
+        farthest = float(np.hypot(*np.ptp(np.concatenate([one_m, other_m]), axis=0))) + 1.0
+        if self.local is None:
+            return self.covariance.table(farthest, spread_m, TABLE).between(one_m, other_m)
+        long, short = self.local.divided(self.covariance, farthest, spread_m, TABLE)
+        amplitude = np.outer(self.local.at(one_m), self.local.at(other_m))
+        return long.between(one_m, other_m) + amplitude * short.between(one_m, other_m)
+
+
+def _in_squares(
+    place_m: Float[np.ndarray, "cell 2"],
+) -> tuple[Float[np.ndarray, "square 2"], Float[np.ndarray, " square"], float]:
+    """Return the middles of squares that places lie in, the share of each, and their side; few places as they are."""
+    if len(place_m) <= SQUARES_OF_A_WINDOW:
+        return place_m, np.full(len(place_m), 1 / len(place_m)), 0.0
+    low, extent = place_m.min(axis=0), np.ptp(place_m, axis=0)
+    side = float(np.sqrt(extent.prod() / SQUARES_OF_A_WINDOW))
+    square = np.floor((place_m - low) / side)
+    _, own, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    middle = np.stack([np.bincount(own, column) for column in place_m.T], axis=1) / count[:, None]
+    return middle, count / len(place_m), side
+
+
+def _blocks(grid: Grid) -> Iterator[tuple[slice, slice]]:
+    for row in range(0, grid.rows, BLOCK_CELLS):
+        for column in range(0, grid.columns, BLOCK_CELLS):
+            yield slice(row, row + BLOCK_CELLS), slice(column, column + BLOCK_CELLS)

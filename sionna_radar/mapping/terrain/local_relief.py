@@ -1,0 +1,238 @@
+"""Where a terrain is rougher than elsewhere: the local amplitude of its short waves, learned from scattered heights.
+
+Real ground is not stationary: gullies, banks and slip faces stand in calm fields. One covariance for all of it states
+calm ground too badly and broken ground far too well. Here a terrain of the covariance C is divided into long waves and
+short ones, the latter times an amplitude a(x) that varies from place to place. The covariance of two heights is
+
+    C_long(x - y) + a(x) a(y) C_short(x - y),
+
+C_long being C of heights averaged over Gaussians, and C_short the rest of C (Paciorek and Schervish 2006 discuss such
+models). Long waves, which the heights know whatever their prior, stay as they are.
+
+Around each node the nearest heights, freed of a plane, have the covariance a^2 C_short + C_long + N, N being their
+noise. In the basis that diagonalises both terms the likelihood of each amplitude is a sum over independent numbers. The
+logarithm of a^2 has a normal prior over all nodes, about zero, whose width is the likeliest one (empirical Bayes): over
+stationary ground it is small, and all amplitudes are one. The mean of a^2 is used, so that what a few heights cannot
+tell widens the uncertainty.
+
+Waves that footprints average away are not told at all, and a window that stands out for another reason would make them
+huge. So a^2 is at most that at which short waves, not averaged, have the power of all that was measured above a plane,
+or one.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import comb
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import eigh
+from scipy.spatial import KDTree
+from scipy.special import logsumexp
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import in_threads, parts
+from sionna_radar.mapping.terrain.covariance import (
+    LEAST_NOISE_M,
+    Covariance,
+    CovarianceTable,
+    FittedCovariance,
+    Measured,
+    decorrelated,
+    repeated,
+)
+
+# Heights that decide about a node.
+WINDOW_HEIGHTS = 40
+# Short waves are those of 1 - (1 - g)^ORDER, g being the Gaussian: of the long waves of smooth hills next to nothing. A
+# window, freed of a plane, sees waves as short as its diameter: these are divided in halves by power.
+ORDER = 3
+CUT_OF_SPACING = float(np.sqrt(-np.log(1 - 0.5 ** (1 / ORDER))) / np.pi)
+# Values of log a^2, and the widths of their prior. The width has a half-normal prior of the standard deviation 1
+# (Gelman 2006): over ground that does not tell it is small.
+LOG_SQUARES = np.arange(-8.0, 8.01, 0.25)
+PRIOR_WIDTHS = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
+# Windows whose relief stands out by this many standard deviations of its logarithm are no part of the terrain.
+OUTSTANDING = 3.0
+TABLE = 400
+# Of the variance: tables of covariances are interpolated.
+JITTER = 1e-6
+
+
+# 1 - (1 - g)^ORDER as a sum of powers of g, each a Gaussian so many times wider.
+LONG = tuple((float(np.sqrt(k)), float(-((-1) ** k) * comb(ORDER, k))) for k in range(1, ORDER + 1))
+
+
+@dataclass(frozen=True)
+class LocalRelief:
+    """The amplitude a(x) of a terrain's short waves.
+
+    west_m, south_m, spacing_m: of the nodes.
+    log_amplitude: logarithm of the amplitude at the nodes: bilinear between them, constant beyond.
+    """
+
+    west_m: float
+    south_m: float
+    spacing_m: float
+    log_amplitude: Float[np.ndarray, "row column"]
+
+    @property
+    def cut_m(self) -> float:
+        """Standard deviation of the Gaussian that averages heights to long waves."""
+        return CUT_OF_SPACING * self.spacing_m
+
+    def divided(
+        self, covariance: Covariance, farthest_m: float, spread_m: float, entries: int
+    ) -> tuple[CovarianceTable, CovarianceTable]:
+        """Return tables of the covariances of long waves and of short ones; see `Covariance.table`."""
+        every = covariance.table(farthest_m, spread_m, entries)
+        long = np.zeros(entries)
+        for wider, share in LONG:
+            averaged = covariance.table(farthest_m, float(np.hypot(spread_m, wider * self.cut_m)), entries)
+            long += share * averaged.value_m2
+        return CovarianceTable(every.step_m, long), CovarianceTable(every.step_m, every.value_m2 - long)
+
+    def long_share(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Return the share of each wave's power, rad/m, that counts as long."""
+        return 1 - (1 - np.exp(-((wavenumber * self.cut_m) ** 2))) ** ORDER
+
+    def at(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the amplitude at horizontal positions."""
+        return np.exp(self._field.at(*place_m.T))
+
+    def on(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+        """Return the amplitude in the cells of a grid."""
+        return self.at(grid.centres_m).reshape(grid.shape)
+
+    @cached_property
+    def _field(self) -> Heightfield:
+        rows, columns = self.log_amplitude.shape
+        grid = Grid(west_m=self.west_m, south_m=self.south_m, spacing_m=self.spacing_m, columns=columns, rows=rows)
+        return Heightfield(grid=grid, height_m=self.log_amplitude)
+
+
+UNIFORM = LocalRelief(0.0, 0.0, 1.0, np.zeros((2, 2)))
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Nodes over an area, and the heights around each of them that are looked at together."""
+
+    west_m: float
+    south_m: float
+    spacing_m: float
+    shape: tuple[int, int]
+    member: Int[np.ndarray, "node member"]
+
+    @classmethod
+    def of(cls, measured: Measured) -> "Windows | None":
+        """Return the windows of some heights; None if these are too few for two."""
+        kept = decorrelated(measured)
+        if len(kept) < 2 * WINDOW_HEIGHTS:
+            return None
+        place = measured.place_m[kept]
+        tree, low = KDTree(place), place.min(axis=0)
+        spacing = float(np.median(tree.query(place, k=WINDOW_HEIGHTS)[0][:, -1]))
+        columns, rows = (np.maximum(np.ceil(np.ptp(place, axis=0) / spacing).astype(int), 1) + 1).tolist()
+        x, y = np.meshgrid(low[0] + spacing * np.arange(columns), low[1] + spacing * np.arange(rows))
+        near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=WINDOW_HEIGHTS)[1]
+        return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
+
+    def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief:
+        """Return the local amplitudes of a terrain's short waves."""
+        found = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
+
+        def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
+            return np.array([_log_likelihood(measured, own, found, fitted) for own in self.member[low:high]])
+
+        likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
+        overlap = self.member.size / len(np.unique(self.member))
+        largest = [_largest_square(measured, own, found, fitted) for own in self.member]
+        mean_square = np.minimum(_posterior_mean(likelihood, overlap), np.maximum(largest, 1.0))
+        return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
+
+
+def calm(measured: Measured) -> Bool[np.ndarray, " n"]:
+    """Return which heights lie where the relief does not stand out from that of the terrain: not by poles or walls."""
+    windows = Windows.of(measured)
+    if windows is None:
+        return np.ones(len(measured.height_m), dtype=bool)
+    log = np.log([_rms_above_plane(measured, own) for own in windows.member])
+    scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))
+    standing = windows.member[log > np.median(log) + OUTSTANDING * scatter]
+    return ~np.isin(np.arange(len(measured.height_m)), standing)
+
+
+def local_relief(measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
+    """Return the local amplitude of a terrain's short waves; None with too few heights to tell.
+
+    Parameters
+    ----------
+    measured:
+        Heights above a trend.
+    fitted:
+        The covariance that the amplitude is relative to.
+
+    """
+    windows = Windows.of(measured)
+    return None if windows is None else windows.relief(measured, fitted)
+
+
+def _rms_above_plane(measured: Measured, own: Int[np.ndarray, " member"]) -> float:
+    """Return the RMS of neighbouring heights above their plane."""
+    contrast = _contrast(measured.place_m[own] - measured.place_m[own].mean(axis=0))
+    return float(np.linalg.norm(contrast.T @ measured.height_m[own]) / np.sqrt(len(own)))
+
+
+def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "member contrast"]:
+    """Return an orthonormal basis of what heights at some places are above their plane."""
+    contrast: Float[np.ndarray, "member contrast"]
+    contrast = np.linalg.qr(np.column_stack([np.ones(len(away_m)), away_m]), mode="complete")[0][:, 3:]
+    return contrast
+
+
+def _largest_square(
+    measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
+) -> float:
+    """Return the a^2 at which short waves, not averaged, have the power of the measured heights above their plane."""
+    place = np.ascontiguousarray(measured.place_m[own])
+    away = place - place.mean(axis=0)
+    contrast = _contrast(away)
+    _, short = relief.divided(fitted.covariance, 2 * float(np.hypot(*away.T).max()) + 1.0, 0.0, TABLE)
+    expected = np.sum(contrast * (short.between(place, place) @ contrast))
+    return float(np.sum((contrast.T @ measured.height_m[own]) ** 2) / expected)
+
+
+def _log_likelihood(
+    measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
+) -> Float[np.ndarray, " value"]:
+    """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights."""
+    place = np.ascontiguousarray(measured.place_m[own])
+    away = place - place.mean(axis=0)
+    contrast = _contrast(away)
+    spread, farthest = float(np.median(measured.spread_m[own])), 2 * float(np.hypot(*away.T).max()) + 1.0
+    long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
+    sigma = np.maximum(measured.sigma_m[own], LEAST_NOISE_M)
+    noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
+    rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
+    share, vector = eigh(contrast.T @ short @ contrast, contrast.T @ rest @ contrast, check_finite=False)
+    square = (vector.T @ (contrast.T @ measured.height_m[own])) ** 2
+    total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)
+    result: Float[np.ndarray, " value"] = -0.5 * np.sum(np.log(total) + square / total, axis=1)
+    return result
+
+
+def _posterior_mean(log_likelihood: Float[np.ndarray, "node value"], overlap: float) -> Float[np.ndarray, " node"]:
+    """Return the mean of a^2 at each node.
+
+    overlap: windows that each height is in, about: so many times too much the sum over all nodes seems to tell.
+    """
+    prior = -((LOG_SQUARES / PRIOR_WIDTHS[:, None]) ** 2) / 2
+    prior -= logsumexp(prior, axis=1, keepdims=True)
+    told = logsumexp(log_likelihood[:, None] + prior, axis=2)
+    posterior = log_likelihood + prior[np.argmax(told.sum(axis=0) / overlap - PRIOR_WIDTHS**2 / 2)]
+    mean_square: Float[np.ndarray, " node"] = np.exp(
+        logsumexp(posterior + LOG_SQUARES, axis=1) - logsumexp(posterior, axis=1)
+    )
+    return mean_square

@@ -1,0 +1,273 @@
+"""Smoothing surfaces: the most probable terrain given scattered heights, their noise and a covariance.
+
+A terrain is a plane plus a Gaussian field, z = trend + root * white, on a padded periodic grid where `root` acts by
+the fast Fourier transform. Where relief varies, long and short waves have fields of their own, the latter times the
+local amplitude. In terms of the white field the posterior is
+
+    |white|^2 / 2 + sum over data of (data - prediction)^2 / (2 sigma^2),
+
+whose normal equations, identity plus data, are well conditioned: conjugate gradients solve them without a matrix,
+whatever the covariance. This is kriging with noise, at a cost that grows like the number of cells.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Float, Int
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import own_cores
+from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_relief
+
+# Padding in covariance lengths: the periodic field must not couple opposite borders.
+PADDING_LENGTHS = 1.0
+PADDING_M = 20.0
+# Tolerance at which one iteration more or less, which rounding may decide, has no visible effect.
+MOST_ITERATIONS = 1000
+# Of the residual; heights are then within 0.1 mm of the exact solution.
+TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class TerrainModel:
+    """Prior of a terrain: trend, covariance, and their grid.
+
+    trend: height at the horizontal origin, slope toward east, slope toward north.
+    local: amplitude of short waves; None where it is one.
+    """
+
+    grid: Grid
+    trend: Float[np.ndarray, "3"]
+    covariance: Covariance
+    local: LocalRelief | None = None
+
+    @cached_property
+    def trend_m(self) -> Float[np.ndarray, "row column"]:
+        """Heights of the trend."""
+        return self.trend[0] + self.trend[1] * self.grid.x_m[None] + self.trend[2] * self.grid.y_m[:, None]
+
+    @cached_property
+    def root(self) -> Float[np.ndarray, "field row frequency"]:
+        """Filters that colour white noise, on the grid's real Fourier frequencies: one, or of long and short waves."""
+        root = self.covariance.spectrum_root(self.grid)
+        if self.local is None:
+            return root[None]
+        north = 2 * np.pi * np.fft.fftfreq(self.grid.rows, self.grid.spacing_m)[:, None]
+        east = 2 * np.pi * np.fft.rfftfreq(self.grid.columns, self.grid.spacing_m)[None]
+        long = self.local.long_share(np.hypot(east, north))
+        return np.stack([root * np.sqrt(long), root * np.sqrt(1 - long)])
+
+    @cached_property
+    def amplitude(self) -> Float[np.ndarray, "field row column"]:
+        """The local amplitude of each filtered field."""
+        one = np.ones(self.grid.shape)
+        return np.stack([one] if self.local is None else [one, self.local.on(self.grid)])
+
+    def coloured(self, white: Float[np.ndarray, " n"]) -> Float[np.ndarray, " cell"]:
+        """Return the field of the terrain's covariance that white fields, one for each filter, stand for."""
+        spectrum = self.root * scipy.fft.rfft2(white.reshape(self.amplitude.shape))
+        field: Float[np.ndarray, "row column"] = np.sum(
+            self.amplitude * scipy.fft.irfft2(spectrum, s=self.grid.shape), axis=0
+        )
+        return field.ravel()
+
+    def adjoint(self, field: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " n"]:
+        """Return the transpose of `coloured`, applied to a field."""
+        spectrum = self.root * scipy.fft.rfft2(self.amplitude * field.reshape(self.grid.shape))
+        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(spectrum, s=self.grid.shape)
+        return white.ravel()
+
+    def coarser(self, times: int) -> Grid:
+        """Return the grid of every second, or so, cell in both directions; the numbers of cells are multiples of 4."""
+        grid = self.grid
+        return Grid(
+            west_m=grid.west_m,
+            south_m=grid.south_m,
+            spacing_m=grid.spacing_m * times,
+            columns=grid.columns // times,
+            rows=grid.rows // times,
+        )
+
+    def left_out(self, times: int) -> float:
+        """Return the largest variance of a wave, per cell, that a coarser grid leaves out."""
+        inside = np.zeros(self.root.shape[1:], dtype=bool)
+        inside[_low(self.grid.rows, self.grid.rows // times), : self.grid.columns // times // 2] = True
+        square = np.sum(self.root**2 * np.max(self.amplitude, axis=(1, 2), keepdims=True) ** 2, axis=0)
+        return float(np.max(square, where=~inside, initial=0.0))
+
+    def solve(
+        self,
+        information: Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]],
+        right: Float[np.ndarray, " n"],
+        iterations: int,
+        tolerance: float,
+        times: int = 1,
+    ) -> Float[np.ndarray, " n"]:
+        """Return the white fields w with w + R^T A R w = right, R being `coloured`.
+
+        information: applies A, symmetric and positive, to the heights of the cells, or of the `coarser` ones.
+        times: how much coarser. Waves that are too short for them are taken as if A told nothing of them.
+
+        The unknowns are the coefficients of an orthonormal Fourier transform, in which the filters are diagonal: that
+        halves the number of transforms.
+        """
+        shape, twice = self.grid.shape, np.full(self.root.shape[2], np.sqrt(2 / self.grid.rows / self.grid.columns))
+        # Of a real field, the other half of the spectrum is the conjugate, except of these columns.
+        twice[0] /= np.sqrt(2)
+        if self.grid.columns % 2 == 0:
+            twice[-1] /= np.sqrt(2)
+        every = twice * scipy.fft.rfft2(right.reshape(self.amplitude.shape))
+        few = self.grid.rows // times, self.grid.columns // times
+        low = np.ix_(np.arange(len(every)), _low(self.grid.rows, few[0]), np.arange(few[1] // 2 + 1))
+        root = self.root[low].copy()
+        if times > 1:
+            # A wave of two cells is not told from its mirror.
+            root[:, few[0] // 2], root[:, :, -1] = 0.0, 0.0
+        down, up = root * twice[low[2]], root / twice[low[2]] / times**2
+        real, single = (np.float64, np.complex128) if times == 1 else (np.float32, np.complex64)
+        down, up, workers = down.astype(real), up.astype(real), own_cores()
+        amplitude = self.amplitude[:, ::times, ::times].astype(real)
+
+        def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            spectrum = up * flat.view(single).reshape(down.shape)
+            fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=workers)
+            field = fields[0] if len(fields) == 1 else fields[0] + fields[1]
+            informed = scipy.fft.rfft2(amplitude * information(field.ravel()).reshape(few), workers=workers)
+            informed *= down
+            return flat + informed.ravel().view(real)
+
+        start = np.ascontiguousarray(every[low].astype(single))
+        found = conjugate_gradients(normal, start.ravel().view(real), iterations, tolerance)
+        every[low] = found.view(single).reshape(down.shape)
+        white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
+        return white.ravel()
+
+    @staticmethod
+    def flat(grid: Grid, trend: Float[np.ndarray, "3"]) -> Heightfield:
+        """Return a plane over a grid."""
+        height_m = trend[0] + trend[1] * grid.x_m[None] + trend[2] * grid.y_m[:, None]
+        return Heightfield(grid=grid, height_m=height_m)
+
+    def surface(self, white: Float[np.ndarray, " n"]) -> Heightfield:
+        """Return the terrain that white fields represent."""
+        return Heightfield(grid=self.grid, height_m=self.trend_m + self.coloured(white).reshape(self.grid.shape))
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """A smoothing surface: the model, the white fields, and the factor on the noise variance that fits."""
+
+    model: TerrainModel
+    white: Float[np.ndarray, " n"]
+    noise_factor: float
+
+    @property
+    def fitted(self) -> FittedCovariance:
+        """The stationary covariance, with the factor that goes with it."""
+        return FittedCovariance(self.model.covariance, self.noise_factor)
+
+    @property
+    def surface(self) -> Heightfield:
+        """Return the surface."""
+        return self.model.surface(self.white)
+
+
+def smooth(
+    heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE, groups: int = GROUPS
+) -> Smoothed:
+    """Fit trend, covariance and noise to heights, and return the most probable surface.
+
+    Parameters
+    ----------
+    heights:
+        The measured heights.
+    grid:
+        Cells that the surface must cover; it extends beyond them.
+    step:
+        Called after each iteration of the solution.
+    tolerance:
+        Of the solution: its residual relative to that of the trend.
+    groups:
+        Of neighbouring heights that the covariance is learned from.
+
+    """
+    trend = heights.trend()
+    measured = heights.above(trend)
+    fitted = fit_covariance(measured.rows(calm(measured)), groups)
+    return smooth_with(heights, grid, trend, fitted, step, tolerance, local_relief(measured, fitted))
+
+
+def smooth_with(
+    heights: Heights,
+    grid: Grid,
+    trend: Float[np.ndarray, "3"],
+    fitted: FittedCovariance,
+    step: Step = no_step,
+    tolerance: float = TOLERANCE,
+    local: LocalRelief | None = None,
+) -> Smoothed:
+    """Return the most probable surface under a known trend and covariance.
+
+    Errors that repeat over several pulses are taken for independent ones of as many times the variance: over the many
+    pulses that decide about a cell the sum of their correlations is all that counts.
+    """
+    model = TerrainModel(_padded(grid, fitted.covariance.length_m), trend, fitted.covariance, local)
+    weights = heights.weights(model.grid)
+    transposed = weights.T.tocsr()
+    precision = 1 / heights.variance_m2(fitted.noise_factor)
+
+    def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        step()
+        return np.asarray(transposed @ (precision * (weights @ height_m)))
+
+    excess = heights.height_m - weights @ model.trend_m.ravel()
+    right = model.adjoint(transposed @ (precision * excess))
+    white = model.solve(information, right, MOST_ITERATIONS, tolerance)
+    return Smoothed(model, white, fitted.noise_factor)
+
+
+def conjugate_gradients(
+    operator: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
+    right: Float[np.ndarray, " n"],
+    iterations: int,
+    tolerance: float,
+) -> Float[np.ndarray, " n"]:
+    """Solve a symmetric positive definite system to a residual relative to its right side."""
+    solution, residual = np.zeros_like(right), right.copy()
+    direction, square = residual.copy(), float(residual @ residual)
+    goal = tolerance**2 * square
+    for _ in range(iterations):
+        if square <= goal:
+            break
+        image = operator(direction)
+        step = square / float(direction @ image)
+        solution += step * direction
+        residual -= step * image
+        new = float(residual @ residual)
+        direction = residual + new / square * direction
+        square = new
+    return solution
+
+
+def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:
+    """Return where the lowest of the Fourier frequencies are among so many rows."""
+    row = np.arange(few)
+    return np.where(row <= few // 2, row, rows - few + row)
+
+
+def _padded(grid: Grid, length_m: float) -> Grid:
+    cells = int(np.ceil((PADDING_M + PADDING_LENGTHS * min(length_m, 100.0)) / grid.spacing_m))
+    return Grid(
+        west_m=grid.west_m - cells * grid.spacing_m,
+        south_m=grid.south_m - cells * grid.spacing_m,
+        spacing_m=grid.spacing_m,
+        columns=4 * scipy.fft.next_fast_len(-(-(grid.columns + 2 * cells) // 4), real=True),
+        rows=4 * scipy.fft.next_fast_len(-(-(grid.rows + 2 * cells) // 4), real=True),
+    )

@@ -1,0 +1,221 @@
+"""A map in square overlapping tiles: each has its own terrain model, and their surfaces are blended.
+
+A tile depends on nothing of the others, so that they may be done side by side, in other processes, or another day; its
+bytes, `Piece.packed`, are what travels and what is kept.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.columns import columns_of, packed, table_of
+from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.threads import several_at_once
+from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
+from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.mapping.terrain.echo_heights import EchoSurface, on_axis
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.kriging import Kriging
+from sionna_radar.mapping.terrain.local_relief import LocalRelief
+from sionna_radar.mapping.terrain.smoothing import Smoothed
+from sionna_radar.mapping.terrain.uncertainty import Information, Plausible, TiledUncertainty, TileUncertainty
+
+TILE_M = 160.0
+OVERLAP_M = 30.0
+FEWEST_PULSES = 20
+
+# A tile's surface, what it was made of, and what whole echoes told beyond their mean ranges, if they were used.
+TileSurface = tuple[Smoothed, EchoSurface, Information | None]
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """How the surface of a tile is made from echoes over a grid, and how many steps that takes at the most."""
+
+    surface: Callable[[Sightings, MeanRanges, Grid, Step], TileSurface]
+    steps: int
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The surface over a tile, and how well it is known.
+
+    first: row and column of its first cell in the map; weight: of its heights where tiles overlap.
+    """
+
+    first: Int[np.ndarray, "2"]
+    weight: Float[np.ndarray, "row column"]
+    height_m: Float[np.ndarray, "row column"]
+    known: TileUncertainty
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Its rows and columns in the map."""
+        (row, column), (rows, columns) = self.first, self.weight.shape
+        return slice(row, row + rows), slice(column, column + columns)
+
+    def packed(self) -> bytes:
+        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        known, kriging = self.known, self.known.kriging
+        return packed(
+            first=self.first,
+            weight=self.weight,
+            height_m=self.height_m,
+            bounds_m=np.array(known.bounds_m),
+            covariance=kriging.covariance,
+            heights=kriging.heights,
+            noise_factor=kriging.noise_factor,
+            local=kriging.local,
+            information=known.information,
+            plausible=np.array([_numbers(each) for each in known.plausible]),
+            **({} if known.outstanding is None else {"outstanding": known.outstanding}),
+        )
+
+    @staticmethod
+    def unpacked(content: bytes) -> "Piece":
+        """Return the piece of some bytes."""
+        columns = columns_of(content)
+        west, east, south, north = columns["bounds_m"].tolist()
+        kriging = Kriging(
+            covariance=table_of(Covariance, "covariance", columns),
+            heights=table_of(Heights, "heights", columns),
+            noise_factor=columns["noise_factor"].item(),
+            local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
+        )
+        plausible = tuple(_plausible(*numbers) for numbers in columns["plausible"].tolist())
+        information = table_of(Information, "information", columns)
+        bounds = (west, east, south, north)
+        known = TileUncertainty(bounds, kriging, information, plausible, columns.get("outstanding"))
+        return Piece(columns["first"], columns["weight"], columns["height_m"], known)
+
+
+# Makes the piece of a tile, by its number; None for one with too few echoes.
+MakePiece = Callable[[int, Step], Piece | None]
+# Has the pieces of so many tiles made, in order, each in so many steps.
+EachPiece = Callable[[MakePiece, int, int, Step], Iterator[Piece | None]]
+
+
+def pieces_here(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
+    """Yield the pieces of all tiles, several made side by side by this process."""
+    return several_at_once(make, range(count), [steps] * count, step)
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A surface over a grid, defined everywhere whether seen or not, and how well it is known."""
+
+    surface: Heightfield
+    uncertainty: TiledUncertainty
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """The tiles of a map: whole echoes, the cells of the map, and how the surface of a tile is made."""
+
+    sightings: Sightings
+    grid: Grid
+    tiling: Tiling
+
+    def __len__(self) -> int:
+        return len(self._bounds)
+
+    def piece(self, number: int, step: Step = no_step) -> Piece | None:
+        """Return the surface of a tile; None where there are too few echoes."""
+        west, east, south, north = bounds = self._bounds[number]
+        x, y = self._place_m.T
+        here = (x > west - OVERLAP_M) & (x < east + OVERLAP_M) & (y > south - OVERLAP_M) & (y < north + OVERLAP_M)
+        if here.sum() < FEWEST_PULSES:
+            return None
+        across, along = _taper(self.grid.x_m, west, east), _taper(self.grid.y_m, south, north)
+        window = _span(along > 0), _span(across > 0)
+        part = self.grid.cut(*window)
+        smoothed, first, information = self.tiling.surface(
+            self.sightings.rows(here), self._echoes.rows(here), part, step
+        )
+        factor = first.smoothed.noise_factor
+        if self.sightings.profiles.volume is not None:
+            # Errors that neighbours share look like little noise.
+            factor = max(factor, 1.0)
+        kriging = Kriging(smoothed.model.covariance, first.heights.rows(first.fits), factor, smoothed.model.local)
+        east_m, north_m = np.meshgrid(part.x_m, part.y_m)
+        return Piece(
+            first=np.array([side.start for side in window]),
+            weight=across[window[1]] * along[window[0], None],
+            height_m=smoothed.surface.at(east_m.ravel(), north_m.ravel()).reshape(part.shape),
+            known=TileUncertainty.of(bounds, kriging, information, first.outstanding()),
+        )
+
+    def mapped(self, each: EachPiece = pieces_here, step: Step = no_step) -> Mapped:
+        """Return the blended surfaces of all tiles."""
+        total, weight = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
+        known: list[TileUncertainty] = []
+        for piece in each(self.piece, len(self), self.tiling.steps, step):
+            if piece is not None:
+                total[piece.window] += piece.weight * piece.height_m
+                weight[piece.window] += piece.weight
+                known.append(piece.known)
+        covered = weight > 0
+        fallback = float((total.sum() / weight.sum()) if covered.any() else 0.0)
+        height = np.where(covered, total / np.where(covered, weight, 1.0), fallback)
+        return Mapped(Heightfield(grid=self.grid, height_m=height), TiledUncertainty(tuple(known)))
+
+    @cached_property
+    def _bounds(self) -> list[tuple[float, float, float, float]]:
+        """West, east, south and north of each tile."""
+        grid = self.grid
+        return [(*across, *along) for across in _sides(grid.x_m) for along in _sides(grid.y_m)]
+
+    @cached_property
+    def _echoes(self) -> MeanRanges:
+        return mean_ranges(self.sightings)
+
+    @cached_property
+    def _place_m(self) -> Float[np.ndarray, "pulse 2"]:
+        return on_axis(self.sightings.pose, self._echoes.range_m)[:, :2]
+
+
+def tile_count(grid: Grid) -> int:
+    """Return how many tiles a map has."""
+    return len(_sides(grid.x_m)) * len(_sides(grid.y_m))
+
+
+def _sides(cells_m: Float[np.ndarray, " cell"]) -> list[tuple[float, float]]:
+    """Return the bounds of tiles over a row of cells; a short row is one tile."""
+    length = float(cells_m[-1] - cells_m[0])
+    count = max(1, int(np.ceil(length / TILE_M)))
+    bounds = np.linspace(float(cells_m[0]), float(cells_m[-1]), count + 1)
+    bounds[[0, -1]] += -2 * OVERLAP_M, 2 * OVERLAP_M
+    return [(float(a), float(b)) for a, b in pairwise(bounds)]
+
+
+def _taper(cells_m: Float[np.ndarray, " cell"], low: float, high: float) -> Float[np.ndarray, " cell"]:
+    """Return the weight of a tile along an axis: 1 inside, falling to 0 over the overlap at its bounds."""
+    half = OVERLAP_M / 2
+    return np.clip((cells_m - low + half) / OVERLAP_M, 0, 1) * np.clip((high + half - cells_m) / OVERLAP_M, 0, 1)
+
+
+def _span(wanted: Bool[np.ndarray, " cell"]) -> slice:
+    """Return the cells of a row that are wanted, which lie together."""
+    found = np.flatnonzero(wanted)
+    return slice(int(found[0]), int(found[-1]) + 1)
+
+
+def _numbers(each: Plausible) -> tuple[float, ...]:
+    covariance = each.terrain.covariance
+    return (
+        each.probability,
+        covariance.smoothness,
+        covariance.length_m,
+        covariance.variance_m2,
+        each.terrain.noise_factor,
+    )
+
+
+def _plausible(probability: float, smoothness: float, length_m: float, variance_m2: float, factor: float) -> Plausible:
+    return Plausible(probability, FittedCovariance(Covariance(smoothness, length_m, variance_m2), factor))

@@ -1,0 +1,367 @@
+"""The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells.
+
+The terrains that the echoes allow: covariances of each smoothness, and how probable each is.
+
+What lies below the footprint the echoes hardly tell, and one covariance, however likely, would state it as if it were
+known. So the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al.
+1999): for each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times
+the prior. That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough
+ground. The exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and
+surveys that it was not chosen on agree (`docs/theory/uncertainty.md`).
+
+How much more a whole echo tells of the ground than its mean range: the gain of `refined` over `smooth`.
+
+On ground that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k),
+observed with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as
+its footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised
+model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
+really, the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave, over
+many echoes: the few that seem to tell most are weighted no better than others. In their place stands the median echo,
+as often as there are echoes: rugged profiles, of footprints with shadows in them, seem to tell a hundred times as much
+of a wave, but tell of many at once, and of waves that no model of cells holds.
+
+Long waves are told of as by mean ranges of less noise, which holds beyond the last echoes, too, where the surface goes
+on as they say. What remains of all waves, or of those that a window averages, is the variance on ground that is
+covered evenly: by how much it differs from that of such mean ranges changes the variance of a place.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float, Int
+from scipy.optimize import minimize
+
+from sionna_radar.foundation.raster import Grid
+from sionna_radar.mapping.echo_model.model import Linearised
+from sionna_radar.mapping.terrain.covariance import (
+    OF_GAUSSIAN,
+    Covariance,
+    FittedCovariance,
+    Measured,
+    neighbours,
+    posterior_loss,
+    search_bounds,
+)
+from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.mapping.terrain.kriging import Kriging
+from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm
+
+# No ground is of the Matern family, and a likelihood that takes it for one is too sure of the smoothness: its logarithm
+# counts a third (Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
+TEMPERING = 3.0
+# The exponent of the prior, and the smoothnesses that are tried: about evenly spaced in their logarithms.
+RARER = 3.0
+TRIED = (0.3, 0.5, 0.9, 1.6, 3.0, 6.0, np.inf)
+# Beyond a smoothness that is less probable than the best by so many nepers, none is tried.
+IMPROBABLE = 15.0
+# A tenth of a neper of some thousand is enough.
+ITERATIONS, TOLERANCE = 12, 1e-4
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """A terrain that the echoes allow, and its probability."""
+
+    probability: float
+    terrain: FittedCovariance
+
+
+def plausible_terrains(measured: Measured, fitted: FittedCovariance) -> tuple[Plausible, ...]:
+    """Return the terrains that measured heights allow, the most probable first.
+
+    Parameters
+    ----------
+    measured:
+        Scattered heights.
+    fitted:
+        What was learned from them, where the search begins.
+
+    """
+    near = neighbours(measured)
+    bounds = search_bounds(measured)[:3]
+    taken = fitted.covariance
+    first = int(np.argmin(np.abs(np.log(np.minimum(TRIED, OF_GAUSSIAN) / min(taken.smoothness, OF_GAUSSIAN)))))
+    found: dict[int, tuple[float, Float[np.ndarray, 3]]] = {}
+
+    def search(numbers: Sequence[int], start: Float[np.ndarray, "3"], onward: Float[np.ndarray, "3"]) -> None:
+        for number in numbers:
+            smoothness = TRIED[number]
+            result = minimize(
+                lambda x, nu=smoothness: posterior_loss(x, nu, near),
+                np.clip(start + onward, *np.transpose(bounds)),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options={"maxiter": ITERATIONS, "ftol": TOLERANCE},
+            )
+            start, onward = result.x, result.x - start
+            found[number] = (float(result.fun) + RARER * float(np.log1p(min(smoothness, OF_GAUSSIAN))), result.x)
+            if found[number][0] > min(loss for loss, _ in found.values()) + IMPROBABLE:
+                return
+
+    search([first], np.log([taken.length_m, taken.variance_m2, fitted.noise_factor]), np.zeros(3))
+    search(range(first + 1, len(TRIED)), found[first][1], np.zeros(3))
+    search(range(first - 1, -1, -1), found[first][1], np.zeros(3))
+    least = min(loss for loss, _ in found.values())
+    share = {number: np.exp((least - loss) / TEMPERING) for number, (loss, _) in found.items()}
+    every = []
+    for number, (_, logarithms) in found.items():
+        length, variance, factor = (float(value) for value in np.exp(logarithms))
+        terrain = FittedCovariance(Covariance(TRIED[number], length, variance), factor)
+        every.append(Plausible(float(share[number] / sum(share.values())), terrain))
+    return tuple(sorted(every, key=lambda each: -each.probability))
+
+
+LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
+SAMPLED_PULSES = 40
+# Amplitudes of local relief for which the variance that is left is computed; between them it is interpolated.
+AMPLITUDES = 24
+
+
+@dataclass(frozen=True)
+class Information:
+    """What a survey tells of each wave of the terrain, per area, by mean ranges and by whole echoes.
+
+    wavenumber: of the waves, rad/m; weight: of each in the variance of a height.
+    by_means: if the noise is as the model says; by_echoes: 0 where only the means are used.
+    """
+
+    wavenumber: Float[np.ndarray, " wave"]
+    weight: Float[np.ndarray, " wave"]
+    by_means: Float[np.ndarray, " wave"]
+    by_echoes: Float[np.ndarray, " wave"]
+
+    def gain(self, noise_factor: float) -> float:
+        """Return how much more whole echoes tell of the longest waves than mean ranges do; 1 if only these are used."""
+        longest = self.wavenumber == self.wavenumber.min()
+        told = float(self.by_means[longest].sum()) / noise_factor
+        return max(1.0, float(self.by_echoes[longest].sum()) / told)
+
+    def after(
+        self,
+        variance_m2: Float[np.ndarray, " n"],
+        taken: FittedCovariance,
+        plausible: Sequence[Plausible],
+        local: LocalRelief | None,
+        place_m: Float[np.ndarray, "n 2"],
+        window_m: float = 0.0,
+    ) -> Float[np.ndarray, " n"]:
+        """Return the variance that is left by all that the echoes tell, averaged over the terrains they allow.
+
+        Beyond the last echoes, more is known neither by whole ones nor of what the terrain is like: there the variance
+        changes by no more than where echoes lie.
+
+        Parameters
+        ----------
+        variance_m2:
+            Of heights, or of means over a square of the side `window_m`, given mean ranges.
+        taken:
+            The terrain that it was computed for, and the factor on the noise of mean ranges.
+        plausible:
+            Those that the echoes allow.
+        local, place_m:
+            Amplitude of short waves, and where the variance is wanted.
+        window_m:
+            Side of the square; 0 for heights.
+
+        """
+        # A square averages waves in all directions nearly as a Gaussian of its standard deviation does.
+        passed = self.weight * np.exp(-((self.wavenumber * window_m) ** 2) / 12)
+        amplitude = np.ones(len(place_m)) if local is None else local.at(place_m)
+        tried = np.geomspace(amplitude.min(), amplitude.max(), AMPLITUDES if np.ptp(amplitude) > 0 else 1)
+        long = np.ones(len(self.wavenumber)) if local is None else local.long_share(self.wavenumber)
+        means, left = np.zeros((2, len(tried)))
+        for number, a in enumerate(tried):
+            share = long + a**2 * (1 - long)
+            means[number] = passed @ self._left(taken, share, whole=False)
+            for each in plausible:
+                left[number] += each.probability * float(passed @ self._left(each.terrain, share, whole=True))
+        ratio, means = np.interp(amplitude, tried, left / means), np.interp(amplitude, tried, means)
+        return np.asarray(variance_m2 + (ratio - 1) * np.minimum(variance_m2, means))
+
+    def _left(
+        self, terrain: FittedCovariance, share: Float[np.ndarray, " wave"], whole: bool
+    ) -> Float[np.ndarray, " wave"]:
+        """Return what is left of each wave; share: of its power in the terrain."""
+        prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
+        told = self.by_means / terrain.noise_factor
+        left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
+        return left
+
+
+def information_of(
+    heights: Heights,
+    linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised] | None = None,
+    looks_per_cell: float = 1.0,
+) -> Information:
+    """Return what mean ranges and whole echoes tell of the waves of a terrain.
+
+    Parameters
+    ----------
+    heights:
+        Mean ranges as heights over footprints; one for each pulse, if there is a linearised model.
+    linearised:
+        Returns the model of the echoes of some pulses, by their rows, linearised about the surface; None if only the
+        means are used.
+    looks_per_cell:
+        Independent looks in a range cell, from the overlap of neighbouring cells.
+
+    """
+    length = np.geomspace(SHORTEST_M, LONGEST_M, LENGTHS)[::-1]
+    heading = (np.arange(DIRECTIONS) + 0.5) * np.pi / DIRECTIONS
+    radial = 2 * np.pi / length
+    wave = (radial[:, None, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)).reshape(-1, 2)
+    wavenumber = np.repeat(radial, DIRECTIONS)
+    pulses = np.unique(np.linspace(0, len(heights) - 1, SAMPLED_PULSES).astype(int))
+    variance = heights.variance_m2(1.0)
+    means, (power, noise) = np.zeros(len(wave)), np.zeros((2, len(pulses), len(wave)))
+    linear = None if linearised is None else linearised(pulses)
+    for row, pulse in enumerate(pulses):
+        means += np.exp(-np.sum((wave @ heights.footprint_m[pulse].T) ** 2, axis=1)) / variance[pulse]
+        if linear is None:
+            continue
+        own = linear.rows_of(row)
+        phase = (linear.place_m[row] - heights.place_m[pulse]) @ wave.T
+        turned = linear.factor[own] @ np.cos(phase) + 1j * (linear.factor[own] @ np.sin(phase))
+        power[row] = np.sum(np.abs(turned) ** 2, axis=0)
+        noise[row] = _noise(turned, linear.weight[own], looks_per_cell)
+    density = len(heights) / np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0))
+    power, noise = np.median(power, axis=0), np.maximum(np.median(noise, axis=0), np.finfo(float).tiny)
+    return Information(
+        wavenumber=wavenumber,
+        # Opposite waves are one; an integral over wave vectors is one over heights times (2 pi)^2.
+        weight=2 * wavenumber * np.repeat(np.gradient(radial), DIRECTIONS) * np.pi / DIRECTIONS / (2 * np.pi) ** 2,
+        by_means=density / len(pulses) * means,
+        by_echoes=density * power**2 / noise,
+    )
+
+
+def _noise(
+    turned: Complex[np.ndarray, "row wave"], weight: Float[np.ndarray, " row"], looks_per_cell: float
+) -> Float[np.ndarray, " wave"]:
+    """Return the variance of an echo's score along waves, of weighted residuals whose neighbours are correlated."""
+    # A residual of the weight w has the variance w, in units of that of a look: the faint cells, which count for
+    # little, are known better than they count for.
+    turned = np.sqrt(weight)[:, None] * turned
+    beside = (1 / looks_per_cell - 1) / 2
+    neighbours = 2 * beside * np.real(np.sum(turned[1:] * np.conj(turned[:-1]), axis=0))
+    # Where all cells say the same, their residuals are as uncertain as the likelihood takes them to be.
+    noise: Float[np.ndarray, " wave"] = (np.sum(np.abs(turned) ** 2, axis=0) + neighbours) * looks_per_cell
+    return noise
+
+
+@runtime_checkable
+class Uncertainty(Protocol):
+    """What a DEM method knows about the error of its heights."""
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        ...
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return the standard deviation of the mean height over the cells of a window; NaN where it is unknown."""
+        ...
+
+
+@dataclass(frozen=True)
+class TileUncertainty:
+    """The uncertainty within a tile of the map.
+
+    bounds_m: west, east, south and north of the tile.
+    kriging: of the mean ranges of its echoes, for the terrain that the map takes.
+    information: what these, and the whole echoes, tell.
+    plausible: the terrains that they allow.
+    outstanding: echoes that the surface does not explain, such as those of poles and walls: place, radius of the
+        footprint, and how far they are from the surface, m.
+    """
+
+    bounds_m: tuple[float, float, float, float]
+    kriging: Kriging
+    information: Information
+    plausible: tuple[Plausible, ...]
+    outstanding: Float[np.ndarray, "echo 4"] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        bounds_m: tuple[float, float, float, float],
+        kriging: Kriging,
+        information: Information | None = None,
+        outstanding: Float[np.ndarray, "echo 4"] | None = None,
+    ) -> "TileUncertainty":
+        """Return the uncertainty of a tile; without information, mean ranges alone were used."""
+        heights = kriging.heights
+        measured = heights.above(heights.trend())
+        plausible = plausible_terrains(measured.rows(calm(measured)), kriging.terrain)
+        told = information or information_of(heights)
+        as_told = replace(kriging, noise_factor=kriging.noise_factor / told.gain(kriging.noise_factor))
+        return cls(bounds_m, as_told, told, plausible, outstanding)
+
+    def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
+        """Return which places lie in the tile."""
+        west, east, south, north = self.bounds_m
+        return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
+
+    def after(
+        self, sigma_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], window_m: float = 0.0
+    ) -> Float[np.ndarray, " n"]:
+        """Return the standard deviation of heights, or of their means over a window, by all that the echoes tell."""
+        kriging = self.kriging
+        told = self.information.after(sigma_m**2, kriging.terrain, self.plausible, kriging.local, place_m, window_m)
+        return np.asarray(np.sqrt(told))
+
+    def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return how far echoes that the surface does not explain are from it, at places within their footprints."""
+        farthest = np.zeros(len(place_m))
+        for x, y, radius, apart in () if self.outstanding is None else self.outstanding:
+            near = np.hypot(place_m[:, 0] - x, place_m[:, 1] - y) < radius
+            farthest[near] = np.maximum(farthest[near], apart)
+        return farthest
+
+
+@dataclass(frozen=True)
+class TiledUncertainty:
+    """The uncertainty of a map of tiles."""
+
+    tiles: tuple[TileUncertainty, ...]
+
+    def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+        """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
+        sigma = np.full(grid.shape, np.nan)
+        x, y = np.meshgrid(grid.x_m, grid.y_m)
+        for tile in self.tiles:
+            here = wanted & tile.contains(x, y)
+            if here.any():
+                place_m = np.column_stack([x[here], y[here]])
+                explained = tile.after(tile.kriging.sigma_m(grid, here)[here], place_m)
+                sigma[here] = np.hypot(explained, tile.unexplained_m(place_m))
+        return sigma
+
+    def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
+        """Return the standard deviation of the mean height over the cells of a window; NaN where it is unknown."""
+        x, y = np.median(place_m, axis=0)[:, None]
+        for tile in self.tiles:
+            if tile.contains(x, y).all():
+                # A window may reach beyond all echoes that the tile in its middle was mapped from.
+                kriging = replace(tile.kriging, heights=self._heights)
+                alone = np.array([kriging.mean_sigma_m(place_m)])
+                return float(tile.after(alone, np.column_stack([x, y]), window_m)[0])
+        return float("nan")
+
+    @property
+    def unexplained(self) -> int:
+        """Number of echoes that the surface does not explain."""
+        own = ((tile, tile.outstanding) for tile in self.tiles)
+        return sum(int(tile.contains(*out[:, :2].T).sum()) for tile, out in own if out is not None)
+
+    @cached_property
+    def _heights(self) -> Heights:
+        """The heights of all tiles, each from the tile that it lies in."""
+        own = (tile.kriging.heights for tile in self.tiles)
+        inside = [
+            heights.rows(tile.contains(*heights.place_m.T)) for tile, heights in zip(self.tiles, own, strict=True)
+        ]
+        return Heights.concatenate(inside)

@@ -1,1 +1,0 @@
-"""The file of measured speed ratios, which a later run compares with."""

@@ -1,1 +1,0 @@
-"""Several folders of results side by side."""

@@ -1,1 +1,0 @@
-"""Files and figures of a cross-check."""

@@ -1,0 +1,258 @@
+"""Drawing of maps and figures: shading, colours, coordinates, quantities and files."""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.transforms import ScaledTranslation
+
+from sionna_radar.foundation.raster import Georeference, Raster
+
+# Okabe and Ito
+BLUE = "#0072b2"
+RED = "#d55e00"
+GREEN = "#009e73"
+PURPLE = "#cc79a7"
+ORANGE = "#e69f00"
+SKY = "#56b4e9"
+# Names of matplotlib's colour maps.
+HEIGHTS, POWERS, ERRORS = "viridis", "viridis", "RdBu_r"
+# An empty cell of a map, in grey.
+EMPTY = "0.82"
+
+
+class Coordinates(StrEnum):
+    """Coordinates to show; MAP falls back to local ones if the scene is not georeferenced."""
+
+    MAP = "map"
+    LOCAL = "local"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """The offset of local coordinates (east, north, up), and the names of the axes."""
+
+    origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    east: str = "East (m)"
+    north: str = "North (m)"
+    height: str = "Height (m)"
+    most_ticks: int = 7
+
+
+LOCAL_FRAME = Frame()
+
+
+def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
+    """Return the frame in which figures are drawn."""
+    if place is None or coordinates is Coordinates.LOCAL:
+        return LOCAL_FRAME
+    height = f"{place.vertical_name or 'Height above datum'} (m)"
+    # Labels of six or seven digits: no more than four fit side by side.
+    return Frame(origin_m=place.origin_m, east="Easting (m)", north="Northing (m)", height=height, most_ticks=4)
+
+
+class _ShiftedLocator(MaxNLocator):
+    """Ticks at round numbers of a shifted axis."""
+
+    def __init__(self, shift: float, nbins: int) -> None:
+        super().__init__(nbins=nbins, steps=[1, 2, 5, 10])
+        self._shift = shift
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        return [tick - self._shift for tick in super().tick_values(vmin + self._shift, vmax + self._shift)]
+
+
+def shift_ticks(axis: Axis, shift: float, most: int) -> None:
+    """Label an axis with its values plus a shift, at round numbers and without a separate offset."""
+    axis.set_major_locator(_ShiftedLocator(shift, most))
+    # To a micrometre: round-off of the shift is not shown.
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{round(value + shift, 6):.12g}"))
+
+
+BOX_IN = (5.8, 4.8)  # largest width and height of a map on its own
+MAX_ASPECT = 3.0
+
+
+def map_size(bounds: tuple[float, float, float, float], box_in: tuple[float, float] = BOX_IN) -> tuple[float, float]:
+    """Return the size in inches of a map that fits the box."""
+    width_m, height_m = bounds[1] - bounds[0], bounds[3] - bounds[2]
+    scale = min(box_in[0] / width_m, box_in[1] / height_m)
+    return width_m * scale, height_m * scale
+
+
+def map_bounds(
+    extent_m: tuple[float, float, float, float], position_m: Float[np.ndarray, "n 3"]
+) -> tuple[float, float, float, float]:
+    """Return the edges (west, east, south, north) of a map of a grid and some positions."""
+    west, east, south, north = extent_m
+    if len(position_m):
+        pad = 0.03 * max(east - west, north - south)
+        low, high = position_m.min(axis=0) - pad, position_m.max(axis=0) + pad
+        west, east = min(west, low[0]), max(east, high[0])
+        south, north = min(south, low[1]), max(north, high[1])
+    # A narrow strip gets room at its sides, for the ticks and the colour bar.
+    shortest = max(east - west, north - south) / MAX_ASPECT
+    across, along = max(0.0, shortest - (east - west)) / 2, max(0.0, shortest - (north - south)) / 2
+    return float(west - across), float(east + across), float(south - along), float(north + along)
+
+
+def show_raster(axes: Axes, raster: Raster, colours: str, scale: Normalize) -> None:
+    """Show a raster at its position, empty cells in plain grey."""
+    axes.set_facecolor(EMPTY)
+    height = np.ma.masked_invalid(raster.height_m)
+    # Smoothing would let colours bleed into empty cells.
+    axes.imshow(height, origin="lower", extent=raster.grid.extent_m, cmap=colours, norm=scale, interpolation="nearest")
+
+
+def finish_map(axes: Axes, bounds: tuple[float, float, float, float], title: str, frame: Frame = LOCAL_FRAME) -> None:
+    """Give a map its limits (west, east, south, north; local), equal scales, labels and a north arrow."""
+    axes.set(xlim=bounds[:2], ylim=bounds[2:], xlabel=frame.east, ylabel=frame.north)
+    axes.set_aspect("equal")
+    axes.set_title(title, fontsize="medium")
+    aspect = (bounds[1] - bounds[0]) / (bounds[3] - bounds[2])
+    shift_ticks(axes.xaxis, frame.origin_m[0], frame.most_ticks if aspect > 0.7 else frame.most_ticks // 2)
+    shift_ticks(axes.yaxis, frame.origin_m[1], 7 if aspect < 2 else 4)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    arrow = {"arrowstyle": "-|>", "lw": 1.5, "path_effects": halo, "shrinkA": 0, "shrinkB": 0}
+    # Offsets from the corner are in points, so that the arrow's size does not depend on that of the map.
+    corner = axes.transAxes + ScaledTranslation(-14 / 72, -8 / 72, axes.figure.dpi_scale_trans)
+    axes.annotate(
+        "N",
+        (1, 1),
+        xycoords=corner,
+        xytext=(0, -32),
+        textcoords="offset points",
+        ha="center",
+        va="top",
+        weight="bold",
+        path_effects=halo,
+        arrowprops=arrow,
+    )
+
+
+def colour_bar(axes: Axes, mappable: ScalarMappable, label: str, width_in: float, extend: str = "neither") -> None:
+    """Put a colour bar beside a map of the given width in inches."""
+    # An inset keeps the height of its map; colour bars of the layout engine do not if axis scales are equal.
+    inset = axes.inset_axes((1 + 0.12 / width_in, 0.0, 0.16 / width_in, 1.0))
+    bar = axes.figure.colorbar(mappable, cax=inset, extend=extend, label=label)
+    # Heights of a mountain: 1203, not 3 with "+1.2e3" above the bar.
+    bar.formatter.set_useOffset(False)
+
+
+def empty_patch(why: str = "shadow or no echo") -> Patch:
+    """Return the legend entry of empty cells."""
+    return Patch(facecolor=EMPTY, edgecolor="0.4", label=f"No height: {why}")
+
+
+def height_limits(*rasters: Raster) -> tuple[float, float]:
+    """Return the lowest and the highest of all heights, in metres, with a minimum difference."""
+    heights = np.concatenate([r.height_m[r.filled] for r in rasters])
+    if len(heights) == 0:
+        return 0.0, 1.0
+    low, high = float(heights.min()), float(heights.max())
+    # A level surface also needs a scale.
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+def height_colours(limits: tuple[float, float], frame: Frame = LOCAL_FRAME) -> ScalarMappable:
+    """Return the colours of heights between two limits (local), for a colour bar."""
+    low, high = (limit + frame.origin_m[2] for limit in limits)
+    return ScalarMappable(Normalize(low, high), HEIGHTS)
+
+
+def dot_size(map_in: tuple[float, float], count: int) -> float:
+    """Return the size of a dot, in points, at which this many leave most of a map visible."""
+    return float(np.clip(72 * np.sqrt(map_in[0] * map_in[1] / max(count, 1)) / 8, 0.75, 2.5))
+
+
+DPI = 150
+SCREEN_DPI = 100
+
+Subject = TypeVar("Subject")
+
+
+class ReportFigure(Figure):
+    """A figure outside pyplot: no window, no state shared between figures; a notebook shows it as in print."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png", dpi=SCREEN_DPI)
+        return file.getvalue()
+
+
+def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Figure]], directory: Path) -> list[Path]:
+    """Draw several figures of a subject, each into `NAME.png` of a directory, and return the files."""
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = [directory / f"{name}.png" for name in drawings]
+    for path, draw in zip(paths, drawings.values(), strict=True):
+        draw(subject).savefig(path, dpi=DPI)
+    return paths
+
+
+UNITS = {
+    "mm_per_h": "mm/h",
+    "g_per_m3": "g/m³",
+    "per_m2": "1/m²",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "hz": "Hz",
+    "dbsm": "dBsm",
+    "dbm": "dBm",
+    "db": "dB",
+    "deg": "deg",
+    "rpm": "rpm",
+    "hpa": "hPa",
+    "celsius": "°C",
+    "m": "m",
+    "s": "s",
+}
+# Last parts of keys that need the name of their table.
+VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path", "rank", "seed", "training", "window")
+
+
+def readable(key: str) -> str:
+    """Return a dotted key as words with its unit, such as `Beamwidth (deg)`."""
+    *tables, name = key.split(".")
+    unit = next((unit for unit in UNITS if name.endswith(f"_{unit}")), None)
+    words = name.removesuffix(f"_{unit}") if unit else name
+    if words in VAGUE and tables:
+        words = f"{tables[-1]} {words}"
+    words = words.replace("_", " ").replace("dem ", "DEM ").replace("cfar", "CFAR").replace("snr", "SNR")
+    return words[:1].upper() + words[1:] + (f" ({UNITS[unit]})" if unit else "")
+
+
+MAX_SHADED_CELLS = 1_000
+
+
+def shaded(
+    raster: Raster, limits: tuple[float, float], colours_name: str = HEIGHTS
+) -> Float[np.ndarray, "row column 4"]:
+    """Return the colours of heights, lit from the north-west; relief is exaggerated where it is faint."""
+    step = max(1, int(np.ceil(max(raster.grid.shape) / MAX_SHADED_CELLS)))
+    height = raster.height_m[::step, ::step]
+    colours: Float[np.ndarray, "row column 4"]
+    colours = colormaps[colours_name].with_extremes(bad=EMPTY)(Normalize(*limits)(np.ma.masked_invalid(height)))
+    if min(height.shape) < 2:
+        return colours
+    north, east = np.gradient(height, raster.grid.spacing_m * step)
+    filled = np.isfinite(north) & np.isfinite(east)
+    slope = np.sqrt(np.mean((north**2 + east**2)[filled])) if filled.any() else 0.0
+    exaggeration = min(0.5 / slope, 10.0) if slope > 0 else 1.0
+    toward_light = (exaggeration * (east - north) / np.sqrt(2) + 1.0) / np.sqrt(2)
+    light = toward_light / np.sqrt(1 + exaggeration**2 * (north**2 + east**2))
+    colours[filled, :3] *= np.clip(0.55 + 0.55 * light[filled], 0.4, 1.0)[:, None]
+    return colours

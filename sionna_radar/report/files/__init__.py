@@ -1,0 +1,1 @@
+"""Files of results: rasters, point clouds, tables, and the folder that holds them."""

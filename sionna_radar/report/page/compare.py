@@ -1,0 +1,337 @@
+"""Results side by side: reading them, their table, and their page."""
+
+import json
+import math
+from collections.abc import Sequence
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.table import Table
+
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster_file import open_raster, read_square_cells
+from sionna_radar.report.files.folder import write_folder, write_text
+from sionna_radar.report.page import markup
+from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
+from sionna_radar.report.page.world import colour_scales
+from sionna_radar.report.terminal import console
+from sionna_radar.studies.comparison import Comparison, FlownResult
+
+MOST_KEYS = 200
+ERRORS = {
+    "RMS": ("rms_m", ".3f"),
+    "mean": ("mean_m", "+.3f"),
+    "std": ("std_m", ".3f"),
+    "NMAD": ("nmad_m", ".3f"),
+    "LE90": ("le90_m", ".3f"),
+    "cells": ("count", ",.0f"),
+    "coverage": ("coverage", ".1%"),
+}
+
+
+def error_rows(result: Comparison) -> dict[str, list[str]]:
+    """Return the errors of lit cells by name of the folder."""
+    return {
+        one.name: [figure(one.summary["lit_error"][key], form) for key, form in ERRORS.values()]
+        for one in result.results
+    }
+
+
+def setting_rows(result: Comparison) -> dict[str, list[str]]:
+    """Return the settings that differ by dotted key, one value for each folder; the first `MOST_KEYS` of many."""
+    rows = {
+        _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MOST_KEYS)
+    }
+    more = len(result.differing) - len(rows)
+    return {**rows, **({f"and {more:,} more": [""] * len(result.results)} if more else {})}
+
+
+def figure(value: float | int | None, form: str) -> str:
+    """Return a number in a format; a dash for one that does not exist."""
+    return "-" if value is None else f"{value:{form}}"
+
+
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) and len(value) < 60 else shown(value)
+
+
+def print_comparison(result: Comparison) -> None:
+    """Print the errors of lit cells, and the settings that differ."""
+    errors = Table(title="DEM minus truth of lit cells, m", title_justify="left")
+    errors.add_column("folder", overflow="fold")
+    for name in ERRORS:
+        errors.add_column(name, justify="right")
+    for name, row in error_rows(result).items():
+        errors.add_row(name, *row)
+    console().print(errors)
+    if not result.differing:
+        console().print("no setting differs")
+        return
+    settings = Table(title="Settings that differ", title_justify="left")
+    settings.add_column("key", overflow="fold")
+    for one in result.results:
+        settings.add_column(one.name, overflow="fold")
+    for key, row in setting_rows(result).items():
+        settings.add_row(key, *row)
+    console().print(settings)
+
+
+MARKER = "compare.html"
+# All maps of a page together.
+MOST_CELLS = 1_600_000
+LINES, LINE_POINTS = 41, 400
+BINS = 81
+LOCAL = {"east": "East (m)", "north": "North (m)", "height": "Height (m)"}
+MAP = {"east": "Easting (m)", "north": "Northing (m)", "height": "Height (m)"}
+
+
+def write_comparison(result: Comparison, directory: Path) -> list[Path]:
+    """Write `compare.html` into a directory, all or nothing, and return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    return write_folder(directory, MARKER, partial(_fill, result))
+
+
+def _fill(result: Comparison, directory: Path) -> None:
+    write_text(directory / MARKER, comparison_page(result))
+
+
+def comparison_page(result: Comparison) -> str:
+    """Return the page of a comparison as HTML."""
+    pack = Pack()
+    one_map = len({one.crs for one in result.results}) == 1
+    axes = MAP if one_map and result.results[0].crs else LOCAL
+    maps, notes = _maps(result, pack, axes["height"])
+    numbers = {
+        "frame": {"origin": (0.0, 0.0, 0.0), **axes},
+        "scales": colour_scales(),
+        "maps": maps,
+        "linked": one_map,
+        "profiles": _profiles(result, pack),
+        "histogram": _histogram(result),
+        "results": [
+            {"name": one.name, "lit_error": one.summary["lit_error"], "dem_error": one.summary["dem_error"]}
+            for one in result.results
+        ],
+    }
+    title = f"{len(result.results)} results side by side"
+    return document(title, _body(result, title, notes), pack.text(numbers), ("maps.js", "chirps.js", "compare.js"))
+
+
+def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
+    """Return the lowest and the highest of some heights, with a least difference."""
+    known = np.concatenate([dem[np.isfinite(dem)] for dem in dems])
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+
+
+def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
+    """Return DEM and error of each result on one scale, heights of different ground on scales of their own.
+
+    Also returns what was left out.
+    """
+    dems = [one.dem.height_m for one in result.results]
+    errors = np.concatenate([np.abs(one.error.height_m[one.error.filled]) for one in result.results])
+    limit = max(float(np.percentile(errors, 99)), 1e-3) if errors.size else 1.0
+    wrong = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
+    maps, notes = [], []
+    for one in result.results:
+        low, high = _limits(dems if result.common else [one.dem.height_m])
+        heights = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
+        thin = thinned(one.dem.grid, MOST_CELLS // (2 * len(result.results)))
+        for name, values, look in (("DEM", one.dem.height_m, heights), ("error", one.error.height_m, wrong)):
+            placed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
+            maps.append({"name": f"{one.name}: {name}", **look, **placed})
+        if thin.note:
+            notes.append(f"{one.name}: {thin.note}.")
+    return maps, notes
+
+
+def _profiles(result: Comparison, pack: Pack) -> dict[str, Any] | None:
+    """Return heights and errors along lines from west to east over the ground that all maps cover."""
+    if result.common is None:
+        return None
+    west, east, south, north = result.common
+    inset = 0.02 * (north - south)
+    x, y = np.linspace(west, east, LINE_POINTS), np.linspace(south + inset, north - inset, LINES)
+    across, along = np.meshgrid(x, y)
+    places = np.column_stack([across.ravel(), along.ravel()])
+
+    def lines(one: FlownResult) -> tuple[dict[str, Any], dict[str, Any]]:
+        height, error = (raster.at(places).reshape(across.shape) for raster in (one.dem, one.error))
+        return pack.rounded(height, HEIGHT_STEP_M), pack.rounded(error, HEIGHT_STEP_M)
+
+    found = [lines(one) for one in result.results]
+    return {
+        "x": (x).tolist(),
+        "y": y.tolist(),
+        "names": [one.name for one in result.results],
+        "height": [height for height, _ in found],
+        "error": [error for _, error in found],
+    }
+
+
+def _histogram(result: Comparison) -> dict[str, Any]:
+    """Return the shares of all filled cells by their error."""
+    values = [one.error.height_m[one.error.filled] for one in result.results]
+    together = np.abs(np.concatenate(values))
+    limit = 1.3 * max(float(np.percentile(together, 99)), 1e-3) if together.size else 1.0
+    edges, percent = np.linspace(-limit, limit, BINS + 1), np.arange(100)
+    return {
+        "edges": edges.tolist(),
+        "percent": percent.tolist(),
+        "series": [
+            {
+                "name": one.name,
+                "share": (100 * np.histogram(own, edges)[0] / max(len(own), 1)).tolist(),
+                "below": np.percentile(np.abs(own), percent).tolist() if len(own) else [],
+                "marks": [(m, float(np.percentile(np.abs(own), m))) for m in (68.27, 90.0, 95.0)] if len(own) else [],
+            }
+            for one, own in zip(result.results, values, strict=True)
+        ],
+    }
+
+
+def _body(result: Comparison, title: str, notes: list[str]) -> str:
+    keys = [key for key, _ in ERRORS.values()]
+    rows: list[list[markup.Cell | str]] = []
+    for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True)):
+        cells = [
+            markup.Cell(text=text, key=f"{number}.lit_error.{key}", value=one.summary["lit_error"][key])
+            for key, text in zip(keys, texts, strict=True)
+        ]
+        rows.append([one.name, *cells])
+    settings = [[key, *values] for key, values in setting_rows(result).items()]
+    names = [one.name for one in result.results]
+    differing = (
+        markup.table(["Key", *names], settings, style="text")
+        if settings
+        else markup.paragraph("No setting differs.", "note")
+    )
+    rooms = "".join(markup.map_room(number) for number in range(2 * len(names)))
+    zooming = "Scroll to zoom, drag to move; " + (
+        "all maps follow one another. " if result.common else "there is no ground that all maps show. "
+    )
+    profiles = (
+        [
+            markup.controls(markup.slider("line", "Line", LINES - 1, LINES // 2)),
+            markup.plot("profile", "chart"),
+            markup.plot("profile-error", "chart"),
+        ]
+        if result.common
+        else [markup.paragraph("No ground is covered by all maps in one CRS, so that there is no profile.", "note")]
+    )
+    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
+    sections = [
+        markup.section(
+            "errors",
+            "Errors",
+            markup.table(["DEM minus truth of lit cells (m)", *ERRORS], rows),
+            charts,
+            markup.paragraph("Curves: all cells that a DEM fills, lit or not.", "note"),
+        ),
+        markup.section("settings", "Settings that differ", differing),
+        markup.section(
+            "maps",
+            "Maps",
+            markup.paragraph(zooming + " ".join(notes), "note"),
+            f'<div class="grid">{rooms}</div>',
+        ),
+        markup.section("profiles", "Profiles from west to east", *profiles),
+    ]
+    links = {"errors": "Errors", "settings": "Settings that differ", "maps": "Maps", "profiles": "Profiles"}
+    return markup.head("Comparison", title, links) + "\n".join(sections)
+
+
+REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"
+# The numbers and the settings in a folder of each command.
+FLOWN, PROCESSED = ("summary.json", "scenario.toml"), ("processed.json", "settings.toml")
+# Cells of the largest DEM that a survey makes.
+RESULT_MAX_CELLS = 25_000_000
+RESULT_ERRORS = ("lit_error", "dem_error")
+NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "count", "coverage")
+
+
+def read_results(folders: Sequence[Path]) -> list[FlownResult]:
+    """Return the results of some folders, each named by as much of its path as tells it from the others.
+
+    Raises InputFileError for a folder that holds none, or whose files are damaged.
+    """
+    names = _names(folders)
+    return [read_result(folder, name) for folder, name in zip(folders, names, strict=True)]
+
+
+def read_result(folder: Path, name: str) -> FlownResult:
+    """Return the result in a folder."""
+    numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
+    summary = _summary(folder / numbers)
+    settings = _settings(folder / tables)
+    crs, dem = _raster(folder / "dem.tif")
+    _, error = _raster(folder / "error.tif")
+    if dem.grid != error.grid:
+        message = f"{shown(folder)}: dem.tif and error.tif have different cells; {REMEDY}"
+        raise InputFileError(message)
+    return FlownResult(name=name, summary=summary, settings=settings, crs=crs, dem=dem, error=error)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    parts = [folder.absolute().parts for folder in folders]
+    for length in range(1, max(map(len, parts), default=1) + 1):
+        names = ["/".join(part[-length:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{names[0]} ({number})" for number in range(1, len(folders) + 1)] if folders else []
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    text = read_text(path, "summary =", REMEDY)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        message = f"summary = {shown(path)} is not JSON ({error}); {REMEDY}"
+        raise InputFileError(message) from None
+    for key in RESULT_ERRORS:
+        errors = document.get(key) if isinstance(document, dict) else None
+        if not isinstance(errors, dict) or not all(_number(errors.get(name, "")) for name in NUMBERS):
+            message = f"summary = {shown(path)} has no {key} of a survey; {REMEDY}"
+            raise InputFileError(message)
+    return document
+
+
+def _number(value: Any) -> bool:
+    """Whether a value is a number or null."""
+    if value is None:
+        return True
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 and math.isfinite(value)
+    )
+
+
+def _settings(path: Path) -> dict[str, Any]:
+    text = read_text(path, "scenario =", REMEDY)
+    try:
+        return parse_toml(text)
+    except ValueError as error:
+        message = f"scenario = {shown(path)} is not TOML ({error}); {REMEDY}"
+        raise InputFileError(message) from None
+
+
+def _raster(path: Path) -> tuple[str, Raster]:
+    """Return the CRS and the heights of a raster, rows from south to north."""
+    with open_raster(path, "raster") as file:
+        cells = read_square_cells(file, f"raster = {shown(path)}", REMEDY, RESULT_MAX_CELLS)
+        crs = file.crs.to_wkt() if file.crs else ""
+    raster = Raster.from_array(cells.height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m)
+    return crs, raster

@@ -1,0 +1,508 @@
+"""What a page draws in three dimensions: relief, solids, beams, echoes and the flight, packed for the browser.
+
+length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
+
+An array stands in the JSON as {"at": offset, "type": "u2", "shape": [...], "step": 0.001, "zero": 12.5}; its values are
+`zero + step * number`, and the largest number stands for NaN. Nothing in base64 can end a script element, so that no
+text inside needs escaping; `core.js` is the reader.
+"""
+
+import base64
+import json
+import zlib
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Inexact, Int
+from scipy.spatial import cKDTree
+
+from sionna_radar.accuracy.truth import CLEAR_M
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.radar.antenna import Antenna
+from sionna_radar.radar.main_lobe import LIT
+from sionna_radar.report.files.folder import without_nan
+from sionna_radar.scene.model import Scene, Surface
+from sionna_radar.scene.raycast import RayCaster
+from sionna_radar.survey.preparation import Prepared
+
+EMPTY = 65_535
+# The first level: higher ones shorten a page by a tenth and take three times as long.
+LEVEL = 1
+
+
+class Pack:
+    """The arrays of a page."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def rounded(self, values: Inexact[np.ndarray, "..."], step: float) -> dict[str, Any]:
+        """Return the place of values rounded to a step, in 16 bits; where they span too much the step is coarser."""
+        values = np.asarray(values, dtype=np.float64)
+        known = np.isfinite(values)
+        low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 0.0)
+        step = max(step, (high - low) / (EMPTY - 1))
+        numbers = np.full(values.shape, EMPTY, dtype="<u2")
+        numbers[known] = np.round((values[known] - low) / step)
+        return {**self._keep(numbers, "u2"), "step": step, "zero": low}
+
+    def exact(self, values: Float[np.ndarray, "..."]) -> dict[str, Any]:
+        """Return the place of values as 32-bit floats."""
+        return self._keep(np.asarray(values, dtype="<f4"), "f4")
+
+    def whole(self, values: Int[np.ndarray, "..."]) -> dict[str, Any]:
+        """Return the place of whole numbers."""
+        return self._keep(np.asarray(values, dtype="<i4"), "i4")
+
+    def _keep(self, array: np.ndarray, kind: str) -> dict[str, Any]:
+        content = np.ascontiguousarray(array).tobytes()
+        place = {"at": self._size, "type": kind, "shape": list(array.shape)}
+        padding = -len(content) % 8
+        self._parts.append(content + b"\0" * padding)
+        self._size += len(content) + padding
+        return place
+
+    def text(self, document: dict[str, Any]) -> str:
+        """Return a document, in which the places of arrays stand, with these arrays."""
+        head = json.dumps(without_nan(document), allow_nan=False, separators=(",", ":")).encode("utf-8")
+        head += b" " * (-(len(head) + 4) % 8)
+        return compressed(len(head).to_bytes(4, "little") + head + b"".join(self._parts))
+
+
+def compressed(content: bytes) -> str:
+    """Return bytes as compressed base64."""
+    return base64.b64encode(zlib.compress(content, LEVEL)).decode("ascii")
+
+
+def unpacked(text: str) -> tuple[dict[str, Any], dict[int, bytes]]:
+    """Return the document of a packed text, and its arrays by their offsets: what `core.js` reads."""
+    content = zlib.decompress(base64.b64decode(text))
+    length = int.from_bytes(content[:4], "little")
+    document = json.loads(content[4 : 4 + length])
+    body = content[4 + length :]
+    return document, {place["at"]: body[place["at"] :] for place in _places(document)}
+
+
+def array_of(place: dict[str, Any], arrays: dict[int, bytes]) -> Float[np.ndarray, "..."]:
+    """Return the values of an array of an unpacked text."""
+    count = int(np.prod(place["shape"]))
+    numbers = np.frombuffer(arrays[place["at"]], dtype=f"<{place['type']}", count=count).reshape(place["shape"])
+    if "step" not in place:
+        return numbers.astype(np.float64)
+    return np.where(numbers == EMPTY, np.nan, place["zero"] + place["step"] * numbers.astype(np.float64))
+
+
+def _places(node: Any) -> list[dict[str, Any]]:
+    if isinstance(node, dict):
+        if {"at", "type", "shape"} <= node.keys():
+            return [node]
+        return [place for entry in node.values() for place in _places(entry)]
+    return [place for entry in node for place in _places(entry)] if isinstance(node, list) else []
+
+
+# Cells of one map, and of one surface in three dimensions.
+MOST_MAP_CELLS, MOST_RELIEF_CELLS = 400_000, 60_000
+HEIGHT_STEP_M = 0.001
+# How much lower surroundings are under the edge of a map: of itself, and of their cells.
+UNDER_M, UNDER_SHARE = 0.05, 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thinned:
+    """Every n-th cell of a grid, along both of its axes."""
+
+    grid: Grid
+    every: int
+
+    @property
+    def cells(self) -> Grid:
+        """The cells that are left."""
+        grid, n = self.grid, self.every
+        return Grid(
+            west_m=grid.west_m,
+            south_m=grid.south_m,
+            spacing_m=grid.spacing_m * n,
+            columns=-(-grid.columns // n),
+            rows=-(-grid.rows // n),
+        )
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Return the values of the cells that are left."""
+        return values[:: self.every, :: self.every]
+
+    @property
+    def note(self) -> str:
+        """What was left out, in words; empty for nothing."""
+        if self.every == 1:
+            return ""
+        return f"every {_ordinal(self.every)} cell each way is shown ({self.grid.spacing_m * self.every:g} m)"
+
+
+def thinned(grid: Grid, most: int) -> Thinned:
+    """Return a grid thinned to at most so many cells."""
+    every = max(1, int(np.sqrt(grid.columns * grid.rows / most)))
+    while -(-grid.columns // every) * -(-grid.rows // every) > most:
+        every += 1
+    return Thinned(grid=grid, every=every)
+
+
+def _ordinal(number: int) -> str:
+    return f"{number}{ {2: 'nd', 3: 'rd'}.get(number, 'th') }"
+
+
+def axes_of(grid: Grid, origin_m: tuple[float, ...] = (0.0, 0.0)) -> dict[str, float]:
+    """Return the first cell's centre and the spacing for a map, in the coordinates that it shows."""
+    return {"x0": grid.west_m + origin_m[0], "y0": grid.south_m + origin_m[1], "step": grid.spacing_m}
+
+
+def packed_map(
+    pack: Pack, grid: Grid, values: Float[np.ndarray, "row column"], step: float, origin_m: tuple[float, ...]
+) -> dict[str, Any]:
+    """Return a map for a page."""
+    return {**axes_of(grid, origin_m), "z": pack.rounded(values, step)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings:
+    """The highest surface around a map, on lines of which some are the map's first and last.
+
+    Plotly drops cells next to empty ones: it goes on for one cell under the map, a little lower, and is empty inside.
+    """
+
+    x_m: Float[np.ndarray, " column"]
+    y_m: Float[np.ndarray, " row"]
+    height_m: Float[np.ndarray, "row column"]
+
+    def packed(self, pack: Pack) -> dict[str, Any]:
+        """Return the surface for a page."""
+        return {"x": pack.exact(self.x_m), "y": pack.exact(self.y_m), "z": pack.rounded(self.height_m, HEIGHT_STEP_M)}
+
+
+def surroundings(
+    caster: RayCaster, scene: Scene, box: tuple[float, float, float, float], most: int, inner: Grid | None = None
+) -> Surroundings:
+    """Return the highest surface in a box (west, east, south, north) of a scene, in about so many cells.
+
+    caster: of the surfaces that count. inner: a map that is left out.
+    """
+    west, east, south, north = box
+    step_m = max(float(np.sqrt((east - west) * (north - south) / most)), 1e-3)
+    x = _lines(west, east, inner.x_m if inner else None, step_m)
+    y = _lines(south, north, inner.y_m if inner else None, step_m)
+    across, along = np.meshgrid(x, y)
+    places = np.column_stack([across.ravel(), along.ravel()])
+    height = caster.from_above(places, float(scene.bounds_m[1, 2]) + CLEAR_M).reshape(across.shape)
+    if inner:
+        for depth_m, value in ((0.0, -UNDER_M - UNDER_SHARE * step_m), (step_m, np.nan)):
+            columns, rows = (
+                (v > edges[0] + depth_m) & (v < edges[-1] - depth_m) for v, edges in ((x, inner.x_m), (y, inner.y_m))
+            )
+            height[np.ix_(rows, columns)] += value
+    return Surroundings(x_m=x, y_m=y, height_m=height)
+
+
+def _lines(
+    low: float, high: float, inner: Float[np.ndarray, " cell"] | None, step_m: float
+) -> Float[np.ndarray, " line"]:
+    """Return places from low to high about a step apart, among them the ends of an inner map and a step within."""
+    first, last = (low, high) if inner is None else (float(inner[0]), float(inner[-1]))
+    stops = np.unique(np.clip([low, first, first + step_m, last - step_m, last, high], low, high))
+    parts = [np.linspace(a, b, max(1, round((b - a) / step_m)), endpoint=False) for a, b in pairwise(stops)]
+    return np.concatenate([*parts, stops[-1:]])
+
+
+# A surface of which this share is steep stands on the ground rather than being it.
+STEEP_SHARE, STEEP_COSINE = 0.1, 0.2
+MOST_FACES = 60_000
+CITY = "sionna:"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solids:
+    """Triangles, and how many there were within the box."""
+
+    vertices_m: Float[np.ndarray, "vertex 3"]
+    faces: Int[np.ndarray, "face 3"]
+    total: int
+
+    @property
+    def note(self) -> str:
+        """What was left out, in words; empty for nothing."""
+        if self.total == len(self.faces):
+            return ""
+        return f"the {len(self.faces):,} largest of {self.total:,} triangles of buildings are shown"
+
+    def packed(self, pack: Pack) -> dict[str, Any]:
+        """Return the triangles for a page."""
+        return {"vertices": pack.exact(self.vertices_m), "faces": pack.whole(self.faces)}
+
+
+def standing(surface: Surface, terrain: str) -> bool:
+    """Whether a surface stands on the ground: it is named so by what builds it, or is steep by area.
+
+    terrain: the kind of terrain; the roofs of Sionna's cities are surfaces of their own.
+    """
+    names = ("building-", "footprints-", *([f"{terrain.removeprefix(CITY)}-"] if terrain.startswith(CITY) else []))
+    if surface.name.startswith(names):
+        return True
+    normal = _normals(surface.vertices_m, surface.faces)
+    area = np.linalg.norm(normal, axis=1)
+    steep = np.abs(normal[:, 2]) < STEEP_COSINE * area
+    return bool(area[steep].sum() > STEEP_SHARE * area.sum())
+
+
+def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, float]) -> Solids | None:
+    """Return what stands within a box (west, east, south, north); None for nothing."""
+    vertices, faces, first = [], [], 0
+    for surface in (surface for surface in scene.surfaces if standing(surface, terrain)):
+        inside = surface.faces[_within(surface, box)]
+        if len(inside):
+            used, index = np.unique(inside, return_inverse=True)
+            vertices.append(surface.vertices_m[used])
+            faces.append(index.reshape(-1, 3) + first)
+            first += len(used)
+    if not faces:
+        return None
+    vertices_m, triangles = np.concatenate(vertices), np.concatenate(faces)
+    total = len(triangles)
+    if total > MOST_FACES:
+        area = np.linalg.norm(_normals(vertices_m, triangles), axis=1)
+        triangles = triangles[np.argsort(-area, kind="stable")[:MOST_FACES]]
+    return Solids(vertices_m=vertices_m, faces=triangles, total=total)
+
+
+def _within(surface: Surface, box: tuple[float, float, float, float]) -> Bool[np.ndarray, " face"]:
+    west, east, south, north = box
+    x, y = surface.vertices_m[:, 0], surface.vertices_m[:, 1]
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    return inside[surface.faces].any(axis=1)
+
+
+def _normals(
+    vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"]
+) -> Float[np.ndarray, "face 3"]:
+    a, b, c = (vertices_m[faces[:, corner]] for corner in range(3))
+    return np.cross(b - a, c - a)
+
+
+RAYS, OUTLINE_RAYS = 72, 24
+# The rays reach so much farther than half power: the outermost are about 11 dB down, there and back.
+REACH = 1.35
+# An outline is searched so far from the boresight, in so many steps.
+WIDEST_RAD, OUTLINE_STEPS = float(np.deg2rad(80.0)), 60
+GOLDEN_RAD = np.pi * (3 - np.sqrt(5))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fan:
+    """Directions of a beam in its frame: first the boresight, then for an antenna the outline, then the rays.
+
+    gain_db: two-way, over the peak.
+    """
+
+    direction: Float[np.ndarray, "ray 3"]
+    gain_db: Float[np.ndarray, " ray"]
+
+
+AXIS = Fan(direction=np.array([[1.0, 0.0, 0.0]]), gain_db=np.zeros(1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beams:
+    """Beams of pulses, and how far their rays go; NaN for one that meets nothing."""
+
+    pulses: Pulses
+    fans: tuple[Fan, ...]
+    fan: Int[np.ndarray, " pulse"]
+    distance_m: Float[np.ndarray, "pulse ray"]
+
+    @property
+    def hit_m(self) -> Float[np.ndarray, "pulse ray 3"]:
+        """Where the rays meet the scene."""
+        directions = np.stack([fan.direction for fan in self.fans])[self.fan]
+        return _ends(self.pulses, directions, self.distance_m)
+
+    @property
+    def outline_m(self) -> Float[np.ndarray, "pulse ray 3"]:
+        """The outline of each footprint at half power."""
+        return self.hit_m[:, 1 : 1 + OUTLINE_RAYS]
+
+    def packed(self, pack: Pack) -> dict[str, Any]:
+        """Return the beams for a page, which computes the ends of the rays itself."""
+        pose = self.pulses.true
+        return {
+            "pulse": pack.whole(self.pulses.index),
+            "time_s": pack.exact(self.pulses.time_s),
+            "scan_deg": pack.exact(np.rad2deg(self.pulses.scan_rad)),
+            "position": pack.exact(pose.position_m),
+            "turn": pack.exact(pose.R_world_antenna),
+            "fan": pack.whole(self.fan),
+            "directions": pack.exact(np.stack([fan.direction for fan in self.fans])),
+            "gain_db": pack.rounded(np.stack([fan.gain_db for fan in self.fans]), 0.1),
+            "distance": pack.rounded(self.distance_m, 0.01),
+            "outline": min(OUTLINE_RAYS, self.distance_m.shape[1] - 1),
+        }
+
+
+def cast_beams(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> Beams:
+    """Return the beams of some pulses of a survey, cast against its scene; of a lidar the axes alone."""
+    pulses = prepared.flight.pulses(index)
+    steered = bool(prepared.beams) and pulses.beam is not None
+    antennas = prepared.beams if steered else (prepared.antenna,)
+    fans = (AXIS,) * len(antennas) if prepared.scenario.sensor == "lidar" else tuple(map(fan_of, antennas))
+    fan = np.asarray(pulses.beam if steered else np.zeros(len(pulses)), dtype=np.int64)
+    local = np.stack([each.direction for each in fans])[fan]
+    direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
+    origin = np.broadcast_to(pulses.true.position_m[:, None], direction.shape)
+    found = prepared.scene.caster.cast(origin.reshape(-1, 3), direction.reshape(-1, 3)).distance_m
+    # Beyond the sampled ranges a ray hears nothing.
+    heard = found <= prepared.receiver.chirp.max_range_m
+    distance_m = np.where(heard, found, np.nan).reshape(fan.size, -1)
+    return Beams(pulses=pulses, fans=fans, fan=fan, distance_m=distance_m)
+
+
+def fan_of(antenna: Antenna) -> Fan:
+    """Return the directions of an antenna's beam, spread evenly over its main lobe (Vogel's spiral)."""
+    around = 2 * np.pi * np.arange(OUTLINE_RAYS) / OUTLINE_RAYS
+    edge = _half_power_rad(antenna, around)
+    turn = np.mod(GOLDEN_RAD * np.arange(RAYS), 2 * np.pi)
+    off = REACH * np.sqrt((np.arange(RAYS) + 0.5) / RAYS) * np.interp(turn, around, edge, period=2 * np.pi)
+    spread = _directions(np.minimum(off, WIDEST_RAD), turn)
+    direction = np.concatenate([[[1.0, 0.0, 0.0]], _directions(edge, around), spread])
+    ratio = np.maximum(antenna.gain(direction) / antenna.peak_gain, 1e-5)
+    return Fan(direction=direction, gain_db=20 * np.log10(ratio))
+
+
+def _half_power_rad(antenna: Antenna, around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, " ray"]:
+    """Return how far from the boresight, toward some sides, the gain first falls to half of the peak's."""
+    # Steps grow with the angle: beams are one degree wide or fifty.
+    off = WIDEST_RAD * np.linspace(0.0, 1.0, OUTLINE_STEPS + 1)[1:] ** 3
+    gain = antenna.gain(_directions(*(grid.ravel() for grid in np.meshgrid(off, around))))
+    level = 20 * np.log10(np.maximum(gain / antenna.peak_gain, 1e-9)) - 10 * np.log10(LIT)
+    level = level.reshape(len(around), len(off))
+    rows, first = np.arange(len(around)), np.maximum((level < 0).argmax(axis=1), 1)
+    first[~(level < 0).any(axis=1)] = len(off) - 1
+    before, after = level[rows, first - 1], level[rows, first]
+    share = np.clip(before / np.maximum(before - after, 1e-9), 0.0, 1.0)
+    return off[first - 1] + share * (off[first] - off[first - 1])
+
+
+def _directions(off: Float[np.ndarray, " ray"], around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, "ray 3"]:
+    """Return unit vectors at angles off the boresight, toward the left and on to up around it."""
+    return np.column_stack([np.cos(off), np.sin(off) * np.cos(around), np.sin(off) * np.sin(around)])
+
+
+def _ends(
+    pulses: Pulses, local: Float[np.ndarray, "pulse ray 3"], distance_m: Float[np.ndarray, "pulse ray"]
+) -> Float[np.ndarray, "pulse ray 3"]:
+    direction = np.einsum("pij,pkj->pki", pulses.true.R_world_antenna, local)
+    return pulses.true.position_m[:, None] + distance_m[..., None] * direction
+
+
+def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
+    """Return pulses spread over a survey by the golden ratio's steps, which no rotation of an antenna repeats."""
+    if count <= most:
+        return np.arange(count)
+    step = count / most
+    # A regular step would alias with the scan; each pulse is drawn from its own part of the survey.
+    within = (np.arange(most) * (np.sqrt(5) - 1) / 2) % 1.0
+    return np.unique(np.floor((np.arange(most) + within) * step).astype(np.int64))
+
+
+MEANING = (
+    "sigma0 is the backscatter coefficient that the scene's material has, in the radar's polarization, at the local "
+    "incidence angle under which the pulse whose beam axis met the ground nearest saw the cell; it is a property of "
+    "the scene, not an estimate from the echoes, and is empty where no main beam lit the cell or that pulse could not "
+    "see it"
+)
+LOOKS = 20_000
+ABOVE_M = 0.01
+
+
+def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row column"]:
+    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; see `MEANING`."""
+    scene, caster = prepared.scene.scene, prepared.scene.caster
+    pose = prepared.flight.sample(LOOKS).true
+    range_m = caster.cast(pose.position_m, pose.boresight).distance_m
+    met = np.isfinite(range_m)
+    cells = np.column_stack([surface.grid.centres_m, surface.height_m.ravel()])
+    known = np.isfinite(cells[:, 2])
+    value = np.full(len(cells), np.nan)
+    if not (met.any() and known.any()):
+        return value.reshape(surface.grid.shape)
+    origin = pose.position_m[met]
+    hit = origin + range_m[met, None] * pose.boresight[met]
+    _, nearest = cKDTree(hit[:, :2]).query(cells[known, :2])
+    away = cells[known] + [0.0, 0.0, ABOVE_M] - origin[nearest]
+    distance = np.linalg.norm(away, axis=1)
+    seen = caster.cast(origin[nearest], away / distance[:, None])
+    visible = seen.hit & (np.abs(seen.distance_m - distance) < 0.05 + 0.002 * distance)
+    linear = np.full(len(away), np.nan)
+    for number, own in enumerate(scene.surfaces):
+        rows = visible & (seen.surface == number)
+        linear[rows] = scene.materials[own.material].sigma0(np.arccos(seen.cosine[rows]))
+    value[known] = 10 * np.log10(np.where(linear > 0, linear, np.nan))
+    return value.reshape(surface.grid.shape)
+
+
+def flown_rows(prepared: Prepared) -> dict[str, str]:
+    """Return the main settings of a survey by their names."""
+    scenario, chirp, grid = prepared.scenario, prepared.receiver.chirp, prepared.mapper.grid
+    start, end = prepared.flight.trajectory.cruise_s()
+    rows = {
+        "Ground": scenario.terrain.kind,
+        "Things on it": _things(prepared),
+        "Weather": scenario.weather.falling or "clear",
+        "Height above ground": f"{prepared.flown.altitude_m:.4g} m",
+        "Speed": f"{prepared.flown.speed_mps:.4g} m/s",
+        "Time in the air": f"{end - start:.1f} s, {len(prepared.flight):,} pulses",
+        "Sensor": scenario.sensor,
+        "Scan": _scan(prepared),
+        "Beam at half power": "" if scenario.sensor == "lidar" else _beam(prepared),
+    }
+    if scenario.sensor == "radar":
+        rows |= {
+            "Carrier": f"{chirp.carrier_hz / 1e9:.5g} GHz",
+            "Sweep": f"{chirp.bandwidth_hz / 1e6:.5g} MHz, {scenario.radar.sweep}",
+            "Range cell, farthest": f"{chirp.range_resolution_m:.3g} m, {chirp.max_range_m:.4g} m",
+            "Ranges": scenario.processing.ranging,
+            "Noise": _noise(prepared),
+        }
+    rows |= {
+        "Pulse rate": f"{scenario.radar.mean_rate_hz / scenario.processing.average.chirps:.4g} Hz",
+        "Navigation": "pose known exactly" if prepared.flight.navigation is None else scenario.platform.navigation.kind,
+        "Map": f"{prepared.mapper.name}, {grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m",
+        "Seed": str(scenario.seed),
+    }
+    return {name: value for name, value in rows.items() if value}
+
+
+def _things(prepared: Prepared) -> str:
+    scenario = prepared.scenario
+    counts = {
+        "buildings": len(scenario.buildings),
+        "objects": len(scenario.objects),
+        "files of footprints": len(scenario.footprints),
+        "point targets": len(prepared.scene.scene.targets),
+    }
+    return ", ".join(f"{name}: {count:,}" for name, count in counts.items() if count)
+
+
+def _scan(prepared: Prepared) -> str:
+    tilt = np.rad2deg(prepared.flight.scan.incidence_rad)
+    return f"{prepared.scenario.radar.scan.mode.replace('_', ' ')}, {tilt:.3g} deg from nadir"
+
+
+def _beam(prepared: Prepared) -> str:
+    azimuth, elevation = np.rad2deg(prepared.antenna.beamwidths_rad)
+    steered = f", steered to {len(prepared.beams)} places" if prepared.beams else ""
+    return f"{azimuth:.3g} x {elevation:.3g} deg{steered}"
+
+
+def _noise(prepared: Prepared) -> str:
+    radar = prepared.scenario.radar
+    return f"{radar.system_noise_figure_db:.4g} dB figure" if radar.snr_db is None else f"SNR {radar.snr_db:g} dB"

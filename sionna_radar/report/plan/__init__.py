@@ -1,1 +1,0 @@
-"""Files and tables of a flight plan."""

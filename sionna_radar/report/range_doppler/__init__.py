@@ -1,1 +1,0 @@
-"""Files and figures of range-Doppler maps."""

@@ -1,0 +1,1 @@
+"""Files, figures and tables of each study."""

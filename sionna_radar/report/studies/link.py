@@ -1,0 +1,278 @@
+"""A link budget as files, table and figures."""
+
+import csv
+import io
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from rich.table import Table
+
+from sionna_radar.foundation.numerics import decibels, to_db
+from sionna_radar.report.drawing import BLUE, ORANGE, RED, ReportFigure, save_figures
+from sionna_radar.report.files.folder import without_nan, write_study
+from sionna_radar.report.terminal import console, number
+from sionna_radar.studies.link import SURE, TOLERANCE_DB, Link, LinkBudget, Simulated
+from sionna_radar.studies.link_spectra import ROUNDING
+
+COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
+LINES = ("-", "--", ":", "-.")
+LEAST_DB = -20.0
+# What is shown under the floors.
+DEPTH_DB = 25.0
+
+
+def draw_all(budget: LinkBudget, directory: Path) -> list[Path]:
+    """Draw every figure into a directory as PNG, and return the files."""
+    return save_figures(budget, {"link": draw_link, "floors": draw_floors}, directory)
+
+
+def draw_link(budget: LinkBudget) -> Figure:
+    """Draw signal to noise above, and probabilities below, over range; a column for each material."""
+    materials = list(dict.fromkeys(one.material for one in budget.links))
+    width = max(7.5, 0.8 + 4.6 * len(materials))
+    figure = ReportFigure(figsize=(width, 7.2), layout="constrained")
+    panels = figure.subplots(2, len(materials), sharex=True, sharey="row", squeeze=False, height_ratios=[1.5, 1.0])
+    incidences = sorted({one.incidence_deg for one in budget.links})
+    rains = sorted({one.rain_mm_per_h for one in budget.links})
+    for column, material in enumerate(materials):
+        upper, lower = panels[:, column]
+        for one in (found for found in budget.links if found.material == material):
+            colour = COLOURS[incidences.index(one.incidence_deg) % len(COLOURS)]
+            _draw(upper, lower, one, colour, LINES[rains.index(one.rain_mm_per_h) % len(LINES)])
+        upper.axhline(0.0, color="black", lw=0.8)
+        upper.set_title(f"Over {material}", fontsize="medium")
+        lower.set(xlabel="Range (m)", ylim=(-0.03, 1.03))
+        for axes in (upper, lower):
+            axes.grid(alpha=0.3)
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter("{x:g}")
+    panels[0, 0].set_ylabel("SNR of the ground in a range cell (dB)")
+    panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], LEAST_DB))
+    panels[1, 0].set_ylabel("Probability of detecting the ground")
+    handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
+    handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
+    handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
+    if any(one.of_ground("clutter").any() for one in budget.links):
+        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Air alone; any echo passes")]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
+    return figure
+
+
+def draw_floors(budget: LinkBudget) -> Figure:
+    """Draw what every noise leaves in each range cell, under the echo that the survey has, beside simulated pulses."""
+    found = budget.floors
+    figure = ReportFigure(figsize=(8.5, 5.6), layout="constrained")
+    axes = figure.subplots()
+    shown, envelopes = slice(1, None), found.envelopes
+    every = found.ground + found.clutter + np.sum(list(found.terms.values()), axis=0)
+    scale = 1e3 if budget.physical else 1.0
+    axes.plot(found.range_m[shown], _levels(scale * found.found)[shown], color="0.75", lw=2.5, label="Simulated")
+    axes.plot(found.range_m[shown], _levels(scale * every)[shown], color="black", lw=0.9, label="All together")
+    axes.plot(found.range_m[shown], _levels(scale * found.ground)[shown], color=BLUE, label="Ground")
+    if np.any(found.clutter > 0):
+        axes.plot(found.range_m[shown], _levels(scale * found.clutter)[shown], color=ORANGE, label="Echo of the air")
+    for index, (name, level) in enumerate(envelopes.items()):
+        colour = COLOURS[2 + index % (len(COLOURS) - 2)]
+        axes.plot(found.range_m[shown], _levels(scale * level)[shown], ls="--", color=colour, label=name.capitalize())
+    # Where the highest floor is lowest, and some way under it.
+    lowest = float(np.min(_levels(scale * np.max(list(envelopes.values()), axis=0))[shown]))
+    highest = float(np.nanmax(_levels(scale * every)[shown]))
+    axes.set_ylim(lowest - DEPTH_DB, highest + 5.0)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    unit = "dBm" if budget.physical else "dB rel. to transmitted"
+    axes.set(xlabel="Range (m)", ylabel=f"Mean power in a range cell ({unit})")
+    axes.set_title(f"Floors over range, ground at {found.echo_m:.0f} m", fontsize="medium")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize="small", loc="upper right")
+    return figure
+
+
+def _levels(power: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return decibels(np.where(power > 0, power, np.nan))
+
+
+def _draw(upper: Axes, lower: Axes, one: Link, colour: str, line: str) -> None:
+    snr, clutter = one.of_ground("snr"), one.of_ground("clutter")
+    upper.plot(one.range_m, decibels(snr), color=colour, ls=line)
+    if np.any(clutter > 0):
+        upper.plot(one.range_m, _levels(clutter), color=colour, lw=0.7, alpha=0.6, ls=line)
+    lower.plot(one.range_m, one.of_ground("detection"), color=colour, ls=line)
+    lower.plot(one.range_m, one.of_ground("passing"), color=colour, lw=0.7, alpha=0.6, ls=line)
+    for each in one.simulated:
+        style = {"marker": "o", "ls": "", "mfc": colour, "mec": "black", "ms": 5}
+        upper.plot(each.range_m, to_db(max(each.found - each.ground.clutter, 0.0)), **style)
+        lower.plot(each.range_m, each.passed, **style)
+
+
+MARKER = "link.json"
+MEANING = (
+    "snr_db is the mean power of the ground's strongest range cell over the noise in it, signal_to_clutter_db over "
+    "what is in the air there. detection_probability is that of detecting the ground in this cell in one pulse "
+    "against noise and clutter, false_alarm_probability that the cell passes the CFAR without the ground, "
+    "passing_probability that it passes with all that is in it. Under `simulated` passed is the share of simulated "
+    "pulses in which it does, and difference_db ground and clutter there over the closed form. reach_m is the farthest "
+    "range up to which the cell passes with reach_probability and holds more of the ground than clutter; with "
+    "reaches_the_end the sampled ranges end before it does."
+)
+
+
+def write_link(budget: LinkBudget, directory: Path) -> list[Path]:
+    """Write `link.json`, `link.csv` and the figures into a directory, all or nothing, and return the files.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    tables = {"link.csv": link_csv(budget)}
+    return write_study(directory, MARKER, link_summary(budget), partial(draw_all, budget), tables)
+
+
+def link_summary(budget: LinkBudget) -> dict[str, Any]:
+    """Return the numbers in strict JSON form; a number that does not exist is None."""
+    document: dict[str, Any] = {
+        "agrees": budget.agrees,
+        "largest_difference_db": budget.largest_difference_db,
+        "tolerance_db": TOLERANCE_DB,
+        "dynamic_range_db": budget.dynamic_range_db,
+        "reach_probability": SURE,
+        "noise_w": budget.noise_w,
+        "transmit_power_w": budget.transmit_power_w,
+        "floors": _floors(budget),
+        "meaning": MEANING,
+        "links": [_link(link) for link in budget.links],
+        "scenario": budget.scenario.model_dump(mode="json"),
+    }
+    return without_nan(document)
+
+
+def link_csv(budget: LinkBudget) -> str:
+    """Return the closed form as a table, a row for each range."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["material", "incidence_deg", "rain_mm_per_h", "range_m", *budget.links[0].ground[0].numbers()])
+    for link in budget.links:
+        for range_m, ground in zip(link.range_m, link.ground, strict=True):
+            own = [f"{value:.6g}" if np.isfinite(value) else "" for value in (range_m, *ground.numbers().values())]
+            rows.writerow([link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", *own])
+    return text.getvalue()
+
+
+def _floors(budget: LinkBudget) -> dict[str, Any]:
+    found = budget.floors
+    spectra = {"ground": found.ground, "clutter": found.clutter, **found.terms, "simulated": found.found}
+    return {
+        "ground_m": found.echo_m,
+        "unit": "dBW" if budget.physical else "dB over the transmitted power",
+        "highest": [{"floor": name, "from_m": start, "to_m": end} for name, start, end in found.rulers()],
+        "range_m": found.range_m.tolist(),
+        "power_db": {name: _finite(decibels(power)) for name, power in spectra.items()},
+    }
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        "material": link.material,
+        "incidence_deg": link.incidence_deg,
+        "rain_mm_per_h": link.rain_mm_per_h,
+        "reach_m": link.reach_m,
+        "reaches_the_end": link.reaches_the_end,
+        "range_m": link.range_m.tolist(),
+        **{name: _finite(np.array([one.numbers()[name] for one in link.ground])) for name in link.ground[0].numbers()},
+        "simulated": [_simulated(one) for one in link.simulated],
+    }
+
+
+def _simulated(one: Simulated) -> dict[str, Any]:
+    return {
+        "range_m": one.range_m,
+        **one.ground.numbers(),
+        "difference_db": one.difference_db,
+        "spread_db": one.spread_db,
+        "compared": one.compared,
+        "passed": one.passed,
+        "echo_passed": one.echo_passed,
+        "reason": one.reason or None,
+    }
+
+
+def _finite(values: Float[np.ndarray, " n"]) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+# Floors that take turns are all in the file.
+MOST_RULERS = 6
+
+LEGEND = (
+    "S/C: signal to clutter; Pd: that the ground is detected against noise and clutter; Pfa: that the cell passes",
+    "without the ground, by rain; diff: ground and clutter as simulated over the closed form; reach: up to there",
+    f"{SURE:.0%} of pulses pass the CFAR in that cell, with more ground than clutter in it",
+)
+
+
+def print_link(budget: LinkBudget) -> None:
+    """Print a row for each simulated range, what the columns are, and whether closed form and simulation agree."""
+    out = console()
+    out.print(link_table(budget))
+    for line in LEGEND:
+        out.print(line, soft_wrap=True)
+    if any(link.reaches_the_end for link in budget.links):
+        out.print("+: the sampled ranges end there, not the reach; raise radar.samples_per_chirp", soft_wrap=True)
+    if np.isnan(budget.largest_difference_db):
+        said = "closed form and simulation were not compared: too few pulses, or echoes too far under the noise"
+    else:
+        word, largest = "agree" if budget.agrees else "DIFFER", number(budget.largest_difference_db, ".2f", " dB")
+        said = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
+    out.print(said, soft_wrap=True)
+    out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
+    for name, start, end in budget.floors.rulers()[:MOST_RULERS]:
+        out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
+    sound = budget.largest_difference_db <= TOLERANCE_DB  # false, too, where nothing was compared
+    if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):
+        coarse = "rounding is no noise where echoes and noise are smaller than a step of the converter"
+        out.print(f"{coarse}: raise radar.receiver.converter.gain_db, or bits", soft_wrap=True)
+    for reason in dict.fromkeys(one.reason for link in budget.links for one in link.simulated if one.reason):
+        out.print(f"not simulated: {reason}", soft_wrap=True)
+
+
+def link_table(budget: LinkBudget) -> Table:
+    """Return the ground at the simulated ranges in closed form, and beside it what was simulated."""
+    title = "Strongest range cell of the ground in one pulse"
+    table = Table(title=title, title_justify="left", pad_edge=False)
+    table.add_column("material")
+    for name in (
+        "beam\ndeg",
+        "rain\nmm/h",
+        "reach\nm",
+        "range\nm",
+        "SNR\ndB",
+        "S/C\ndB",
+        "Pd",
+        "Pfa\nrain",
+        "diff\ndB",
+    ):
+        table.add_column(name, justify="right")
+    for link in budget.links:
+        reach = f"{link.reach_m:.0f}{'+' if link.reaches_the_end else ''}"
+        case = link.material, f"{link.incidence_deg:g}", f"{link.rain_mm_per_h:g}", reach
+        for place, one in enumerate(link.simulated):
+            said = one.ground.numbers()
+            alarms = said["false_alarm_probability"] if one.ground.clutter > 0 else float("nan")
+            table.add_row(
+                *(case if place == 0 else ("", "", "", "")),
+                f"{one.range_m:.1f}",
+                number(said["snr_db"], ".1f"),
+                number(said["signal_to_clutter_db"], ".1f"),
+                number(said["detection_probability"], ".3f"),
+                number(alarms, ".3f"),
+                number(one.difference_db, "+.2f"),
+            )
+    return table

@@ -1,0 +1,265 @@
+"""What was processed from a recording, as files, table and figures."""
+
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from sionna_radar.foundation.numerics import decibels
+from sionna_radar.foundation.progress import peak_memory_mb
+from sionna_radar.foundation.workers import versions
+from sionna_radar.report.drawing import (
+    BLUE,
+    ERRORS,
+    HEIGHTS,
+    ORANGE,
+    RED,
+    Coordinates,
+    ReportFigure,
+    colour_bar,
+    finish_map,
+    frame_of,
+    height_colours,
+    height_limits,
+    map_bounds,
+    map_size,
+    save_figures,
+    show_raster,
+)
+from sionna_radar.report.files.folder import COSTS, costs_json, strict_json, without_nan, write_folder, write_text
+from sionna_radar.report.files.geotiff import write_geotiff
+from sionna_radar.report.files.point_cloud import write_laz
+from sionna_radar.report.files.points_table import write_points_csv
+from sionna_radar.report.survey.products import provenance
+from sionna_radar.report.survey.summary import crs_name, georeference
+from sionna_radar.report.terminal import console, number
+from sionna_radar.survey.result import Processed
+
+# Errors beyond this quantile of |error| saturate the colours.
+SATURATED = 0.98
+TINY = 1e-300
+
+
+def draw_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+    """Draw the spectrum and, where there is one, the DEM into a directory as PNG, and return the files."""
+    figures = {"spectrum": draw_spectrum}
+    if processed.dem is not None and processed.dem.filled.any():
+        figures["dem"] = partial(draw_map, coordinates=coordinates)
+    return save_figures(processed, figures, directory)
+
+
+def draw_spectrum(processed: Processed) -> Figure:
+    """Draw the beat signal of one chirp, and its spectrum with those of all: mean, median, floor, threshold."""
+    record, spectrum = processed.chirp, processed.spectrum
+    figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
+    time_axes, range_axes = figure.subplots(2, 1)
+    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
+    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
+    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
+        time_axes.plot(1e3 * record.sample_time_s, samples, color=colour, lw=0.8, label=name)
+    time_axes.set(xlabel="Time in the sweep (ms)", ylabel="Beat signal (as recorded)")
+    time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
+    time_axes.legend(frameon=False, ncols=2)
+    _draw_powers(range_axes, processed)
+    range_axes.axhline(10 * np.log10(max(spectrum.floor, TINY)), color="black", lw=0.8, ls=":", label="Noise floor")
+    range_axes.legend(loc="upper right", framealpha=0.9, ncols=2)
+    return figure
+
+
+def _draw_powers(axes: Axes, processed: Processed) -> None:
+    record, spectrum = processed.chirp, processed.spectrum
+    axes.plot(record.range_m, decibels(record.power), color=BLUE, lw=0.6, alpha=0.6, label=f"Pulse {record.pulse}")
+    axes.plot(record.range_m, decibels(record.threshold), color=ORANGE, lw=1.2, ls="--", label="CFAR threshold")
+    axes.plot(spectrum.range_m, decibels(spectrum.mean), color="0.2", lw=1.2, label="Mean of pulses")
+    axes.plot(spectrum.range_m, decibels(spectrum.median), color="0.55", lw=1.2, label="Median of pulses")
+    found = f"{len(record.echo_range_m)} detected"
+    axes.plot(
+        record.echo_range_m, decibels(record.echo_power), ls="", marker="v", ms=8, mfc=RED, mec="black", label=found
+    )
+    axes.set(xlabel="Range, not corrected for Doppler (m)", ylabel="Power (dB of the recording's unit squared)")
+    axes.margins(x=0)
+    axes.grid(alpha=0.3)
+
+
+def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> Figure:
+    """Draw the DEM, and its error where the truth is known."""
+    assert processed.dem is not None
+    frame, dem, comparison = frame_of(processed.georeference, coordinates), processed.dem, processed.comparison
+    bounds = map_bounds(dem.grid.extent_m, np.zeros((0, 3)))
+    width, height = map_size(bounds, (4.2, 5.0))
+    figure = ReportFigure(
+        figsize=((width + 2.2) * (1 if comparison is None else 2), height + 1.3), layout="constrained"
+    )
+    axes = np.atleast_1d(figure.subplots(1, 1 if comparison is None else 2))
+    limits = height_limits(dem)
+    show_raster(axes[0], dem, HEIGHTS, Normalize(*limits))
+    finish_map(axes[0], bounds, "DEM", frame)
+    colour_bar(axes[0], height_colours(limits, frame), frame.height, width)
+    if comparison is not None:
+        values = comparison.error.height_m[comparison.error.filled]
+        limit = float(np.quantile(np.abs(values), SATURATED)) if len(values) else 1.0
+        show_raster(axes[1], comparison.error, ERRORS, Normalize(-limit, limit))
+        title = f"Error, RMSE of lit cells {number(comparison.lit_error.rms_m, '.3f', ' m')}"
+        finish_map(axes[1], bounds, title, frame)
+        colour_bar(axes[1], axes[1].images[0], "DEM minus truth (m)", width, extend="both")
+    return figure
+
+
+MARKER = "processed.json"
+ECHO_COLUMNS = {
+    "pulse": "%d",
+    "echo": "%d",
+    "time_s": "%.6f",
+    "range_m": "%.4f",
+    "range_sigma_m": "%.4f",
+    "snr_db": "%.3f",
+    "power": "%.6e",
+}
+ROWS_AT_ONCE = 20_000
+
+
+def write_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
+    """Write what processing made into a directory, completely or not at all, and return the files.
+
+    Points and rasters have the bytes that the survey itself wrote, where the settings are the same.
+
+    Parameters
+    ----------
+    processed:
+        A processed recording.
+    directory:
+        Where to write; files of an earlier result of `process` are replaced.
+    coordinates:
+        Those of the figures.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written; see `write_folder`.
+
+    """
+    return write_folder(directory, MARKER, partial(_write_all, processed, coordinates))
+
+
+def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) -> None:
+    write_text(directory / MARKER, strict_json(_document(processed)))
+    write_text(directory / COSTS, costs_json(processed.timing_s, peak_memory_mb()))
+    settings = processed.settings.model_dump(mode="json", exclude_none=True)
+    write_text(directory / "settings.toml", tomli_w.dumps(settings))
+    _write_echoes(directory / "echoes.csv", processed)
+    place = processed.georeference
+    if processed.points is not None and processed.measured is not None:
+        write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
+        write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
+    height_m = place.origin_m[2] if place else 0.0
+    rasters = {"dem": (processed.dem, "DEM height", height_m)}
+    if processed.dem_sigma is not None:
+        rasters["dem_sigma"] = (processed.dem_sigma, "standard deviation of the DEM height", 0.0)
+    if processed.comparison is not None:
+        rasters["truth"] = (processed.comparison.truth, "true height", height_m)
+        rasters["error"] = (processed.comparison.error, "DEM minus truth", 0.0)
+    for name, (raster, description, offset_m) in rasters.items():
+        if raster is not None and processed.points is not None:
+            made_by = provenance(processed.scenario, processed.points)
+            write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
+    draw_processed(processed, directory / "figures", coordinates)
+
+
+def _document(processed: Processed) -> dict[str, Any]:
+    sweep, points, comparison = processed.sweeps[0], processed.points, processed.comparison
+    document: dict[str, Any] = {
+        "recording": processed.source.name,
+        "settings": processed.settings.model_dump(mode="json"),
+        "warnings": processed.warnings,
+        "crs": crs_name(processed.georeference),
+        "georeference": georeference(processed.georeference),
+        "sweep": {
+            "carrier_hz": sweep.carrier_hz,
+            "bandwidth_hz": sweep.bandwidth_hz,
+            "duration_s": sweep.duration_s,
+            "samples": sweep.samples,
+            "sampling": sweep.sampling,
+            "sweeps": len(processed.sweeps),
+            "propagation_mps": sweep.propagation_mps,
+            "range_cell_m": sweep.range_resolution_m,
+        },
+        "pulses": len(processed.time_s),
+        "echoes": len(processed.echoes),
+        "noise_floor": processed.spectrum.floor,
+        "dem_error": asdict(comparison.dem_error) if comparison else None,
+        "lit_error": asdict(comparison.lit_error) if comparison else None,
+        "points_sha256": points.sha256() if points is not None else None,
+        "versions": versions(),
+    }
+    kept: dict[str, Any] = without_nan(document)
+    return kept
+
+
+def _write_echoes(path: Path, processed: Processed) -> None:
+    echoes, line = processed.echoes, ",".join(ECHO_COLUMNS.values()) + "\n"
+    columns = (
+        echoes.pulse,
+        echoes.number,
+        processed.time_s[echoes.pulse],
+        echoes.range_m,
+        echoes.range_sigma_m,
+        echoes.snr_db,
+        echoes.power,
+    )
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(ECHO_COLUMNS) + "\n")
+        for start in range(0, len(echoes), ROWS_AT_ONCE):
+            rows = np.column_stack([column[start : start + ROWS_AT_ONCE] for column in columns])
+            file.writelines(line % tuple(row) for row in rows)
+
+
+def print_processed(processed: Processed) -> None:
+    """Print what processing made of a recording."""
+    console().print(processed_table(processed))
+
+
+def processed_table(processed: Processed) -> Table:
+    """Return what was recorded, what was found in it, and how well the DEM fits where the truth is known."""
+    table = Table(title=f"Recording {processed.source.name}", show_header=False, title_justify="left")
+    for name, value in (_recorded(processed) | _mapped(processed)).items():
+        table.add_row(name, value)
+    return table
+
+
+def _recorded(processed: Processed) -> dict[str, str]:
+    sweep, spectrum = processed.sweeps[0], processed.spectrum
+    count = "one sweep" if len(processed.sweeps) == 1 else "two sweeps"
+    kind = f"{count} of {sweep.samples:,} {'I/Q' if sweep.sampling == 'iq' else 'real'} samples"
+    peak, strongest = spectrum.peak
+    floor_db, peak_db = decibels(np.array([spectrum.floor, strongest]))
+    return {
+        "pulses / echoes": f"{len(processed.time_s):,} / {len(processed.echoes):,}",
+        "pulse": kind,
+        "sweep": f"{sweep.bandwidth_hz / 1e6:.6g} MHz about {sweep.carrier_hz / 1e9:.6g} GHz, range cells of "
+        f"{sweep.range_resolution_m:.4g} m to {sweep.max_range_m:.4g} m",
+        "noise floor": f"{floor_db:.1f} dB in a cell; the mean spectrum peaks at {peak_db:.1f} dB, {peak:.2f} m away",
+    }
+
+
+def _mapped(processed: Processed) -> dict[str, str]:
+    if processed.dem is None:
+        return {"DEM": "none, as the recording has no poses"}
+    grid = processed.dem.grid
+    rows = {
+        "DEM": f"{grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m, {int(processed.dem.filled.sum()):,} filled"
+    }
+    if processed.comparison is None:
+        rows["error"] = "unknown: the recording holds no truth on this grid"
+    else:
+        lit = processed.comparison.lit_error
+        numbers = number(lit.rms_m, ".3f", " m"), number(lit.mean_m, "+.3f", " m"), number(lit.nmad_m, ".3f", " m")
+        rows["RMSE of lit cells"] = "{}, bias {}, NMAD {}".format(*numbers)
+        rows["coverage"] = f"{lit.coverage:.1%}"
+    return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

@@ -1,0 +1,318 @@
+"""A sweep as files and tables, and how its table of runs is read again.
+
+A setting that could not be flown in full has a row more, with its reason and no seed. The last two columns of the CSV,
+what a survey took, are the only ones that the same study does not give again.
+"""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, fields
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from sionna_radar.accuracy.compare import LE90_MEANING, DemError
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.workers import versions
+from sionna_radar.report.files.contents import RUNS_FILES, RunsFile
+from sionna_radar.report.files.folder import strict_json, write_folder, write_text
+from sionna_radar.report.files.points_table import check_parquet
+from sionna_radar.report.studies.sweep_figures import draw_all
+from sionna_radar.report.terminal import NONE, console, number
+from sionna_radar.scenario import parse_scenario
+from sionna_radar.studies.design import Axis
+from sionna_radar.studies.sweep import STATISTICS, Case, Sweep, Trial, label, short
+
+RUNS_CSV, RUNS_PARQUET = "runs.csv", "runs.parquet"
+COSTS = ("wall_s", "peak_memory_mb")
+# What the names of the columns begin with, by whose errors they are.
+KINDS = {"": "lit_error", "off_wall_": "off_wall_error", "all_cells_": "dem_error"}
+RUNS_MEANING = {
+    "run_seed": "seed of the survey",
+    "reason": "why the setting was not flown, or not with all seeds",
+    "wall_s": "time the survey took, s",
+    "peak_memory_mb": "most memory of its process until then, MB",
+}
+Row = dict[str, Any]
+
+
+def rows_of(sweep: Sweep) -> list[Row]:
+    """Return the table, a value for each column by its name; None where there is none."""
+    return [row for case in sweep.cases for row in _rows(case, [axis.key for axis in sweep.axes])]
+
+
+def _rows(case: Case, keys: Sequence[str]) -> list[Row]:
+    setting = {key: setting_text(case.setting, key) for key in keys}
+    rows = [setting | _numbers(trial) for trial in case.trials]
+    if case.reason:
+        rows.append(setting | _numbers(None) | {"reason": case.reason})
+    return rows
+
+
+def setting_text(setting: Mapping[str, Any], key: str) -> Any:
+    """Return a varied value as a table shows it: one that was taken out as the word none, one left alone as nothing."""
+    value = setting.get(key, "")
+    return "none" if value is None else value
+
+
+def _numbers(trial: Trial | None) -> Row:
+    found = {"run_seed": getattr(trial, "seed", None), "echoes": getattr(trial, "echoes", None)}
+    for prefix, kind in KINDS.items():
+        error = getattr(trial, kind, None)
+        found |= {f"{prefix}{f.name}": _number(getattr(error, f.name, None)) for f in fields(DemError)}
+    found["reason"] = None
+    return found | {name: _number(getattr(trial, name, None)) for name in COSTS}
+
+
+def _number(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def runs_csv(sweep: Sweep) -> str:
+    """Return the table as CSV; empty for what is not there."""
+    return table_text(rows_of(sweep))
+
+
+def table_text(rows: Sequence[Row]) -> str:
+    """Return rows of the same columns as CSV; empty for None."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def costs_of(text: str) -> list[dict[str, float]]:
+    """Return what each survey of a `runs.csv` took, in order; raises ValueError or KeyError for another text."""
+    rows = csv.DictReader(io.StringIO(text, newline=""))
+    return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
+
+
+def write_runs_parquet(path: Path, sweep: Sweep) -> None:
+    """Write the table as Parquet; a varied key is a number where all its values are, and otherwise a text.
+
+    Raises OutputError without pyarrow.
+    """
+    check_parquet(path.name)
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    rows = rows_of(sweep)
+    columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    for axis in sweep.axes:
+        columns[axis.key] = _of_one_type(columns[axis.key])
+    meaning = {name: {"description": RUNS_MEANING[name]} if name in RUNS_MEANING else None for name in columns}
+    arrays = {name: pa.array(values) for name, values in columns.items()}
+    schema = pa.schema([pa.field(name, array.type, metadata=meaning[name]) for name, array in arrays.items()])
+    write_table(pa.table(list(arrays.values()), schema=schema), path, compression="zstd")
+
+
+def _of_one_type(values: Sequence[Any]) -> list[Any]:
+    """Return values as numbers, if all are, or as texts; what is left alone is None."""
+    there = [value for value in values if not isinstance(value, str) or value]
+    if all(isinstance(value, Real) and not isinstance(value, bool) for value in there):
+        whole = all(isinstance(value, int) for value in there)
+        return [None if isinstance(value, str) else value if whole else float(value) for value in values]
+    return [value if isinstance(value, str) else json.dumps(value) for value in values]
+
+
+MARKER = "sweep.json"
+MEANING = {
+    "cells": "lit_error: cells that the main beam reached, and all statistics without another name; off_wall_error: "
+    "those of them farther than half a footprint from any wall; dem_error: all cells that the DEM fills",
+    "coverage": "share of the lit cells that the DEM fills",
+    "spread": "standard deviation from trial to trial (n - 1)",
+    "le90_m": LE90_MEANING,
+}
+
+
+def write_sweep(sweep: Sweep, directory: Path, runs: Sequence[RunsFile] = RUNS_FILES) -> list[Path]:
+    """Write `sweep.json`, `table.csv`, a table of all surveys and the figures, all or nothing, and return the files.
+
+    Parameters
+    ----------
+    sweep:
+        The study.
+    directory:
+        Output folder; only the files of an earlier result in it are replaced.
+    runs:
+        Formats of the table with a row for each survey.
+
+    Raises
+    ------
+    OutputError
+        The directory holds something else, or cannot be written (see `write_folder`), or Parquet without pyarrow.
+
+    """
+
+    def fill(folder: Path) -> None:
+        write_text(folder / MARKER, strict_json(summary(sweep)))
+        write_text(folder / "table.csv", table_csv(sweep))
+        if RunsFile.CSV in runs:
+            write_text(folder / RUNS_CSV, runs_csv(sweep))
+        if RunsFile.PARQUET in runs:
+            write_runs_parquet(folder / RUNS_PARQUET, sweep)
+        draw_all(sweep, folder / "figures")
+
+    return write_folder(directory, MARKER, fill)
+
+
+def summary(sweep: Sweep) -> dict[str, Any]:
+    """Return the study as one JSON document, strict except for NaN."""
+    return {
+        "source": sweep.source,
+        "axes": [asdict(axis) for axis in sweep.axes],
+        "repeat": sweep.repeat,
+        "interrupted": sweep.interrupted,
+        "shard": sweep.shard or None,
+        "meaning": MEANING,
+        "cases": [
+            {
+                "setting": case.setting,
+                "reason": case.reason or None,
+                "statistics": {s: {"mean": case.mean(s), "spread": case.spread(s)} for s in STATISTICS},
+                "runs": [_document(trial) for trial in case.trials],
+                "scenario": case.scenario.model_dump(mode="json") if case.scenario else None,
+            }
+            for case in sweep.cases
+        ],
+        "versions": versions(),
+    }
+
+
+def table_csv(sweep: Sweep) -> str:
+    """Return one row per case: the setting, the mean of each statistic and its spread; empty for NaN.
+
+    The errors are those of lit cells unless the column name says otherwise.
+    """
+    return table_text([_row(case, sweep) for case in sweep.cases])
+
+
+def _row(case: Case, sweep: Sweep) -> Row:
+    row: Row = {axis.key: setting_text(case.setting, axis.key) for axis in sweep.axes}
+    row["runs"] = len(case.trials)
+    for statistic in STATISTICS:
+        row |= {statistic: case.mean(statistic), f"{statistic}_spread": case.spread(statistic)}
+    return {name: "" if value != value else value for name, value in row.items()} | {"reason": case.reason}
+
+
+def _document(trial: Trial) -> dict[str, Any]:
+    """Return a trial without what it took, which would differ from run to run."""
+    return {name: value for name, value in asdict(trial).items() if name not in COSTS}
+
+
+HEADINGS = {
+    "rms_m": "RMS",
+    "mean_m": "mean",
+    "std_m": "std",
+    "nmad_m": "NMAD",
+    "min_m": "min",
+    "max_m": "max",
+    "coverage": "coverage",
+    "off_wall_rms_m": "RMS off walls",
+    "all_cells_rms_m": "RMS all cells",
+}
+# Settings that a terminal shows; the files have all of them.
+MOST_ROWS = 60
+SIGNED = ("min_m", "max_m", "mean_m")
+
+
+def print_sweep(result: Sweep) -> None:
+    """Print a sweep as a table: one row per case, mean and spread of each statistic; then the warnings."""
+    out = console()
+    table = sweep_table(result, "+-" if out.options.ascii_only else "±")
+    # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
+    needed = console(width=1000).measure(table).maximum
+    console(width=max(out.width, needed)).print(table)
+    more = len(result.cases) - MOST_ROWS
+    if more > 0:
+        out.print(f"and {more:,} more settings in table.csv")
+    for case in result.cases[:MOST_ROWS]:
+        for note in ([case.reason] if case.reason else []) + _warnings(case):
+            out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
+
+
+def sweep_table(result: Sweep, sign: str = "±") -> Table:
+    """Return one row per case: mean and spread of each statistic, with a sign between them."""
+    trials = (
+        f"mean of {result.repeat} trials {sign} their standard deviation" if result.repeat > 1 else "one trial each"
+    )
+    title = f"{result.source}: elevation error of lit cells in metres, {trials}"
+    table = Table(title=title, title_justify="left")
+    for axis in result.axes:
+        table.add_column(axis.key, justify="right", overflow="fold")
+    columns = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
+    for statistic in columns:
+        table.add_column(HEADINGS[statistic], justify="right")
+    for case in result.cases[:MOST_ROWS]:
+        setting = (short(setting_text(case.setting, axis.key)) for axis in result.axes)
+        table.add_row(*setting, *(_with_spread(case, s, sign) for s in columns))
+    return table
+
+
+def _warnings(case: Case) -> list[str]:
+    """Return the warnings of a case; if the seeds differ in the numbers of one, that of the first seed."""
+    return list(next((t.warnings for t in case.trials if t.warnings), ()))
+
+
+def _with_spread(case: Case, statistic: str, sign: str) -> str:
+    mean, spread = case.mean(statistic), case.spread(statistic)
+    form = ".1%" if statistic == "coverage" else "+.3f" if statistic in SIGNED else ".3f"
+    if mean != mean:
+        return NONE
+    return number(mean, form) + ("" if spread != spread else f" {sign}{number(spread, form.strip('+'))}")
+
+
+REMEDY = "give a folder that `sionna-radar sweep --shard` wrote"
+UNKNOWN = dict.fromkeys(COSTS, float("nan"))
+
+
+def read_sweep(folder: Path) -> Sweep:
+    """Return the sweep in a folder; raises InputFileError for a folder that holds none, or a damaged one."""
+    text = read_text(folder / MARKER, "sweep =", REMEDY)
+    try:
+        document = json.loads(text)
+        costs = iter(_costs(folder))
+        return Sweep(
+            source=document["source"],
+            axes=tuple(Axis(**{**axis, "values": tuple(axis["values"])}) for axis in document["axes"]),
+            repeat=document["repeat"],
+            cases=tuple(_case(case, costs) for case in document["cases"]),
+            interrupted=document["interrupted"],
+            shard=document["shard"] or "",
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        message = f"{shown(folder / MARKER)} is damaged ({error}); {REMEDY}"
+        raise InputFileError(message) from error
+
+
+def _costs(folder: Path) -> list[dict[str, float]]:
+    """Return what the surveys took, from the table that a user may have left out."""
+    table = folder / RUNS_CSV
+    return costs_of(read_text(table, "sweep =", REMEDY)) if table.exists() else []
+
+
+def _case(found: dict[str, Any], costs: Iterator[dict[str, float]]) -> Case:
+    return Case(
+        setting=found["setting"],
+        scenario=parse_scenario(found["scenario"]) if found["scenario"] else None,
+        trials=tuple(_trial(run | next(costs, UNKNOWN)) for run in found["runs"]),
+        reason=found["reason"] or "",
+    )
+
+
+def _trial(found: dict[str, Any]) -> Trial:
+    names = [field.name for field in fields(DemError)]
+    errors = {
+        kind: {name: float("nan") if found[kind][name] is None else found[kind][name] for name in names}
+        if found[kind]
+        else None
+        for kind in ("dem_error", "lit_error", "off_wall_error")
+    }
+    return Trial.of_document({**found, **errors})

@@ -1,0 +1,118 @@
+"""Wavefront meshes. The names of their materials stand in the OBJ file itself, so that its MTL is never opened.
+
+Read here and not by trimesh, which loses the names without the MTL and vertices after a tab, counts negative indices
+from the end of the file, and splits concave polygons as fans: `concave_polygon.obj` of assimp of 0.25 m2 becomes 3.2.
+
+Stereolithography meshes, binary and text: read by trimesh, once the file is as long as it claims.
+"""
+
+import io
+import re
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.scene.mesh_files.part import (
+    MOST_FACES,
+    MOST_PARTS,
+    MOST_TEXT_BYTES,
+    MOST_VERTICES,
+    MeshError,
+    MeshPart,
+    check_count,
+    read_by_trimesh,
+    triangles_of,
+)
+
+
+class _Faces:
+    """The polygons of one material."""
+
+    def __init__(self) -> None:
+        self.size, self.corner = array("q"), array("q")
+
+
+def read_obj(path: Path) -> tuple[MeshPart, ...]:
+    """Return the triangles of an OBJ file, one part for each material; raises MeshError."""
+    size = path.stat().st_size
+    if size > MOST_TEXT_BYTES:
+        message = f"has {size:,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as PLY or GLB"
+        raise MeshError(message)
+    text = path.read_bytes().decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
+    vertices, faces = _read_lines(text)
+    if not faces:
+        message = "has no faces; give a mesh of polygons"
+        raise MeshError(message)
+    place = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    parts = []
+    for name, found in faces.items():
+        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in (found.size, found.corner))
+        triangles = triangles_of(place, sides, corner)
+        used, index = np.unique(triangles, return_inverse=True)
+        parts.append(MeshPart(name=name, vertices=place[used], faces=index.reshape(-1, 3)))
+    return tuple(parts)
+
+
+def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
+    """Return the coordinates of all vertices, one after the other, and the polygons of each material."""
+    vertices = array("d")
+    faces: dict[str, _Faces] = {}
+    material = group = ""
+    for number, line in enumerate(io.StringIO(text), 1):
+        word, _, rest = line.strip().replace("\t", " ").partition(" ")
+        try:
+            if word == "v":
+                x, y, z = rest.split()[:3]
+                vertices.extend((float(x), float(y), float(z)))
+            elif word == "f":
+                part = faces.setdefault(material or group, _Faces())
+                corners = [int(c.partition("/")[0]) for c in rest.partition("#")[0].split()]
+                # Indices count from 1; negative ones count back from the vertex read last.
+                part.corner.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
+                part.size.append(len(corners))
+            elif word == "usemtl":
+                material = rest.strip()
+            elif word in ("o", "g"):
+                group = rest.strip()
+        except (ValueError, OverflowError) as error:
+            message = f"line {number} reads {shown(line.strip())}; export the mesh again"
+            raise MeshError(message) from error
+    check_count(len(vertices) // 3, MOST_VERTICES, "vertices")
+    check_count(sum(len(f.size) for f in faces.values()), MOST_FACES, "polygons")
+    check_count(len(faces), MOST_PARTS, "materials")
+    return vertices, faces
+
+
+HEADER_BYTES, FACET_BYTES = 84, 50
+SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
+VERTEX = re.compile(rb"^[ \t]*vertex(?:[ \t]+[^ \t\r\n]+){3}[ \t]*\r?$", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(path: Path) -> tuple[MeshPart, ...]:
+    """Return the triangles of an STL file; raises MeshError."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(HEADER_BYTES)
+        count = int.from_bytes(head[80:], "little") if len(head) == HEADER_BYTES else 0
+        needed = HEADER_BYTES + count * FACET_BYTES
+        text = size != needed
+        if text and not SOLID.match(head):
+            message = f"claims {count:,} triangles, which need {needed:,} bytes, and has {size:,}; get the whole file"
+            raise MeshError(message)
+        if text and size > MOST_TEXT_BYTES:
+            message = f"has {size:,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as binary STL"
+            raise MeshError(message)
+        check_count(0 if text else count, MOST_FACES, "triangles")
+        data = head + file.read()
+    if text:
+        data = data.decode("ascii", "replace").encode("utf-8")
+        count = sum(1 for _ in VERTEX.finditer(data)) // 3
+        check_count(count, MOST_FACES, "triangles")
+    parts = read_by_trimesh(data, "stl")
+    found = sum(len(part.faces) for part in parts)
+    if found != count:  # trimesh passes over a solid that does not end, and takes a vertex of two or four numbers
+        message = f"has {count:,} triangles, of which {found:,} are whole; get the whole file"
+        raise MeshError(message)
+    return tuple(MeshPart(name="", vertices=part.vertices, faces=part.faces) for part in parts)

@@ -1,1 +1,0 @@
-"""The backscatter models available to scenarios, one file per family."""

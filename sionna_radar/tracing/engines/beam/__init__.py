@@ -1,0 +1,1 @@
+"""The beam engine: rays drawn anew for every pulse."""

@@ -1,0 +1,1 @@
+"""The gamma engine: the constant-gamma facet model of the reference paper."""

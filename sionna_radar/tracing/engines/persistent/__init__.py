@@ -1,0 +1,1 @@
+"""The persistent engine: scatterers fixed to the surface."""
