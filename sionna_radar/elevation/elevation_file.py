@@ -1,6 +1,6 @@
 """Elevation files of any projection, cut out and transformed into the local metric frame.
 
-`local_frame` chooses the frame, `cutout` its cells, and `file_heights` interpolates their heights from the file.
+`local_frame` chooses the frame, and `file_heights` interpolates their heights from the file.
 
 The part of an elevation file that a survey sees, and the cells of the local frame that cover it.
 """

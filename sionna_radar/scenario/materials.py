@@ -248,7 +248,7 @@ class Lambertian(EmpiricalTable):
 class UlabyDobson(EmpiricalTable):
     """sigma0 (dB) = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t in radians, with the user's own parameters.
 
-    None is shipped: those published could not be read for this band (see `scene.measured_backscatter`).
+    None is shipped: those published could not be read for this band (see `surfaces.backscatter`).
 
     p1: level in dB.
     p2: in dB.

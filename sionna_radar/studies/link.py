@@ -1,11 +1,9 @@
 """The link budget of a radar: signal, noise and probability of detection against range, incidence, material and rain.
 
-Level ground fills the beam; its mean spectrum is known in closed form (`link_case`), and so are the floors under it
-(`link_floors`). The signal-to-noise ratio is that of the strongest range cell of the ground, and a cell of speckle is
+Level ground fills the beam; its mean spectrum is known in closed form (`link_spectra`), and so are the floors under it
+(the same). The signal-to-noise ratio is that of the strongest range cell of the ground, and a cell of speckle is
 detected with the probability of a Swerling 1 target. The same ground is then flown over: traced, synthesised, received
 and detected by the chain that every survey uses, at a few ranges, and both are compared.
-
-What a link budget finds.
 """
 
 from collections.abc import Callable, Sequence

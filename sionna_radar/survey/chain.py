@@ -107,7 +107,7 @@ def run(
         How recorded samples of beat signals are kept; those of "float64" give the same result again, bit for bit.
     parts:
         Where finished stretches of the flight and tiles of the map are kept as they come, and those that are there
-        already are taken from; see `kept_parts`. A survey that is recorded is flown as a whole.
+        already are taken from; see `foundation.checkpoints`. A survey that is recorded is flown as a whole.
     workers:
         What flies the stretches and makes the tiles, from `open_workers`; without it this process. It never changes the
         result, and has no custom parts. A survey that is recorded is flown by this process.

@@ -12,7 +12,7 @@ view has the scattering matrix
 A sphere has D = 0: it returns a circular wave only with the opposite sense, and V and H without cross-polar echo.
 D vanishes as the square of the sine between the line of sight and the axis: seen from above a drop is round.
 
-S_v and S_h come from spheroids at the carrier (`spheroid`), not from Rayleigh's limit: at 77 GHz drops of 2 mm have
+S_v and S_h come from spheroids at the carrier (`scattering`), not from Rayleigh's limit: at 77 GHz drops of 2 mm have
 a backscatter minimum, and are two to three times as depolarizing (in amplitude) as small ones of their shape would be.
 Neglected: the oscillation of drops larger than a millimetre, multiple scattering, and the effect of propagation through
 the rain: at 25 mm/h H is attenuated by up to 0.42 dB/km more than V (P.838-3), which over 100 m and back reverses the

@@ -8,7 +8,7 @@ Time goes as exp(-i w t), so an absorbing sphere has a refractive index with a p
 Fields inside and outside are sums of vector spherical waves; their coefficients match the tangential fields on
 the boundary in the least-squares sense, separately for each azimuthal order about the axis. It is the method by
 which Morrison and Cross computed flattened raindrops (1974, "Scattering of a plane electromagnetic wave by
-axisymmetric raindrops", Bell System Technical Journal 53, 955-1019). Time goes as exp(-i w t), as in `mie`.
+axisymmetric raindrops", Bell System Technical Journal 53, 955-1019). Time goes as exp(-i w t).
 """
 
 import math

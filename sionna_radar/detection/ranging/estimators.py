@@ -114,7 +114,7 @@ class PeakRange:
 class ModelFitRange:
     """The boresight range of the sloping plane whose echo through this beam fits best.
 
-    Range, slope and power are fitted by maximum likelihood of exponential powers; see `beam_profile`. Without a
+    Range, slope and power are fitted by maximum likelihood of exponential powers; see `plane_fit`. Without a
     known antenna there is no model to fit, and the centroid is returned.
     """
 

@@ -1,7 +1,7 @@
 """Where a beam meets a surface, and in which range cells its power falls, as machine code, pulse by pulse.
 
 Cells are numbered from the first of a profile, with a margin of `pad` cells on both sides for the response of the
-window; see `echo_kernels`.
+window; see `kernels`.
 """
 
 from typing import no_type_check

@@ -4,7 +4,7 @@ Left empty are cells farther than `max_gap_m` from every point, cells in triangl
 gaps (they close the bays of the outline, where nothing was seen), and cells in triangles across a radar shadow.
 Such a triangle extends from an occluding edge to the ground behind it, parallel to the rays that passed the
 edge: seen from the radar it is edge-on. Left empty too are cells in triangles between the foot and the top of a wall
-(`wall_triangles`).
+(`walls`).
 
 A grid cut into windows that hold few points each, so that maps of long surveys take no more memory than short ones.
 

@@ -1,8 +1,8 @@
 """Surfaces by likelihood: "smooth" from the echoes' ranges, "refined" from whole range profiles.
 
 1. The mean range of each echo gives a first surface, the covariance of the terrain, and the noise (`echo_heights`).
-2. The forward model (`echo_model`) predicts every echo from the current surface. Fisher scoring moves the
-   surface to the maximum of the posterior of measured profiles and terrain model, until it rests (`settling`).
+2. The forward model (`echo_model.model`) predicts every echo from the current surface. Fisher scoring moves the
+   surface to the maximum of the posterior of measured profiles and terrain model, until it rests (`scoring`).
 
 A range cell of a pulse counts as many looks as its speckle is new in it: neighbouring cells overlap, and so do the
 footprints of neighbouring pulses (`speckle`).

@@ -1,7 +1,7 @@
 """A coarse map with jumps: the heights, among levels, that agree best with the echoes and with each other.
 
 The evidence of all echoes for and against every height of every cell (`evidence`), and the heights that agree best
-with it and with each other (`levels`), give a map that may have jumps. What this map shows in plain view is then
+with it and with each other, give a map that may have jumps. What this map shows in plain view is then
 known not to be occluded, and the map is computed once more.
 
 One height for every cell of a map, out of a few levels: smooth where possible, broken where necessary.

@@ -1,7 +1,7 @@
 """A DEM of ground with steps: walls stay steep, and each level between them is mapped separately.
 
 1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into parts where neighbours
-   differ by more than a step (`map_parts`).
+   differ by more than a step (`segments`).
 2. A part that alone fills enough main lobes is mapped from their whole echoes: as a plane, or, if another surface fits
    them better, as terrain (`refinement`). This shows how far coarse heights scatter; a smaller part whose heights
    scatter about a plane no more than twice as far becomes that plane, fitted to the echoes on it.

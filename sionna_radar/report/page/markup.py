@@ -175,7 +175,7 @@ def document(title: str, body: str, numbers: str, scripts: tuple[str, ...]) -> s
     body:
         HTML, in which all text of the user's is escaped already.
     numbers:
-        What the scripts draw; see `packing`.
+        What the scripts draw; see `scene_data`.
     scripts:
         Names of scripts of this folder besides `core.js`, which starts what they register.
 

@@ -1,6 +1,6 @@
 """The beam engine: a block of pulses traced in one wavefront, with Sionna's field calculator.
 
-Rays are shot only inside the beam (see `beam_sampling`). One of K rays drawn with the density p per steradian
+Rays are shot only inside the beam (see `rays`). One of K rays drawn with the density p per steradian
 represents the solid angle 1 / (K p): Sionna's field calculator starts from 4 pi / samples and divides by the
 probability stored with the path, so samples = 1 and probability = 4 pi K p express this. A monostatic echo
 returns along the same ray, so no second visibility test is needed.

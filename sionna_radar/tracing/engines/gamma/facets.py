@@ -10,7 +10,7 @@ With side lobes of -20 dB the directions outside contribute less than 0.001 dB t
 less than 0.05 dB where everything outside is 20 dB brighter than everything inside.
 
 Polarization: a facet scatters by the full matrix of its material, in its own plane of incidence; see
-`facet_scattering`.
+`facet_mesh`.
 
 Facets too coarse for the beam or the range cell are divided until they are fine enough. With
 persistent speckle a scatterer's phase depends on the seed and on the facet's position in the scene, so it is the same
@@ -99,7 +99,7 @@ class GammaEngine:
     speckle:
         Whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
     decorrelation_time_s:
-        After which the field's correlation has fallen to 1 / e, see `wander`; None for a surface that stands still.
+        After which the field's correlation has fallen to 1 / e, see `tracing.paths`; None for a surface that stands still.
 
     """
 

@@ -7,7 +7,7 @@ incidence t represents the solid angle A cos t / r^2. Ranges, and with them phas
 What the scatterers leave out, some thousandths of the echo, is traced by a few rays that are drawn anew in each pulse
 (see `outer_rays`): the skirts and side lobes of the beam carry their power, but no history of phase.
 
-On a surface that moves each scatterer has a Doppler shift of its own; see `wander`.
+On a surface that moves each scatterer has a Doppler shift of its own; see `tracing.paths`.
 """
 
 from collections.abc import Iterator
