@@ -1,6 +1,6 @@
 """Folders of results: written beside and put in place at once, with a manifest of signed files.
 
-A result is written to a staging folder (`foundation.checkpoints`) and put in place by renames, so that a failure, a full disk or an
+A result is written to a staging folder and put in place by renames, so that a failure, a full disk or an
 interrupt leaves an earlier result as it was. A new folder takes one rename. In an existing folder, the files of the
 earlier result, listed in its manifest and unchanged since, move out one by one, the manifest first, and those of the
 new result move in, the manifest last: a folder without a manifest, with a staging folder inside, is one whose

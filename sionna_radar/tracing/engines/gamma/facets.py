@@ -99,7 +99,7 @@ class GammaEngine:
     speckle:
         Whether phases and signs of the facets persist ("persistent") or every pulse draws new ones ("per_pulse").
     decorrelation_time_s:
-        After which the field's correlation has fallen to 1 / e, see `tracing.paths`; None for a surface that stands still.
+        After which the field's correlation has fallen to 1 / e; None for a surface that stands still.
 
     """
 
