@@ -1,7 +1,7 @@
 """The command line: `sionna-radar COMMAND`.
 
 Exit codes: 0 done, 2 bad input (one clear error on standard error, nothing written), 130 and 143 interrupted by Ctrl-C
-or SIGTERM, 1 anything else: engines that cannot run, workers that are lost, a missed bound of `bench`, a sweep with
+or SIGTERM, 1 anything else: engines that cannot run, workers that are lost, a sweep with
 cells that cannot be flown, results that had to go elsewhere. The heavy libraries are imported inside the commands, so
 that `--help` answers at once.
 """

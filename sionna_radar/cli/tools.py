@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.session import (
-    BackendOption,
     MapOption,
     NetworkOption,
     OutputOption,
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands, in the order that `--help` lists them."""
-    for command in (plan, validate, scenes, presets, doctor, bench, fit):
+    for command in (plan, validate, scenes, presets, doctor, fit):
         app.command()(command)
 
 
@@ -161,44 +160,6 @@ def doctor() -> None:
     for problem in load_plugins():
         typer.echo(f"{'plug-in':16}{problem}")
     typer.echo("one ray traced: all is well")
-
-
-def bench(
-    quick: Annotated[bool, typer.Option("--quick", help="Smaller runs, noisier ratios.")] = False,
-    long: Annotated[
-        bool, typer.Option("--long", help="Growth with facets and pulses instead, up to 10,000,000 and 200,000.")
-    ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write the ratios as JSON, to compare with later."),
-    ] = None,
-    compare: Annotated[
-        Path | None, typer.Option("--compare", metavar="FILE", help="Tell the ratios of an earlier run beside them.")
-    ] = None,
-    backend: BackendOption = None,
-) -> None:
-    """Measure the speed ratios that the program promises, side by side in one run."""
-    from sionna_radar.report.studies.bench import BENCH_FILE, change, read_bench, write_bench
-    from sionna_radar.studies.bench import RATIOS, measure
-    from sionna_radar.studies.bench_cases import GROWTH_RATIOS, measure_growth
-
-    if output is not None:
-        BENCH_FILE.check(output)
-    earlier = read_bench(compare, quick=quick) if compare is not None else {}
-    ratios = []
-    with progress_of(quiet=False) as progress:
-        count, measured = (GROWTH_RATIOS, measure_growth()) if long else (RATIOS, measure(quick=quick))
-        progress("ratios", 0, count)
-        for ratio in measured:
-            ratios.append(ratio)
-            progress("ratios", len(ratios), count)
-            typer.echo(f"{ratio}{change(ratio, earlier)}")
-    if output is not None:
-        typer.echo(f"ratios in {write_bench(output, ratios, quick=quick)}")
-    missed = sum(not ratio.kept for ratio in ratios)
-    if missed:
-        typer.echo(f"{missed} of {count} bounds missed", err=True)
-        raise typer.Exit(1)
 
 
 def fit(

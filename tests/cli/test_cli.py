@@ -286,45 +286,6 @@ def test_a_plan_needs_a_place_to_be_written(cli, tmp_path):
     assert "cannot be written" in done.stderr
 
 
-def test_a_missed_bound_is_a_failure(cli, monkeypatch):
-    from sionna_radar.studies import bench
-
-    ratios = [bench.Ratio(name=name, value=value, bound=5.0, at_most=True) for name, value in (("a", 4.0), ("b", 6.0))]
-    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios))
-    done = cli("bench")
-    assert done.returncode == 1
-    assert "MISSED" in done.stdout
-    assert "1 of" in done.stderr
-    monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios[:1]))
-    assert cli("bench").returncode == 0
-
-
-def test_bench_is_written_and_compared_with(cli, tmp_path, monkeypatch):
-    from sionna_radar.studies import bench
-
-    def measured(*values):
-        named = zip("abc", values, (True, False, True), strict=False)
-        ratios = [bench.Ratio(name=name, value=value, bound=None, at_most=at_most) for name, value, at_most in named]
-        monkeypatch.setattr(bench, "measure", lambda quick: iter(ratios))
-
-    measured(4.0, 4.0)
-    first = tmp_path / "first.json"
-    assert cli("bench", "-o", first).returncode == 0
-    document = json.loads(first.read_text())
-    assert [(ratio["name"], ratio["value"]) for ratio in document["ratios"]] == [("a", 4.0), ("b", 4.0)]
-    measured(6.0, 3.9, 1.0)
-    lines = cli("bench", "--compare", first, "-o", first).stdout.splitlines()
-    assert ["was 4.00, worse" in line for line in lines[:3]] == [True, False, False]
-    assert ["was" in line for line in lines[:3]] == [True, True, False]
-    assert len(json.loads(first.read_text())["ratios"]) == 3
-    assert cli("bench", "--quick", "--compare", first).returncode == 2
-    first.write_text(first.read_text().replace("4.0", "5.0").replace("6.0", "5.0"))
-    refused = cli("bench", "-o", first)
-    assert (refused.returncode, refused.stdout) == (2, "")
-    (tmp_path / "none.json").write_text("[]")
-    assert "holds no ratios" in cli("bench", "--compare", tmp_path / "none.json").stderr
-
-
 def test_no_command_prints_help_and_the_version_is_told(cli):
     assert "sweep" in (cli().stdout or cli().stderr)
     assert cli("--version").stdout == f"sionna-radar {version('sionna-radar')}\n"

@@ -1,11 +1,11 @@
-"""What `bench --long` measures, on small numbers."""
+"""What the growth of surveys is measured by, on small numbers."""
 
 import sys
 import tempfile
 
 import pytest
 
-from sionna_radar.studies.bench_cases import over_facets, over_pulses
+from benchmark_cases import over_facets, over_pulses
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 

@@ -2,20 +2,20 @@
 
 import pytest
 
-from sionna_radar.studies import bench_cases
+import benchmark_cases
 
 
 def test_a_study_shares_its_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     casters = set()
-    flown = bench_cases.run
+    flown = benchmark_cases.run
 
     def run(scenario):
         survey = flown(scenario)
         casters.add(id(survey.prepared.scene.caster))
         return survey
 
-    monkeypatch.setattr(bench_cases, "run", run)
-    ratio = bench_cases.study_over_stages(2, 4.0)
+    monkeypatch.setattr(benchmark_cases, "run", run)
+    ratio = benchmark_cases.study_over_stages(2, 4.0)
     assert len(casters) == 1
     assert ratio.value > 1
     assert ratio.bound == 1.2

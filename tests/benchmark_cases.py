@@ -53,6 +53,8 @@ class Ratio:
 
 
 Action = Callable[[], object]
+# By which a process of its own finds this module.
+HERE = {"PYTHONPATH": str(Path(__file__).parent)}
 
 
 def seconds_of(action: Action) -> float:
@@ -116,7 +118,7 @@ def chirps_a_second(terrain: str, speckle: str, count: int) -> float:
 
 def _in_process(backend: str, terrain: str, speckle: str, count: int) -> float:
     code = f"from {__name__} import chirps_a_second\nprint(chirps_a_second({terrain!r}, {speckle!r}, {count}))\n"
-    settings = {**os.environ, BACKEND_VARIABLE: backend}
+    settings = {**os.environ, **HERE, BACKEND_VARIABLE: backend}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=settings)
     return float(done.stdout)
 
@@ -305,7 +307,11 @@ def _growth_in_process(function: str, count: int) -> dict[str, Any]:
     # A place of its own for temporary files, so that only what it leaves there is counted.
     with tempfile.TemporaryDirectory() as own:
         done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**os.environ, "TMPDIR": own}
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, **HERE, "TMPDIR": own},
         )
     found: dict[str, Any] = document_of(done.stdout.encode())
     return found
