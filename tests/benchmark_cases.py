@@ -207,11 +207,10 @@ PULSES = (1_000, 200_000)
 TERRAIN_M = 320.0
 # Pulses by which all that a survey keeps for its whole length has been allocated.
 SETTLED_SHARE = 0.1
-GROWTH_RATIOS = len(FACETS) + 4
 
 
 def measure_growth() -> Iterator[Ratio]:
-    """Yield the ratios, GROWTH_RATIOS of them, as they are measured; minutes in all."""
+    """Yield the ratios as they are measured; minutes in all."""
     yield from _growth_facets()
     yield from _pulses()
 
@@ -317,7 +316,6 @@ def _growth_in_process(function: str, count: int) -> dict[str, Any]:
     return found
 
 
-REUSE_RATIOS = 3
 # What every survey of a study has to do itself.
 OWN_STAGES = ("trace", "synthesise", "detect", "map")
 
@@ -356,9 +354,6 @@ def _preparation_s(changes: dict[str, object]) -> float:
     start = perf_counter()
     prepare(load_scenario("hills", changes)).build_sensor()
     return perf_counter() - start
-
-
-START_RATIOS = 4
 
 
 def measure_start() -> Iterator[Ratio]:
