@@ -148,8 +148,7 @@ class Windows:
 
         likelihood = np.concatenate(list(in_threads(some, parts(len(self.member), 8))))
         overlap = self.member.size / len(np.unique(self.member))
-        largest = [_largest_square(measured, own, found, fitted) for own in self.member]
-        mean_square = np.minimum(_posterior_mean(likelihood, overlap), np.maximum(largest, 1.0))
+        mean_square = _posterior_mean(likelihood, overlap)
         return replace(found, log_amplitude=0.5 * np.log(mean_square).reshape(self.shape))
 
 
@@ -192,22 +191,13 @@ def _contrast(away_m: Float[np.ndarray, "member 2"]) -> Float[np.ndarray, "membe
     return contrast
 
 
-def _largest_square(
-    measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
-) -> float:
-    """Return the a^2 at which short waves, not averaged, have the power of the measured heights above their plane."""
-    place = np.ascontiguousarray(measured.place_m[own])
-    away = place - place.mean(axis=0)
-    contrast = _contrast(away)
-    _, short = relief.divided(fitted.covariance, 2 * float(np.hypot(*away.T).max()) + 1.0, 0.0, TABLE)
-    expected = np.sum(contrast * (short.between(place, place) @ contrast))
-    return float(np.sum((contrast.T @ measured.height_m[own]) ** 2) / expected)
-
-
 def _log_likelihood(
     measured: Measured, own: Int[np.ndarray, " member"], relief: LocalRelief, fitted: FittedCovariance
 ) -> Float[np.ndarray, " value"]:
-    """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights."""
+    """Return the restricted log-likelihood of each of `LOG_SQUARES`, given some neighbouring heights.
+
+    It ends where short waves, not averaged, would have more power above a plane than was measured.
+    """
     place = np.ascontiguousarray(measured.place_m[own])
     away = place - place.mean(axis=0)
     contrast = _contrast(away)
@@ -217,9 +207,13 @@ def _log_likelihood(
     noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
     rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
     share, vector = eigh(contrast.T @ short @ contrast, contrast.T @ rest @ contrast, check_finite=False)
-    square = (vector.T @ (contrast.T @ measured.height_m[own])) ** 2
+    above = contrast.T @ measured.height_m[own]
+    square = (vector.T @ above) ** 2
     total = 1 + np.exp(LOG_SQUARES)[:, None] * np.maximum(share, 0.0)
     result: Float[np.ndarray, " value"] = -0.5 * np.sum(np.log(total) + square / total, axis=1)
+    unaveraged = relief.divided(fitted.covariance, farthest, 0.0, TABLE)[1].between(place, place)
+    largest = np.sum(above**2) / np.sum(contrast * (unaveraged @ contrast))
+    result[max(np.log(largest), 0.0) < LOG_SQUARES] = -np.inf
     return result
 
 
