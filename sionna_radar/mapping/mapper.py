@@ -38,6 +38,9 @@ from sionna_radar.scenario.table import Table
 # Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
 # scatter of the mean errors of eight flights through rain of 2 to 20 mm/h.
 SHARED_CELLS = 0.3
+# Relief of real ground below the footprint: its roughness is 0.5 to 4 cm at the scale of metres (Ulaby and Long 2014,
+# section 4-10).
+MICRORELIEF_M = 0.03
 
 Builder = TypeVar("Builder", bound=Callable[..., "DemMethod"])
 
@@ -325,6 +328,8 @@ def build_mapper(
     doppler_corrected: bool,
     method: DemMethod | None = None,
     memory: SpeckleMemory | None = None,
+    *,
+    measured_ground: bool,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -340,8 +345,13 @@ def build_mapper(
         A custom method in place of the scenario's.
     memory:
         How long the ground keeps its speckle; without it, it stands still.
+    measured_ground:
+        Whether the ground is real or from a file, with relief finer than the footprint unless `dem` says another one.
 
     """
+    microrelief_m = dem.microrelief_m
+    if microrelief_m is None:
+        microrelief_m = MICRORELIEF_M if measured_ground else 0.0
     return Mapper(
         method=method or build_dem_method(dem),
         name=type(method).__name__ if method else dem.method,
@@ -352,7 +362,7 @@ def build_mapper(
         analyser=analyser,
         doppler_corrected=doppler_corrected,
         memory=memory or STILL,
-        microrelief_m=dem.microrelief_m,
+        microrelief_m=microrelief_m,
         min_confidence_m=dem.min_confidence_m,
     )
 

@@ -14,8 +14,6 @@ FALLING = ("rain_rate_mm_per_h", "rain_cell", "rain_field", "snowfall_mm_per_h")
 # A two-way main lobe is hardly wider than two half-power widths. Between lines farther apart are strips that no main
 # lobe reaches, and a wall there is seen from one of its sides at most.
 FARTHEST_FOOTPRINTS = 2.0
-# Ground as it is: random roughness of 0.5 to 4 cm at the scale of metres (Ulaby and Long 2014, section 4-10).
-MEASURED, MICRORELIEF_M = ("raster", "points", "mesh"), 0.03
 
 
 def with_map(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -31,8 +29,6 @@ def with_map(given: Mapping[str, Any]) -> dict[str, Any]:
         tables = _with(tables, "dem", "method", method)
     if method == "stepped" and not _has(tables, "processing", "echoes"):
         tables = _with(tables, "processing", "echoes", "all")
-    if _value(tables, "terrain", "kind") in MEASURED and not _has(tables, "dem", "microrelief_m"):
-        tables = _with(tables, "dem", "microrelief_m", MICRORELIEF_M)
     return tables
 
 
@@ -90,7 +86,7 @@ def _has(tables: Mapping[str, Any], table: str, key: str) -> bool:
     return key in found.model_fields_set if isinstance(found, BaseModel) else _value(tables, table, key) is not None
 
 
-def _with(tables: Mapping[str, Any], table: str, key: str, value: str | float) -> dict[str, Any]:
+def _with(tables: Mapping[str, Any], table: str, key: str, value: str) -> dict[str, Any]:
     """Return the tables with a value changed; a table that is none is left to be refused."""
     found = tables.get(table, {})
     if isinstance(found, BaseModel):

@@ -158,8 +158,8 @@ class DemTable(Table):
     max_gap_m: farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on
         level ground, and no less than two cells.
     microrelief_m: standard deviation of relief that is finer than the footprint, of which no echo tells: part of
-        `dem_sigma.tif`. Without it 0.03 m over terrain from a file, as fields and forest floors have, and 0 over
-        synthetic terrain, which is smooth between its posts.
+        `dem_sigma.tif`. Without it 0.03 m over terrain from a file and in recordings of real radars, as fields and
+        forest floors have, and 0 over synthetic terrain, which is smooth between its posts.
     min_confidence_m: cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is.
     shadow_incidence_deg: surfaces seen at a greater incidence count as shadow.
     """
@@ -168,7 +168,7 @@ class DemTable(Table):
     method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
     spacing_m: Positive = 1.0
     max_gap_m: Positive | None = None
-    microrelief_m: NonNegative = 0.0
+    microrelief_m: NonNegative | None = None
     min_confidence_m: Positive | None = None
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
 

@@ -136,6 +136,11 @@ class Scenario(Table):
         """The file or shipped name that it was read from, which leads its errors; "scenario" without one."""
         return UNNAMED
 
+    @property
+    def measured_ground(self) -> bool:
+        """Whether the terrain comes from a file, as ground with relief finer than any footprint."""
+        return self.terrain.kind in ("raster", "points", "mesh")
+
     def read_from(self, source: str) -> Scenario:
         """Return the scenario with the name of its file; scenarios that differ by it alone are equal."""
         named = self.model_copy()

@@ -39,6 +39,7 @@ class BoresightHits:
     origin_m: Float[np.ndarray, "look 3"]
     direction: Float[np.ndarray, "look 3"]
     range_m: Float[np.ndarray, " look"]
+    range_rate_mps: Float[np.ndarray, " look"]
 
     @property
     def hit_m(self) -> Float[np.ndarray, "hit 3"]:
@@ -59,7 +60,7 @@ def boresight_hits(schedule: PulseSchedule, built: BuiltScene) -> BoresightHits:
     """Return the boresights of pulses spread over a survey."""
     pose = schedule.sample(SAMPLED_PULSES).true
     hits = built.caster.cast(pose.position_m, pose.boresight)
-    return BoresightHits(pose.position_m, pose.boresight, hits.distance_m)
+    return BoresightHits(pose.position_m, pose.boresight, hits.distance_m, pose.boresight_range_rate_mps)
 
 
 def check_nominal_range(altitude_m: float, scan: Scan, chirp: Chirp, duration_s: float) -> None:

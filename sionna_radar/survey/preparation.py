@@ -358,14 +358,14 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
         local.processing.doppler_correction,
         custom.dem_method,
         speckle_memory(local),
+        measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
     )
     _check_profiles(local, mapper, custom)
     sweeps = build_sweeps(local.radar)
     others = build_interference(local.interferers, scene.ground_m, beams or (antenna,))
     check_reference(local, scene, scan.incidence_rad)
     if local.sensor == "radar":
-        rate_mps = flight.sample(SAMPLED_PULSES).true.boresight_range_rate_mps
-        warn_of_folded(sweeps, hits.range_m, rate_mps, local.processing.min_range_m)
+        warn_of_folded(sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
     warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
     step()

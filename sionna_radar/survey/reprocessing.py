@@ -145,6 +145,7 @@ class _Task:
             settings.processing.doppler_correction,
             self.method,
             speckle_memory(settings) if isinstance(settings, Scenario) else None,
+            measured_ground=settings.measured_ground if isinstance(settings, Scenario) else True,
         )
 
 

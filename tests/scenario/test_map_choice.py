@@ -3,8 +3,6 @@
 import pytest
 
 from sionna_radar.scenario.loading import load_scenario
-from sionna_radar.scenario.map_choice import with_map
-from sionna_radar.scenario.processing import DemTable
 
 # Lines are 5 m apart at 120 rpm; on level ground 50 m below, at 45 deg, a beam of 2 deg is 3.5 m long.
 FOOTPRINT_M = 3.49
@@ -33,18 +31,3 @@ def test_buildings_are_mapped_with_steps_where_lines_are_dense(overrides, method
 
 def test_hills_are_mapped_without_steps():
     assert load_scenario("hills").dem.method == "linear"
-
-
-@pytest.mark.parametrize(
-    ("terrain", "given", "expected_m"),
-    [
-        ({"kind": "raster", "path": "dem.tif"}, {}, 0.03),
-        ({"kind": "points", "path": "cloud.laz"}, {}, 0.03),
-        ({"kind": "raster", "path": "dem.tif"}, {"microrelief_m": 0.0}, 0.0),
-        ({"kind": "hills"}, {}, 0.0),
-        ({"kind": "hills"}, {"microrelief_m": 0.01}, 0.01),
-    ],
-)
-def test_ground_from_a_file_has_relief_below_the_footprint(terrain, given, expected_m):
-    tables = with_map({"terrain": terrain, "dem": given})
-    assert tables["dem"].get("microrelief_m", DemTable().microrelief_m) == expected_m

@@ -10,6 +10,7 @@ import rasterio
 
 from sionna_radar import Raster, load_scenario, prepare, run
 from sionna_radar.foundation.errors import InputFileError, PluginError, ScenarioError
+from sionna_radar.mapping.mapper import MICRORELIEF_M
 from sionna_radar.survey.preparation import CustomParts
 
 SPACING_M = 4.0
@@ -53,6 +54,19 @@ def test_a_path_is_that_of_the_scenario(file: Path) -> None:
         assert survey.prepared.scenario.terrain == by_key.prepared.scenario.terrain
         assert survey.prepared.scenario.source == SCENARIO.source
         assert not survey.replaced
+        assert survey.prepared.mapper.microrelief_m == by_key.prepared.mapper.microrelief_m == MICRORELIEF_M
+
+
+def test_measured_ground_has_relief_below_the_footprint_and_synthetic_ground_none(file: Path) -> None:
+    def microrelief_m(terrain: Any, **dem: float) -> float:
+        given = SCENARIO.replace({f"dem.{key}": value for key, value in dem.items()})
+        return prepare(given, CustomParts(terrain=terrain)).mapper.microrelief_m
+
+    assert microrelief_m(None) == 0.0
+    assert microrelief_m(None, microrelief_m=0.01) == 0.01
+    for terrain in (file, (HEIGHT_M, SPACING_M)):
+        assert microrelief_m(terrain) == MICRORELIEF_M
+        assert microrelief_m(terrain, microrelief_m=0.0) == 0.0
 
 
 def test_a_survey_over_an_array_maps_it_and_says_what_it_flew_over() -> None:
