@@ -118,7 +118,7 @@ class Detector:
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Detections:
-        """Return what `find` does, of power spectra."""
+        """Return the uncorrected echoes and range profiles of power spectra; see `find`."""
         spans = self.spans(self.tested(power), window_m)
         profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)

@@ -38,7 +38,7 @@ LOADING = 1e-9
 def steering(
     place_wavelengths: Float[np.ndarray, " element"], cosine: Float[np.ndarray, " n"]
 ) -> Complex[np.ndarray, "n element"]:
-    """Return what a wave from some direction cosines leaves in receivers at places along a row."""
+    """Return the steering vectors of a row of receivers at places in wavelengths, one per direction cosine."""
     vectors: Complex[np.ndarray, "n element"] = np.exp(2j * np.pi * np.outer(cosine, place_wavelengths))
     return vectors
 
@@ -87,7 +87,7 @@ def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> F
 def lowest(
     share: Float[np.ndarray, "point n"], cosine: Float[np.ndarray, " n"], sources: int
 ) -> Float[np.ndarray, "point source"]:
-    """Return where the share outside has its lowest minima, by parabolas through three directions; NaN for none."""
+    """Return the direction cosines of the deepest minima of the noise share, parabolically interpolated; NaN for none."""
     inner = share[:, 1:-1]
     dip = (inner <= share[:, :-2]) & (inner < share[:, 2:])
     ranked = np.argsort(np.where(dip, inner, np.inf), axis=1, kind="stable")[:, :sources]
@@ -231,7 +231,7 @@ class RowEstimator(AngleEstimator):
     def _two_surfaces(
         self, stretches: Stretches, covariance: Complex[np.ndarray, "point e e"]
     ) -> Bool[np.ndarray, " point"]:
-        """Return where the second eigenvalue is that of a second surface; see the module."""
+        """Return the mask of points whose second eigenvalue exceeds that of one surface and noise; see the module."""
         count, looks = covariance.shape[-1], stretches.looks
         value = np.linalg.eigvalsh(covariance)
         noise = stretches.noise_power * (1 + np.sqrt(count / looks)) ** 2

@@ -71,7 +71,7 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
 def _vertex(
     before: Float[np.ndarray, " n"], at: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return where parabolas through three neighbours peak, from the middle one, and how much higher."""
+    """Return the offset of each three-point parabola's peak from the middle sample, and its height above it."""
     bend = before - 2 * at + after
     slope = (after - before) / 2
     with np.errstate(divide="ignore", invalid="ignore"):

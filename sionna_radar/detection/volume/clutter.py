@@ -216,7 +216,7 @@ class VolumeMotion:
     fall_spread_mps: float
 
     def range_rate_mps(self, boresight: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, " pulse"]:
-        """Return how fast the volume recedes from a stationary radar."""
+        """Return the range rate of the volume along each boresight for a stationary radar, m/s (receding positive)."""
         return boresight @ self.velocity_mps
 
 
