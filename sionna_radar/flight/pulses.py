@@ -153,7 +153,7 @@ def build_navigation(
 
 
 def rows_of(index: Int[np.ndarray, " pulse"], wanted: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return where pulses, by their indices in the survey, stand in a sorted column of indices."""
+    """Return the rows of pulses, given by their survey indices, in a sorted column of indices."""
     return np.searchsorted(index, wanted)
 
 

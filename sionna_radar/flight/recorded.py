@@ -223,7 +223,7 @@ class RecordedRoute:
         ground: Float[np.ndarray, " n"],
         origin_height_m: float,
     ) -> tuple[float, str]:
-        """Return what is added to the heights of the log, and in words what they are taken for."""
+        """Return the offset added to the log's heights, m, and a description of their assumed reference."""
         shift = self.platform.log_shift
         own_m = 0.0 if isinstance(shift, str) else shift[2]
         if isinstance(self.height, float):
@@ -391,7 +391,7 @@ def _refuse(findings: tuple[Finding, ...], platform: Platform) -> None:
 
 
 def _shift(platform: Platform, positions: Positions) -> Float[np.ndarray, " 3"]:
-    """Return by how much the flight is moved over the ground; upward it is moved when the ground is known."""
+    """Return the horizontal shift of the flight, m; the vertical shift follows once the ground is known."""
     if platform.log_shift == "to_terrain":
         low, high = positions.place.min(axis=0), positions.place.max(axis=0)
         return np.array([*(-(low + high)[:2] / 2), 0.0])
