@@ -30,7 +30,7 @@ OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this fold
 
 
 def remedy_of(error: OSError) -> str:
-    """Return what a user can do about a folder or file that cannot be written."""
+    """Return the remedy for a folder or file that cannot be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "free some space"
     if error.errno == errno.ENOENT:
