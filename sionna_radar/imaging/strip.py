@@ -91,7 +91,7 @@ def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " 
 
 
 def _half_power(response: Callable[[float], float], step: float) -> float:
-    """Return where an even response that is one at zero first falls to half its power."""
+    """Return the first half-power point of an even response that is one at zero."""
     end = step
     while response(end) > np.sqrt(0.5):
         end += step
