@@ -146,7 +146,7 @@ def use_backend(name: str) -> None:
 
 
 def chosen_backend() -> Literal["llvm", "cuda"]:
-    """Return what rays are traced with: what SIONNA_RADAR_BACKEND says, and by default a GPU where one is usable.
+    """Return the tracing backend: the one in SIONNA_RADAR_BACKEND, by default a GPU if one is usable.
 
     Raises BackendError for an unknown name, or "cuda" where no GPU is usable.
     """
