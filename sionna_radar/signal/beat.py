@@ -80,7 +80,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
 def analytic_beats(
     paths: Paths, pulses: Pulses, chirp: Chirp, band_hz: tuple[float, float] | None = None
 ) -> Complex[np.ndarray, "pulse sample"]:
-    """Return what `synthesise` does as complex signals: a path of gain a is an exponential of magnitude |a|.
+    """Return the beat signals of `synthesise` in complex form: a path of gain a is an exponential of magnitude |a|.
 
     band_hz: the lowest beat that passes, and that from which on none does; without it those of the sampled band.
     """
@@ -186,7 +186,7 @@ class SampleGrid:
         return self.wide.samples // 2 - self.oversampling * (self.chirp.samples // 2)
 
     def sampled(self, points: Inexact[np.ndarray, "pulse point"]) -> Inexact[np.ndarray, "pulse sample"]:
-        """Return what is sampled of a signal on the grid."""
+        """Return the samples of a signal given on all points of the grid."""
         last = self.first + self.oversampling * self.chirp.samples
         return points[:, self.first : last : self.oversampling]
 

@@ -65,7 +65,7 @@ class Converter:
     imbalance: Imbalance | None = None
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received as numbers."""
+        """Return the received signal with digitized samples."""
         samples = received.signal
         if self.imbalance is not None:
             samples = self.imbalance(samples)

@@ -26,7 +26,7 @@ class Leakage:
     power: Float[np.ndarray, " path"]
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received with the leaking paths of each pulse."""
+        """Return the received signal with the leakage paths of each pulse added."""
         own = self.paths(received.pulses.index)
         return replace(received, paths=Paths.concatenate([received.paths, own]))
 
