@@ -81,7 +81,7 @@ class CheckpointTest:
 
 
 def checkpoints_wanted(area_m2: float) -> int:
-    """Return how many checkpoints the standard asks for."""
+    """Return the number of checkpoints that the standard requires."""
     beyond = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
     return min(FEWEST + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MOST)
 
