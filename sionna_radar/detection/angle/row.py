@@ -87,7 +87,7 @@ def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> F
 def lowest(
     share: Float[np.ndarray, "point n"], cosine: Float[np.ndarray, " n"], sources: int
 ) -> Float[np.ndarray, "point source"]:
-    """Return the direction cosines of the deepest minima of the noise share, parabolically interpolated; NaN for none."""
+    """Return the direction cosines of the lowest minima of the noise share, interpolated by parabolas; NaN for none."""
     inner = share[:, 1:-1]
     dip = (inner <= share[:, :-2]) & (inner < share[:, 2:])
     ranked = np.argsort(np.where(dip, inner, np.inf), axis=1, kind="stable")[:, :sources]
