@@ -1,7 +1,6 @@
-"""Targets in a range-Doppler map: peaks that a CFAR detects, to a fraction of a cell.
+"""Targets in a range-Doppler map: CFAR peaks to a fraction of a cell, and range rates beyond one interval's ambiguity.
 
-Range rates beyond those of one interval: frames whose chirps follow each other after two intervals in turn.
-
+Range rates beyond those of one interval come from frames whose chirps follow each other after two intervals in turn.
 Every second chirp makes a frame of even intervals P, whose maps are ambiguous by span = wavelength / 2 P. The chirps
 between them come T later: from the one frame to the other a scatterer of range rate v turns by 4 pi v T / wavelength,
 which depends on how often its rate is folded: by 2 pi T / P for each span. So the phase between both frames at a peak
