@@ -1,12 +1,10 @@
-"""A recorded flight: a part of a log, put over the ground of a scenario.
+"""A recorded flight: a part of a log, known at any time by splines, put over the ground of a scenario.
 
-A recorded flight at any time: splines through positions and attitudes.
-
-Positions with velocities: cubic Hermite splines, which pass through both. Without velocities: modified Akima splines,
-whose velocity is continuous and which a single bad fix disturbs only beside it; a spline with a continuous acceleration
-would ring through the whole log, and a monotone one flattens every turn. Attitudes: rotation splines (continuous
-angular acceleration); over gaps long against their rate the shortest rotation at a steady rate, since a rotation spline
-may overshoot there.
+The splines pass through positions and attitudes. Positions with velocities: cubic Hermite splines, which pass through
+both. Without velocities: modified Akima splines, whose velocity is continuous and which a single bad fix disturbs only
+beside it; a spline with a continuous acceleration would ring through the whole log, and a monotone one flattens every
+turn. Attitudes: rotation splines (continuous angular acceleration); over gaps long against their rate the shortest
+rotation at a steady rate, since a rotation spline may overshoot there.
 """
 
 import warnings
