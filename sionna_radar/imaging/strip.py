@@ -1,8 +1,7 @@
-"""The strip of ground that a side-looking radar images beside a straight track, and suitable pixels.
+"""The strip of ground that a side-looking radar images beside a straight track, its pixels, and the resolution.
 
-The resolution of images, in closed form or by one quadrature, and the width of a measured response.
-
-Half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
+Resolutions are given in closed form or by one quadrature; `half_power_width` measures that of a response. Widths are
+half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
 track where a scatterer has the direction cosine u; the image of a point is the Fourier transform of the weight W(u)
 applied by the beam and the processing,
 
