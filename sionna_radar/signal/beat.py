@@ -1,4 +1,4 @@
-"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp.
+"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp, on a grid of times.
 
 With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the transmitted and the
 received wave is (t from the middle of the sweep, S its slope)
@@ -9,7 +9,7 @@ c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross te
 beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
 exactly, and the differences from it as a power series, as far as they matter.
 
-The finer and longer grid of times on which a receiver's beat is made before it is filtered and sampled.
+A receiver's beat is made on a finer and longer grid of times before it is filtered and sampled.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,4 @@
-"""The receiver: from paths to sampled beat signals.
-
-Thermal noise of the receiver.
-"""
+"""The receiver: from paths to sampled beat signals, with thermal noise."""
 
 from dataclasses import dataclass, replace
 
