@@ -1,6 +1,6 @@
-"""The truth about a survey: the surface it flew over, the illuminated part of it, and the error of a DEM.
+"""The truth about a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
 
-Which echoes are volume clutter (rain, snow, fog, dust): truth for a warning, not available to mapping.
+The label of an echo as volume clutter (rain, snow, fog, dust) is truth for a warning, not available to mapping.
 """
 
 from dataclasses import dataclass
