@@ -1,4 +1,4 @@
-"""The vertical accuracy test of ASPRS with checkpoints, as a surveyor would make it.
+"""The vertical accuracy test of ASPRS with checkpoints, as a surveyor would make it, and the slopes of a raster.
 
 American Society for Photogrammetry and Remote Sensing, "Positional Accuracy Standards for Digital Geospatial Data",
 Edition 2 (2023): at least 30 checkpoints, 10 more for each 1000 km2 beyond the first, at most 120 (annex C);
@@ -7,7 +7,7 @@ accuracy is their RMSE, no multiple of it. The survey's own error, which the sta
 Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls hold more of the map than `MOST_COVERED`
 such a class says little of it, and none is stated.
 
-Slopes of a raster by the third-order finite differences of Horn (1981), as GDAL and xDEM have them.
+Slopes are third-order finite differences of Horn (1981), as GDAL and xDEM have them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -81,7 +81,7 @@ class CheckpointTest:
 
 
 def checkpoints_wanted(area_m2: float) -> int:
-    """Return how many checkpoints the standard asks for."""
+    """Return the number of checkpoints that the standard requires."""
     beyond = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
     return min(FEWEST + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MOST)
 

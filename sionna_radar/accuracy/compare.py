@@ -1,9 +1,8 @@
-"""Comparing a DEM with the true surface.
+"""Comparison of a DEM with the true surface, and of two engines' DEMs with each other.
 
-Whether two engines' DEMs differ by more than speckle: a randomisation test over tiles of the map.
-
-Four DEMs of one survey, two seeds of each engine. If both engines see the same surface, the four are exchangeable in
-every tile: whichever two are assigned to one engine, the squared distance between the means of both pairs,
+A randomisation test over tiles of the map decides whether two engines' DEMs differ by more than speckle. It takes four
+DEMs of one survey, two seeds of each engine. If both engines see the same surface, the four are exchangeable in every
+tile: whichever two are assigned to one engine, the squared distance between the means of both pairs,
 
     d^2 = sum over the tile's cells of ((G + G' - S - S') / 2)^2,
 

@@ -36,14 +36,14 @@ class Walls:
         return bool(self.buildings) or len(self.foot_m) > 0
 
     def near(self, place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return which places lie within reach of a wall, in front of it or behind."""
+        """Return the mask of places within reach of a wall, in front of it or behind."""
         near = near_walls(place_m, reach_m, self.buildings)
         if len(self.foot_m):
             near |= KDTree(self.foot_m).query(place_m, distance_upper_bound=float(reach_m.max()) + 1e-6)[0] <= reach_m
         return near
 
     def distance_m(self, place_m: Float[np.ndarray, "n 2"], farthest_m: float) -> Float[np.ndarray, " n"]:
-        """Return how far places are from the nearest wall, in front of it or behind; infinite beyond `farthest_m`."""
+        """Return the distance to the nearest wall, in front of it or behind, m; infinite beyond `farthest_m`."""
         distance = np.full(len(place_m), np.inf)
         for building in self.buildings:
             distance = np.minimum(distance, np.abs(_outside(place_m, building)))
@@ -67,7 +67,7 @@ def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, 
 
 
 def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -> Bool[np.ndarray, "row column"]:
-    """Return which cells lie within half a footprint of a wall, with the footprint of the nearest point."""
+    """Return the mask of cells within half a footprint of a wall, with the footprint of the nearest point."""
     if len(points) == 0 or not walls:
         return np.zeros(grid.shape, dtype=bool)
     nearest = KDTree(points.position_m[:, :2]).query(grid.centres_m)[1]
@@ -78,7 +78,7 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
 def near_walls(
     place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Building]
 ) -> Bool[np.ndarray, " n"]:
-    """Return which places lie within reach of a building's outline, inside it or outside."""
+    """Return the mask of places within reach of a building's outline, inside it or outside."""
     near = np.zeros(len(place_m), dtype=bool)
     for building in buildings:
         near |= np.abs(_outside(place_m, building)) <= reach_m

@@ -19,7 +19,7 @@ from sionna_radar.tracing.paths import Paths
 def main_beam_hits(
     paths: Paths, pulses: Pulses, antenna: Antenna, beams: Sequence[Antenna] = ()
 ) -> tuple[Float[np.ndarray, "hit 3"], Float[np.ndarray, "hit 3"]]:
-    """Return where the paths of a block hit surfaces inside the main beam, and the true radar positions.
+    """Return the surface hits of a block's paths inside the main beam, and the true radar positions.
 
     beams: of an electronic scan, each with its own pattern.
     """
@@ -112,7 +112,7 @@ def shadowed(
     incidence_rad: float,
     half_swath_rad: float,
 ) -> Bool[np.ndarray, "row column"]:
-    """Return which cells of the true surface a whisk-broom scan passes over without seeing them.
+    """Return the mask of true-surface cells in radar shadow: scanned by a whisk-broom but not visible from the track.
 
     The angle between beam and track is the complement of the incidence. A cell that is y across and z below the
     track is therefore scanned from the place x = tan(incidence) hypot(y, z) short of it, and only from there.

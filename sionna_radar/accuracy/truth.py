@@ -1,6 +1,6 @@
-"""The truth about a survey: the surface it flew over, the illuminated part of it, and the error of a DEM.
+"""The truth about a survey: its surface, the illuminated part, the error of a DEM, and echoes of volume clutter.
 
-Which echoes are volume clutter (rain, snow, fog, dust): truth for a warning, not available to mapping.
+The label of an echo as volume clutter (rain, snow, fog, dust) is truth for a warning, not available to mapping.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ REACH_CELLS = 2.0
 
 
 def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
-    """Return which echoes hold more power from rain, snow, fog or dust than from anything else.
+    """Return the mask of echoes with more power from rain, snow, fog or dust than from all other paths.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ class Tally:
             self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
 
     def taken(self) -> Counted:
-        """Return what was counted since the last call."""
+        """Return the counts since the last call."""
         cell, origin_m = self._illumination.taken()
         silent_cell, silent_origin_m = self._silence.taken()
         paths, rain_echoes = self.paths - self._told[0], self.rain_echoes - self._told[1]

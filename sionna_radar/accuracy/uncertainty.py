@@ -92,7 +92,7 @@ def check_uncertainty(
     points: Points,
     uncertainty: Uncertainty | None,
 ) -> UncertaintyCheck | None:
-    """Return how a DEM's stated uncertainty compares with its errors; None without a lit cell.
+    """Return the comparison of a DEM's stated uncertainty with its errors; None without a lit cell.
 
     Parameters
     ----------

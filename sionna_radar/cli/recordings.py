@@ -71,7 +71,7 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
 
 
 def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
-    """Return how samples are kept; ScenarioError for what is none of the ways, or where no signals are recorded."""
+    """Return the sample type of recorded signals; ScenarioError if it is unknown or no signals are recorded."""
     from sionna_radar.survey.recording import SampleType
 
     known: tuple[SampleType, ...] = get_args(SampleType)

@@ -1,6 +1,6 @@
-"""What all commands do alike: load a scenario, check the output folder, fly, write and print.
+"""Common part of all commands: load a scenario, check the output folder, fly, write and print; shared options.
 
-Arguments and options that several commands share.
+Arguments and options that several commands share are defined here.
 """
 
 import logging

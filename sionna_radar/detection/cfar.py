@@ -102,7 +102,7 @@ class Cfar:
         return level * np.where(both, self.both_sides_factor, self.one_side_factor)
 
     def detection_probability(self, snr: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return how probably cells of speckle are detected amid noise, where both sides fit.
+        """Return the detection probability of speckle cells in noise, with training cells on both sides.
 
         The power of a cell of speckle and noise is exponential, with 1 + snr times the mean of noise alone, so it
         passes a Z with the probability that noise passes a Z / (1 + snr) (Gandhi and Kassam 1988, "Analysis of CFAR

@@ -1,9 +1,8 @@
-"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction.
+"""From a block of beat signals to echoes: spectrum, CFAR, clustering, ranging, Doppler correction, pairing of sweeps.
 
-Range and range rate from the two halves of a triangular sweep, with no other knowledge of the velocity.
-
-Motion shifts the echo of an up-sweep one way and that of a down-sweep the other: the mean of both is the range,
-their difference the range rate (Rouveure et al. 2017, eq. 2, twice).
+The two halves of a triangular sweep give range and range rate with no other knowledge of the velocity. Motion shifts
+the echo of an up-sweep one way and that of a down-sweep the other: the mean of both is the range, their difference the
+range rate (Rouveure et al. 2017, eq. 2, twice).
 """
 
 from dataclasses import dataclass, replace
@@ -118,7 +117,7 @@ class Detector:
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Detections:
-        """Return what `find` does, of power spectra."""
+        """Return the uncorrected echoes and range profiles of power spectra; see `find`."""
         spans = self.spans(self.tested(power), window_m)
         profiles = cut_profiles(spans, pulse, self.processing.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)

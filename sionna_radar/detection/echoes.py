@@ -1,9 +1,7 @@
-"""The echoes that detection returns.
+"""Detected echoes, and the range profiles around them for mapping methods that model the whole echo.
 
-Range profiles around the echoes of pulses, for mapping methods that model the whole echo.
-
-One value per range cell is kept, in single precision, from one echo length before the nearest echo to one beyond the
-farthest, so that a survey of many pulses stays small.
+A profile holds one value per range cell, in single precision, from one echo length before the nearest echo to one
+beyond the farthest, so that a survey of many pulses stays small.
 """
 
 from collections.abc import Sequence

@@ -63,7 +63,7 @@ class ExpectedGround:
     def _meets(
         self, pose: Pose, direction: Float[np.ndarray, "pulse 3"], raised_m: float, reach_m: float
     ) -> Float[np.ndarray, " pulse"]:
-        """Return where rays meet the expected ground, raised; NaN where they do not."""
+        """Return the range at which each ray meets the expected ground raised by `raised_m`, m; NaN without a hit."""
         if self.surface is None:
             down = np.where(direction[:, 2] < -LEAST_DOWN, -direction[:, 2], np.nan)
             return max(self.altitude_m - raised_m, 0.0) / down

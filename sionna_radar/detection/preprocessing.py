@@ -36,7 +36,7 @@ def zeroed(beat: Inexact[np.ndarray, "pulse sample"]) -> Inexact[np.ndarray, "pu
 
 
 def bursts(beat: Inexact[np.ndarray, "pulse sample"]) -> Bool[np.ndarray, "pulse sample"]:
-    """Return which samples are those of bursts."""
+    """Return the mask of samples in interference bursts."""
     # Of a real Gaussian of unit width the median size is 0.674 and one in a million lies beyond 4.89; of a complex one,
     # whose power is exponential, sqrt(ln 2) and sqrt(-ln p) in units of the root mean square.
     ratio = np.sqrt(-np.log(FALSE_BURSTS) / np.log(2)) if np.iscomplexobj(beat) else 4.8916 / 0.67449

@@ -66,7 +66,7 @@ class SpectrumAnalyser:
         return power if self.averaged == 1 else power.reshape(-1, self.averaged, power.shape[1]).mean(axis=1)
 
     def power_where_they_are(self, beat: Any, library: ArrayLibrary) -> Float[np.ndarray, "pulse bin"]:
-        """Return what `power` does of beat signals that are arrays of another library, without a high-pass."""
+        """Return the power spectra of beat signals in arrays of another library, without a high-pass; see `power`."""
         spectrum = self._transform(beat, library)
         return library.fetched(spectrum.real**2 + spectrum.imag**2).astype(np.float64)
 

@@ -1,8 +1,7 @@
-"""Elevation files of any projection, cut out and transformed into the local metric frame.
+"""Elevation files of any projection: the part that a survey sees, cut out and transformed into the local metric frame.
 
-`local_frame` chooses the frame, and `file_heights` interpolates their heights from the file.
-
-The part of an elevation file that a survey sees, and the cells of the local frame that cover it.
+The part is covered with cells of the local frame. `local_frame` chooses the frame, and `file_heights` interpolates the
+heights of its cells from the file.
 """
 
 import logging

@@ -1,17 +1,16 @@
-"""Heights of an elevation file at the cells of a grid.
+"""Heights of an elevation file at the cells of a grid, its cells without data, and seeded detail below its spacing.
 
 The cells are interpolated from the file one by one (bilinear between its cell centres, after averaging if the file is
 finer), not warped by GDAL, whose approximate transformer and half-cell extrapolation at edges and voids would cost
 accuracy.
 
-Cells of a terrain without data: kept as holes, filled from around them, or refused.
+Cells of a terrain without data are kept as holes, filled from around them, or refused.
 
-Seeded detail below the spacing of an elevation file, for a surface that is not smooth between its posts.
-
-The detail is a Gaussian surface whose power spectrum falls as k^-(2 H + 2), as that of natural terrain (a self-affine
-surface of Hurst exponent H; Turcotte 1997, "Fractals and Chaos in Geology and Geophysics", ch. 7), from the wavelength
-of two posts of the file down: what the file shows is left as it is. It depends on the place and the seed alone, and not
-on the part of the terrain that is cut out.
+Seeded detail below the spacing of the file models a surface that is not smooth between its posts. The detail is a
+Gaussian surface whose power spectrum falls as k^-(2 H + 2), as that of natural terrain (a self-affine surface of Hurst
+exponent H; Turcotte 1997, "Fractals and Chaos in Geology and Geophysics", ch. 7), from the wavelength of two posts of
+the file down: what the file shows is left as it is. It depends on the place and the seed alone, and not on the part of
+the terrain that is cut out.
 """
 
 import logging

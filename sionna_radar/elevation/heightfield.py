@@ -127,7 +127,7 @@ def _gap(height, west, south, spacing, origin, direction, reached):
 @compiled
 @no_type_check
 def _crossing(height, west, south, spacing, origin, direction, low, high):
-    """Return where a ray crosses the surface between two ranges, by the Illinois variant of the false position."""
+    """Return the range at which a ray crosses the surface between two ranges, by the Illinois false-position method."""
     low_gap = _gap(height, west, south, spacing, origin, direction, low)
     high_gap = _gap(height, west, south, spacing, origin, direction, high)
     # Below the surface from the start, as under an overhang of the map: bisection went to the far end as well.

@@ -1,9 +1,9 @@
-"""The choice of the local frame for an elevation file.
+"""The local frame of a survey: its place on the map, and its choice for an elevation file.
 
 A file is kept in its own projection if that is true to scale (metres, unit scale, north up), and transformed
 into the UTM zone of its centre otherwise.
 
-The place of a local frame on the map, known before anything is read into it.
+The place on the map is known before anything is read into the frame.
 """
 
 import math

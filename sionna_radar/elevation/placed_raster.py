@@ -1,8 +1,6 @@
-"""An open raster file and the position of its cells in the local frame.
+"""An open raster file: the position of its cells in the local frame, and the unit and vertical datum of its heights.
 
 Pixel coordinates count columns and rows from the centre of the file's first cell; local ones are metres.
-
-Unit and vertical datum of the heights of an elevation file.
 """
 
 import logging

@@ -1,4 +1,4 @@
-"""Frames and the rotations between them.
+"""Frames, the rotations between them, and the motion of the platform and of an antenna at the end of a lever arm.
 
 world   east, north, up (ENU): the frame of scenes and points
 level   forward, right, down with the heading of the platform: the paper's absolute coordinates
@@ -8,8 +8,6 @@ antenna x boresight, y to the left of it, z completing the right-handed frame (u
 `R_a_b` transforms components in b into components in a: v_a = R_a_b @ v_b, so R_a_c = R_a_b @ R_b_c.
 Heading is clockwise from north; the Euler order is heading, pitch, roll (ZYX), vehicle-carried
 north-east-down to body, as in Rouveure et al. 2017.
-
-The motion of the platform, and of an antenna at the end of a lever arm.
 """
 
 from dataclasses import dataclass

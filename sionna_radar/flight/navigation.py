@@ -1,4 +1,4 @@
-"""A GPS/IMU with errors: the antenna pose that it reports.
+"""A GPS/IMU with errors: the antenna pose that it reports, named grades, and errors as stated by a flight log.
 
 The trajectory is the true motion of the inertial navigation system (INS). Its report has errors of position,
 velocity and attitude, each the sum of three parts: constant, white (new at every pulse) and first-order
@@ -6,10 +6,8 @@ Gauss-Markov (an error that drifts and decays to zero; its autocorrelation is si
 report may have a late time stamp. The antenna pose follows from it through a lever arm and a boresight alignment
 that have errors as well.
 
-Named grades of GPS/IMU, with the sources of their numbers.
-
-Every quantity is a standard deviation and is taken as a first-order Gauss-Markov error, since a filter's output
-drifts and does not jump. Basis of each number:
+The named grades of GPS/IMU give the sources of their numbers. Every quantity is a standard deviation and is taken as a
+first-order Gauss-Markov error, since a filter's output drifts and does not jump. Basis of each number:
 
 - First-hand, the maker's claim, untested: position, velocity and heading of the "consumer" and "rtk" grades (Blicube's
   specifications of its GRTK, RMS).
@@ -26,11 +24,10 @@ drifts and does not jump. Basis of each number:
   every axis; that the heading error of two antennas is inverse to their distance; that "survey" measures velocity no
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm per km, is left out.
 
-Navigation errors as large as the log of a flight states: `navigation = "from_log"`.
-
-The flight that was logged is taken as the true one: what a log says of its own errors gives their size, and a
-first-order Gauss-Markov process of unit variance, drawn from the seed, gives what they were in this flight.
-Logs do not state correlation times; those of `NavigationTable` are assumed.
+With `navigation = "from_log"` the errors are as large as the log of a flight states. The flight that was logged is
+taken as the true one: what a log says of its own errors gives their size, and a first-order Gauss-Markov process of
+unit variance, drawn from the seed, gives what they were in this flight. Logs do not state correlation times; those of
+`NavigationTable` are assumed.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
-"""The pulses of a survey: when and where each chirp is transmitted, and in which direction.
+"""The pulses of a survey: time, position and direction of each transmitted chirp, and bursts of averaged chirps.
 
-Bursts of chirps: what is averaged is one pulse of the survey, in the middle of its chirps.
+The chirps of a burst are averaged to one pulse of the survey, in the middle of its chirps.
 """
 
 from abc import ABC, abstractmethod
@@ -153,7 +153,7 @@ def build_navigation(
 
 
 def rows_of(index: Int[np.ndarray, " pulse"], wanted: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return where pulses, by their indices in the survey, stand in a sorted column of indices."""
+    """Return the rows of pulses, given by their survey indices, in a sorted column of indices."""
     return np.searchsorted(index, wanted)
 
 

@@ -1,12 +1,10 @@
-"""A recorded flight: a part of a log, put over the ground of a scenario.
+"""A recorded flight: a part of a log, known at any time by splines, put over the ground of a scenario.
 
-A recorded flight at any time: splines through positions and attitudes.
-
-Positions with velocities: cubic Hermite splines, which pass through both. Without velocities: modified Akima splines,
-whose velocity is continuous and which a single bad fix disturbs only beside it; a spline with a continuous acceleration
-would ring through the whole log, and a monotone one flattens every turn. Attitudes: rotation splines (continuous
-angular acceleration); over gaps long against their rate the shortest rotation at a steady rate, since a rotation spline
-may overshoot there.
+The splines pass through positions and attitudes. Positions with velocities: cubic Hermite splines, which pass through
+both. Without velocities: modified Akima splines, whose velocity is continuous and which a single bad fix disturbs only
+beside it; a spline with a continuous acceleration would ring through the whole log, and a monotone one flattens every
+turn. Attitudes: rotation splines (continuous angular acceleration); over gaps long against their rate the shortest
+rotation at a steady rate, since a rotation spline may overshoot there.
 """
 
 import warnings
@@ -223,7 +221,7 @@ class RecordedRoute:
         ground: Float[np.ndarray, " n"],
         origin_height_m: float,
     ) -> tuple[float, str]:
-        """Return what is added to the heights of the log, and in words what they are taken for."""
+        """Return the offset added to the log's heights, m, and a description of their assumed reference."""
         shift = self.platform.log_shift
         own_m = 0.0 if isinstance(shift, str) else shift[2]
         if isinstance(self.height, float):
@@ -391,7 +389,7 @@ def _refuse(findings: tuple[Finding, ...], platform: Platform) -> None:
 
 
 def _shift(platform: Platform, positions: Positions) -> Float[np.ndarray, " 3"]:
-    """Return by how much the flight is moved over the ground; upward it is moved when the ground is known."""
+    """Return the horizontal shift of the flight, m; the vertical shift follows once the ground is known."""
     if platform.log_shift == "to_terrain":
         low, high = positions.place.min(axis=0), positions.place.max(axis=0)
         return np.array([*(-(low + high)[:2] / 2), 0.0])

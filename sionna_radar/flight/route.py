@@ -1,6 +1,7 @@
-"""Where a survey flies: planned, or recorded. What is known before the ground is, and the flight over it.
+"""The route of a survey, planned or recorded: the track over its lines, and the flight once its ground is known.
 
-Several lines over one area, to and fro, and the ways between them.
+A route is what is known of a flight before the ground is. Several lines over one area are flown to and fro, with the
+ways between them.
 """
 
 from collections.abc import Callable

@@ -1,10 +1,10 @@
-"""Flights of straight legs with constant acceleration, known at any time.
+"""Flights of straight legs with constant acceleration, known at any time, and the flight over its ground.
 
 The track is a horizontal polyline, cruised at one speed; a turn at a waypoint is instantaneous (arcs and banks are in
 `turns`), and so are the cruise's start and end. Phases: take-off and landing (vertical, near the ground), climb and
 descent (vertical, to and from the cruise height), cruise (along the track).
 
-A flight over its ground, planned or recorded.
+`Flight` is a flight over its ground, planned or recorded.
 """
 
 from collections.abc import Callable, Iterator, Sequence

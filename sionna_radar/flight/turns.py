@@ -227,7 +227,7 @@ def _dubins(
 
 
 def _turned(angle: float, turn: int) -> float:
-    """Return by how much one turns, in a given sense, to change heading by an angle."""
+    """Return the angle turned in a given sense to change heading by `angle`, rad, not negative."""
     around = float(np.mod(turn * angle, 2 * np.pi))
     return 0.0 if 2 * np.pi - around < 1e-9 else around
 

@@ -1,8 +1,9 @@
-"""Checkpoints: finished parts of a long run, kept in its output folder so that `--resume` goes on from them.
+"""Checkpoints, the finished parts of a long run that `--resume` goes on from, and staging folders of unfinished output.
 
-A part is a file named by its key. It is written beside and renamed, so that it is there whole or not at all. The
-folder of the parts says what run they are of; those of another one are refused, never mixed. Its lock is released by
-the system when the process ends, however it ends. Once the results stand in their folder, the parts are removed.
+A part is a file named by its key, kept in the output folder of its run. It is written beside and renamed, so that it is
+there whole or not at all. The folder of the parts says what run they are of; those of another one are refused, never
+mixed. Its lock is released by the system when the process ends, however it ends. Once the results stand in their
+folder, the parts are removed.
 
 A staging folder contains a file that its process keeps locked. The system releases the lock when the process ends,
 however it ends, so an unlocked staging folder is an abandoned one.
@@ -30,7 +31,7 @@ OWNER_TEXT = "Unfinished results of sionna-radar; the next run removes this fold
 
 
 def remedy_of(error: OSError) -> str:
-    """Return what a user can do about a folder or file that cannot be written."""
+    """Return the remedy for a folder or file that cannot be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "free some space"
     if error.errno == errno.ENOENT:

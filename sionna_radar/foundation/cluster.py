@@ -302,7 +302,7 @@ class DaskWorkers:
         return self.client.submit(perform, task, given, shared, key=key, pure=False)
 
     def _sent(self, shared: bytes) -> "Future":
-        """Return what workers share, as a task, so that dask sends it again where a worker has taken it along."""
+        """Return the shared payload as a task, so that dask recomputes it when the worker that holds it is lost."""
         with warnings.catch_warnings():
             # Dask would rather have it in a file that all can read.
             warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
@@ -330,7 +330,7 @@ def _first(waiting: Iterator[tuple[int, Task]], count: int) -> Iterator[tuple[in
 
 
 def _result(future: "Future") -> bytes | Failure:
-    """Return what a finished task gave, and tell the warnings of its worker here."""
+    """Return the result or failure of a finished task, and log its worker's messages here."""
     from distributed import KilledWorker
 
     if future.status in ("cancelled", "lost"):

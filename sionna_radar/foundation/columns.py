@@ -1,6 +1,6 @@
-"""Tables: frozen dataclasses whose fields are columns of equal length.
+"""Tables: frozen dataclasses whose fields are columns of equal length, and their conversion to bytes.
 
-Tables as bytes, and back again, bit for bit: how finished parts are kept, and what workers return.
+Tables become bytes, and tables again, bit for bit: finished parts are kept so, and workers return their results so.
 """
 
 import io

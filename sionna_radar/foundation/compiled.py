@@ -1,4 +1,4 @@
-"""Loops over pulses, rays and range cells as machine code, by Numba.
+"""Loops over pulses, rays and range cells as machine code by Numba, and a compiled sine and cosine.
 
 Numba and not Dr.Jit: the loops are short, irregular and in double precision, a few hundred steps per pulse that differ
 from one pulse to the next, which whole-array code would pad; there is no compilation per size of an array, and the
@@ -8,9 +8,10 @@ Without `fastmath`: sums keep their order, so that results do not depend on the 
 pulses are handled at once. Modules with compiled functions are imported when a function of theirs is first needed:
 importing Numba takes half a second.
 
-Of an angle in turns the part within an eighth of one is exact, and the polynomials below give both functions of it to
-the last bit or two. An angle in radians has been rounded when it was multiplied by 2 pi; and the functions of the
-system's library keep the compiler from handling several angles at once, which makes these twenty times as fast.
+`turned` computes sine and cosine of an angle in turns: its part within an eighth of a turn is exact, and the
+polynomials below give both functions of it to the last bit or two. An angle in radians has been rounded when it was
+multiplied by 2 pi; and the functions of the system's library keep the compiler from handling several angles at once,
+which makes these twenty times as fast.
 """
 
 import math

@@ -100,6 +100,6 @@ class WorkersLostError(WorkerError):
 
 
 def one_line(error: Exception) -> str:
-    """Return what is wrong, its problems one after another."""
+    """Return the message of an error on one line, its problems separated by semicolons."""
     problems = getattr(error, "problems", ())
     return "; ".join(map(str, problems)) or str(error)

@@ -1,9 +1,9 @@
-"""Input files of the user: regular, of a bounded size, and read as text or as TOML.
+"""Input files of the user, regular, of a bounded size, read as text or as TOML, and the permission to use the network.
 
 A pipe may never end, a device has no size, and a path may contain characters that no file system accepts: all end
 in one `InputFileError` that names what was requested.
 
-Whether this process may reach the network: never, unless the user allows it.
+This process may reach the network only if the user allows it.
 """
 
 import errno

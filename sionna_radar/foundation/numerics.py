@@ -1,16 +1,13 @@
-"""Small numerical tools: decibels, window functions, Halton points, linear algebra on one thread.
+"""Small numerical tools: decibels, linear algebra on one thread, Halton points, window functions.
 
-Linear algebra on one thread: a split among several would change the rounding, the last bits of every result.
+Linear algebra runs on one thread: a split among several would change the rounding, the last bits of every result. For
+the small matrices of a survey, several threads are not faster anyway.
 
-For the small matrices of a survey, several threads are not faster anyway.
-
-Points that fill a square evenly, as `scipy.stats.qmc.Halton` gives them without scrambling, bit for bit.
-
+Halton points fill a square evenly, as `scipy.stats.qmc.Halton` gives them without scrambling, bit for bit.
 `scipy.stats` takes as long to import as many a survey to simulate.
 
-Windows over samples, as SciPy computes them, bit for bit.
-
-`scipy.signal` brings `scipy.stats` and more with it: for one window it would take as long as many a survey.
+Windows over samples are as SciPy computes them, bit for bit. `scipy.signal` brings `scipy.stats` and more with it: for
+one window it would take as long as many a survey.
 """
 
 import math

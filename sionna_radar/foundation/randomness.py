@@ -1,10 +1,10 @@
-"""Random numbers tied to a pulse, whatever block or worker computes it.
+"""Random numbers tied to a pulse, whatever block or worker computes it, or to the identity of a thing.
 
-Every stream is a counter-based Philox generator keyed by (seed, stream) whose counter is set from the pulse
-index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone (Salmon et al.
-2011, "Parallel random numbers: as easy as 1, 2, 3").
+Every stream of a pulse is a counter-based Philox generator keyed by (seed, stream) whose counter is set from the pulse
+index, so a pulse draws the same numbers in a block of one, in a block of a thousand, or alone (Salmon et al. 2011,
+"Parallel random numbers: as easy as 1, 2, 3").
 
-Random numbers that belong to a thing: mixed from its identity, whatever was drawn before.
+Those of a thing are mixed from its identity, whatever was drawn before.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,4 @@
-"""Elevation rasters in the local frame.
-
-The position of the local frame on the Earth.
-"""
+"""Elevation rasters in the local frame, and the position of that frame on the Earth."""
 
 import math
 from dataclasses import dataclass

@@ -4,7 +4,7 @@ A task and its result travel as documents: a task as JSON, its result as the byt
 So a worker needs no more than the same version of the program, and what it returns is what this process would have
 made, bit for bit.
 
-The versions of what decides the bits of a result.
+`versions` gives the versions of Python and of the packages that decide the bits of a result.
 """
 
 import builtins

@@ -1,6 +1,6 @@
-"""The synthetic aperture: which pulses a pixel is focused from, and with what weight.
+"""The synthetic aperture (pulses that a pixel is focused from, and their weights), and the pixels of an image.
 
-The pixels of an image: a parallelogram of points on a plane, usually the level ground beside the track.
+The pixels are a parallelogram of points on a plane, usually the level ground beside the track.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
-"""The strip of ground that a side-looking radar images beside a straight track, and suitable pixels.
+"""The strip of ground that a side-looking radar images beside a straight track, its pixels, and the resolution.
 
-The resolution of images, in closed form or by one quadrature, and the width of a measured response.
-
-Half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
+Resolutions are given in closed form or by one quadrature; `half_power_width` measures that of a response. Widths are
+half-power widths throughout. A side-looking radar at broadside samples the spatial frequency 2 u / lambda along the
 track where a scatterer has the direction cosine u; the image of a point is the Fourier transform of the weight W(u)
 applied by the beam and the processing,
 
@@ -91,7 +90,7 @@ def half_power_width(place: Float[np.ndarray, " n"], power: Float[np.ndarray, " 
 
 
 def _half_power(response: Callable[[float], float], step: float) -> float:
-    """Return where an even response that is one at zero first falls to half its power."""
+    """Return the first half-power point of an even response that is one at zero."""
     end = step
     while response(end) > np.sqrt(0.5):
         end += step

@@ -1,6 +1,6 @@
 """Arrays of a scenario: rectangular ones by their numbers, any planar one by a table of its elements.
 
-Planar arrays with a Taylor taper, sized from their half-power beamwidths.
+Planar arrays with a Taylor taper are sized from their half-power beamwidths.
 """
 
 import csv

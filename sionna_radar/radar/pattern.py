@@ -120,7 +120,7 @@ class SphericalPattern:
 
 
 def check_samples(step_rad: float) -> int:
-    """Return how many rows a sphere has at an angle between samples; ValueError for more than fit into memory."""
+    """Return the number of elevation rows of a sphere sampled every `step_rad`; ValueError above `MOST_SAMPLES`."""
     rows = int(np.ceil(np.pi / step_rad)) + 1
     if rows * (2 * rows - 1) > MOST_SAMPLES:
         message = (

@@ -78,7 +78,7 @@ class SideReceiver:
     difference: DifferencePattern | None = None
 
     def factor(self, direction: Float[np.ndarray, "n 3"]) -> Complex[np.ndarray, " n"]:
-        """Return what the first receiver's signals are multiplied with, phase of the baseline not included."""
+        """Return the complex factor on the first receiver's signals, without the phase of the baseline."""
         if self.difference is not None:
             return self.difference.at(direction[:, self.axis]).astype(np.complex128)
         return np.full(len(direction), np.exp(1j * self.phase_error_rad))

@@ -1,12 +1,11 @@
-"""Mitsuba and Dr.Jit: finding the libLLVM that their CPU variant needs, and choosing the variant.
+"""Mitsuba and Dr.Jit: the libLLVM that their CPU variant needs, the choice of variant, and flushing of denormals.
 
 Dr.Jit compiles kernels with a shared libLLVM. Versions before 17 cannot compile Mitsuba's and end the process
 with a signal instead of an exception, so the library is selected, and an old one refused, before Dr.Jit loads.
 
-Numbers too small for their exponent, taken for zero, as in Dr.Jit's own threads.
-
-Embree asks for it. Dr.Jit sets it in the threads that it starts; where it may use one thread only, it works in the
-thread that calls it, where nobody has. Rays along the edge of two triangles would then give other hits.
+Denormal numbers, too small for their exponent, are taken for zero, as in Dr.Jit's own threads. Embree asks for it.
+Dr.Jit sets it in the threads that it starts; where it may use one thread only, it works in the thread that calls it,
+where it is not set. Rays along the edge of two triangles would then give other hits.
 """
 
 import ctypes
@@ -146,7 +145,7 @@ def use_backend(name: str) -> None:
 
 
 def chosen_backend() -> Literal["llvm", "cuda"]:
-    """Return what rays are traced with: what SIONNA_RADAR_BACKEND says, and by default a GPU where one is usable.
+    """Return the tracing backend: the one in SIONNA_RADAR_BACKEND, by default a GPU if one is usable.
 
     Raises BackendError for an unknown name, or "cuda" where no GPU is usable.
     """

@@ -1,11 +1,10 @@
-"""Filters before the converter: anti-alias low-pass and high-pass.
+"""Filters before the converter: anti-alias low-pass, high-pass, and a gain over range.
 
-A high-pass and a gain over range at the intermediate frequency, between mixer and ADC.
-
-The beat of a near echo is low and strong, that of far ground high and weak. A high-pass attenuates near echoes before
-sampling: with its corner beyond the ranges of interest, order n weights powers by r^2n, so that order 1
-compensates the r^-2 of a beam-filling volume, and order 2 the r^-4 of points. The benefit is dynamic range
-of the ADC and less transmitter leakage; calibrated spectra are the same with and without it.
+High-pass and gain over range act at the intermediate frequency, between mixer and ADC. The beat of a near echo is low
+and strong, that of far ground high and weak. A high-pass attenuates near echoes before sampling: with its corner beyond
+the ranges of interest, order n weights powers by r^2n, so that order 1 compensates the r^-2 of a beam-filling volume,
+and order 2 the r^-4 of points. The benefit is dynamic range of the ADC and less transmitter leakage; calibrated spectra
+are the same with and without it.
 
 A gain over range does so between two frequencies alone: zeros at the lower one and poles at the upper one, for each
 order ((jf + f1) / (jf + f2)), so that nothing is lost at the nearest ranges but what the ratio of both says.

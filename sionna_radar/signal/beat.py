@@ -1,4 +1,4 @@
-"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp.
+"""Synthesis of beat signals: a non-uniform Fourier sum over the paths of each chirp, on a grid of times.
 
 With the delay tau(t) = 2 r(t) / c of a scatterer, linear over the chirp, the phase between the transmitted and the
 received wave is (t from the middle of the sweep, S its slope)
@@ -9,7 +9,7 @@ c1 is the beat frequency of Rouveure et al. 2017, eq. 2, with its small cross te
 beat while the scatterer moves. The paths of a chirp have nearly the same c2: their power-weighted mean is applied
 exactly, and the differences from it as a power series, as far as they matter.
 
-The finer and longer grid of times on which a receiver's beat is made before it is filtered and sampled.
+A receiver's beat is made on a finer and longer grid of times before it is filtered and sampled.
 """
 
 from dataclasses import dataclass, replace
@@ -80,7 +80,7 @@ def synthesise(paths: Paths, pulses: Pulses, chirp: Chirp) -> Inexact[np.ndarray
 def analytic_beats(
     paths: Paths, pulses: Pulses, chirp: Chirp, band_hz: tuple[float, float] | None = None
 ) -> Complex[np.ndarray, "pulse sample"]:
-    """Return what `synthesise` does as complex signals: a path of gain a is an exponential of magnitude |a|.
+    """Return the beat signals of `synthesise` in complex form: a path of gain a is an exponential of magnitude |a|.
 
     band_hz: the lowest beat that passes, and that from which on none does; without it those of the sampled band.
     """
@@ -186,7 +186,7 @@ class SampleGrid:
         return self.wide.samples // 2 - self.oversampling * (self.chirp.samples // 2)
 
     def sampled(self, points: Inexact[np.ndarray, "pulse point"]) -> Inexact[np.ndarray, "pulse sample"]:
-        """Return what is sampled of a signal on the grid."""
+        """Return the samples of a signal given on all points of the grid."""
         last = self.first + self.oversampling * self.chirp.samples
         return points[:, self.first : last : self.oversampling]
 

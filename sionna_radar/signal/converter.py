@@ -1,8 +1,6 @@
-"""The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding.
+"""The analogue-to-digital converter: errors of I/Q samples, gain, full scale, rounding and its step.
 
 Samples are returned on the scale of the antenna: the gain in front of the converter is known, and taken out again.
-
-The step in which the converter of a radar rounds.
 """
 
 from dataclasses import dataclass, replace
@@ -65,7 +63,7 @@ class Converter:
     imbalance: Imbalance | None = None
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received as numbers."""
+        """Return the received signal with digitized samples."""
         samples = received.signal
         if self.imbalance is not None:
             samples = self.imbalance(samples)

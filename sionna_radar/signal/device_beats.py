@@ -24,7 +24,7 @@ import drjit as dr
 
 @flushed_denormals()
 def device_beats(paths: DevicePaths, chirp: Chirp) -> Any:
-    """Return what `synthesise` does of the paths of a block, as a tensor of Dr.Jit: one row a pulse.
+    """Return the noise-free beat signals of a block as a Dr.Jit tensor, one row per pulse; see `synthesise`.
 
     Of real samples it is a tensor of numbers, of I/Q samples one with a last axis of real and imaginary parts.
     """

@@ -63,7 +63,7 @@ class Interference:
     antennas: tuple[Antenna, ...] = ()
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received with the bursts of the other radars."""
+        """Return the received signal with the interference bursts of the other radars added."""
         samples = received.signal
         for radar in self.radars:
             power_w, range_m, rate_mps = self.arriving(radar, received.pulses, received.chirp.wavelength_m)

@@ -1,8 +1,9 @@
-"""What leaks from the transmitter into the receiver: paths of a fixed delay, the same in every sweep.
+"""Leakage from the transmitter into the receiver, and the paths as a second receiver sees them.
 
-They pass the mixer like any echo, so that the oscillator leaves of them what their short delay does.
+Leakage follows paths of a fixed delay, the same in every sweep. They pass the mixer like any echo, so that the
+oscillator leaves of them what their short delay does.
 
-The paths as a receiver beside the first sees them.
+`side_paths` gives the paths as a receiver beside the first sees them.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ class Leakage:
     power: Float[np.ndarray, " path"]
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received with the leaking paths of each pulse."""
+        """Return the received signal with the leakage paths of each pulse added."""
         own = self.paths(received.pulses.index)
         return replace(received, paths=Paths.concatenate([received.paths, own]))
 

@@ -80,7 +80,7 @@ class Mixer:
         grid: SampleGrid,
         waves: PhaseWaves | None,
     ) -> Callable[[int, int], None]:
-        """Return what adds the clean beats of some pulses, times the factor of a delay, to the beat."""
+        """Return a function that adds ideal beats of some pulses, times the oscillator factor of a delay, to `beat`."""
         wide, error = grid.wide, self.oscillator.error
         bend = np.zeros(wide.samples)
         if error is not None:

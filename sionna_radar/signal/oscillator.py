@@ -129,7 +129,7 @@ class PhaseWaves:
     points: int
 
     def difference(self, delay_s: float, rows: Int[np.ndarray, " row"]) -> Float[np.ndarray, "row point"]:
-        """Return how far the phases of some pulses have gone on within a delay, exact for any delay."""
+        """Return the phase differences over a delay in some pulses, rad, exact for any delay."""
         gone = -np.expm1(-2j * np.pi * self.offset_hz * delay_s)
         length = 2 * (len(self.offset_hz) - 1)
         found: Float[np.ndarray, "row point"] = scipy.fft.irfft(self.amplitude[rows] * gone, length, norm="forward")
@@ -154,7 +154,7 @@ class Oscillator:
         return self.error is None and self.noise is None
 
     def shift_hz(self, chirp: Chirp) -> float:
-        """Return by how much the frequency differs from that of an ideal sweep: the largest error, and four sigma."""
+        """Return a bound on the frequency deviation from the ideal sweep: largest error plus four sigma of noise."""
         bend = 0.0 if self.error is None else float(np.max(np.abs(self.error.frequency_hz(chirp.sample_time_s))))
         if self.noise is None:
             return bend

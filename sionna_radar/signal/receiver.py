@@ -1,7 +1,4 @@
-"""The receiver: from paths to sampled beat signals.
-
-Thermal noise of the receiver.
-"""
+"""The receiver: from paths to sampled beat signals, with thermal noise."""
 
 from dataclasses import dataclass, replace
 
@@ -82,7 +79,7 @@ def build_noise_stage(_: StageParameters, given: StageInputs) -> ReceiverStage:
 
 
 def noisy(received: Received) -> Received:
-    """Return what is received with thermal noise beside it; the sweeps of a pulse draw theirs at once."""
+    """Return the received signal with thermal noise; one draw covers all sweeps of a pulse."""
     kind = np.complex128 if received.chirp.sampling == "iq" else np.float64
     points = received.sweeps * received.chirp.samples * received.noise_points
     silence = np.zeros((len(received.pulses), points), dtype=kind)

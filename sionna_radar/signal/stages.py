@@ -78,7 +78,7 @@ class ReceiverStage(Protocol):
     """A stage of the receiver."""
 
     def __call__(self, received: Received) -> Received:
-        """Return what is received behind the stage; a pulse's own must not depend on the others of its block."""
+        """Return the received signal behind the stage; each pulse must be independent of the others in its block."""
         ...
 
 

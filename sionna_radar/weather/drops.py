@@ -1,10 +1,8 @@
-"""Drop size distributions of rain.
+"""Raindrops: size distribution, shape and its effect on polarization, and the distribution of echo over fall speed.
 
-The shape of falling drops, and its effect on the polarization of the rain echo.
-
-Drag flattens larger drops more, and turbulence tilts their axes about the vertical. With v the axis across
-the line of sight in the vertical plane and h the horizontal one, a drop whose axis lies at the angle a from v in that
-view has the scattering matrix
+The shape of falling drops affects the polarization of the rain echo. Drag flattens larger drops more, and turbulence
+tilts their axes about the vertical. With v the axis across the line of sight in the vertical plane and h the horizontal
+one, a drop whose axis lies at the angle a from v in that view has the scattering matrix
 
     T | 1 0 |  +  D | cos 2a   sin 2a |
       | 0 1 |       | sin 2a  -cos 2a |        T = (S_v + S_h) / 2,  D = (S_v - S_h) / 2 in the drop's own axes.
@@ -20,7 +18,7 @@ sense of -46 dB of a circular echo. At 77 GHz drops of a millimetre, nearly roun
 of it come in the same sense at 4 mm/h and 45 deg. The 15 to 25 dB that millimetre-wave radars reach in practice are due
 to the axial ratio of their antennas (1 dB gives 18.8 dB).
 
-Fall speeds of scatterers: the distribution of the reflectivity over fall speed.
+Fall speeds of scatterers are given by the distribution of the reflectivity over fall speed.
 """
 
 from collections.abc import Sequence

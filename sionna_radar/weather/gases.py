@@ -2,11 +2,10 @@
 
 At 77 GHz it is about 0.35 dB/km, seven tenths of it by vapour. Valid from 1 to 1000 GHz.
 
-The spectral lines of oxygen and water vapour: Tables 1 and 2 of ITU-R P.676-13, Annex 1.
-
-Line frequencies in GHz, then six coefficients each, in the units of the Recommendation. Taken from crc-covlib
-src/ITURP_676.cpp (P.676-13); ITU-Rpy test/test_data/v12_lines_oxygen.txt and
-itur/data/676/v13_lines_water_vapour.txt hold the same values.
+The spectral lines of oxygen and water vapour are those of Tables 1 and 2 of ITU-R P.676-13, Annex 1. Each has its
+frequency in GHz, then six coefficients, in the units of the Recommendation. Taken from crc-covlib src/ITURP_676.cpp
+(P.676-13); ITU-Rpy test/test_data/v12_lines_oxygen.txt and itur/data/676/v13_lines_water_vapour.txt hold the same
+values.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Fog, haze, dust and smoke: particles far smaller than the wavelength, given by the visibility.
+"""Fog, haze, dust and smoke, far smaller than the wavelength and given by the visibility; attenuation by fog and cloud.
 
 Koschmieder: at the visibility V 2 % of the contrast is left, so the optical extinction is 3.912 / V. The mass of the
 particles follows from it by a measured relation, and their size from both: a mass M of spheres much larger than light's
@@ -6,11 +6,10 @@ wavelength has the extinction 3 M / (2 density r_e), r_e their effective radius 
 wavelengths the attenuation depends on the mass alone; the echo depends on the size, and is 30 dB or more below that of
 light rain.
 
-Attenuation by fog and cloud: droplets far smaller than the wavelength (ITU-R P.840).
-
-The attenuation follows from the mass of liquid water alone. Visibility also depends on the droplet sizes, so a mass
-of water derived from a visibility (`liquid_water_of_visibility_g_per_m3`) is that of a mean fog. P.840 names two
-typical cases (`FogClass`), which that relation matches within a third.
+Fog and cloud consist of droplets far smaller than the wavelength (ITU-R P.840). Their attenuation follows from the mass
+of liquid water alone. Visibility also depends on the droplet sizes, so a mass of water derived from a visibility
+(`liquid_water_of_visibility_g_per_m3`) is that of a mean fog. P.840 names two typical cases (`FogClass`), which that
+relation matches within a third.
 """
 
 import math

@@ -1,9 +1,8 @@
-"""Effects of weather along a two-way path: loss of power, and the echo of rain itself.
+"""Effects of weather along a two-way path: loss of power, the echo of rain itself, and the wet radome.
 
-A wet radome: a water film whose thickness depends on the rain rate, and its transmission.
-
-The dry radome is assumed to be lossless, like a half-wavelength shell at its carrier, so only the film in
-air is modelled. The film's reflection into the receiver (at zero range) is not simulated.
+A wet radome carries a water film. Its thickness depends on the rain rate and sets its transmission. The dry radome is
+assumed to be lossless, like a half-wavelength shell at its carrier, so only the film in air is modelled. The film's
+reflection into the receiver (at zero range) is not simulated.
 """
 
 import cmath

@@ -1,13 +1,13 @@
 """Scattering by particles: Mie's sphere, spheroids, and the Rayleigh limit.
 
-Bohren and Huffman, Absorption and Scattering of Light by Small Particles (Wiley 1983), pp. 103, 119-122 and
-477, restated in Maetzler's notes (clegett/mie, mie.md): coefficients a_n and b_n, here in their form with the
-logarithmic derivative of psi_n(m x), and the efficiencies that follow from them.
-Time goes as exp(-i w t), so an absorbing sphere has a refractive index with a positive imaginary part.
+Spheres follow Bohren and Huffman, Absorption and Scattering of Light by Small Particles (Wiley 1983), pp. 103, 119-122
+and 477, restated in Maetzler's notes (clegett/mie, mie.md): coefficients a_n and b_n, here in their form with the
+logarithmic derivative of psi_n(m x), and the efficiencies that follow from them. Time goes as exp(-i w t), so an
+absorbing sphere has a refractive index with a positive imaginary part.
 
-Fields inside and outside are sums of vector spherical waves; their coefficients match the tangential fields on
-the boundary in the least-squares sense, separately for each azimuthal order about the axis. It is the method by
-which Morrison and Cross computed flattened raindrops (1974, "Scattering of a plane electromagnetic wave by
+Of a spheroid, the fields inside and outside are sums of vector spherical waves; their coefficients match the tangential
+fields on the boundary in the least-squares sense, separately for each azimuthal order about the axis. It is the method
+by which Morrison and Cross computed flattened raindrops (1974, "Scattering of a plane electromagnetic wave by
 axisymmetric raindrops", Bell System Technical Journal 53, 955-1019). Time goes as exp(-i w t).
 """
 

@@ -1,6 +1,6 @@
-"""Refusal of inputs outside the validity of a published model.
+"""Refusal of inputs outside the validity of a published model, and the kinds of particles in the air.
 
-Kinds of particles in the air: precipitation and obscurants.
+The particles are precipitation and obscurants.
 """
 
 from enum import Enum

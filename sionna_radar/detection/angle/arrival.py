@@ -1,15 +1,14 @@
-"""From the signals of several receivers to points along each echo: a range and a direction for every stretch of it.
+"""Points along each echo from several receivers' signals: range and direction of each stretch, and their accuracy.
 
 Averaging comes before the direction: a stretch's range and direction are means over its cells and scatterers, weighted
 with the same power, and means of points on a plane lie on it. So the means are kept as they are. A mean of unit vectors
 is shorter than one by half their variance, that of the beam along the strip of a range cell; and that range and
 direction grow together within a stretch moves the mean of their product.
 
-How well an angle of arrival is known: the Cramer-Rao bound of its phase, and what speckle leaves.
-
-The signals of the receivers in a range cell are sums over many scatterers, complex Gaussian with the coherence gamma.
-The phase of the cross-spectrum averaged over L looks has, where that is not few, the variance of its Cramer-Rao bound
-(Rodriguez and Martin 1992, "Theory and design of interferometric synthetic aperture radars"; Seymour and Cumming 1994)
+The accuracy of an angle of arrival is that of its phase: the Cramer-Rao bound, and what speckle leaves. The signals of
+the receivers in a range cell are sums over many scatterers, complex Gaussian with the coherence gamma. The phase of the
+cross-spectrum averaged over L looks has, where that is not few, the variance of its Cramer-Rao bound (Rodriguez and
+Martin 1992, "Theory and design of interferometric synthetic aperture radars"; Seymour and Cumming 1994)
 
     var(phi) = (1 - gamma^2) / (2 L gamma^2).
 

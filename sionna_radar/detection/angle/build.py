@@ -12,7 +12,7 @@ from sionna_radar.scenario.radar import RadarTable
 
 
 def build_angle_estimator(radar: RadarTable, detector: Detector, antenna: Antenna) -> AngleEstimator | None:
-    """Return what finds directions inside the beam; None where a scenario does not ask for them.
+    """Return the estimator of directions inside the beam; None where the scenario requests none.
 
     Raises ScenarioError for receivers that cannot tell them; see `build_side_receivers`.
     """

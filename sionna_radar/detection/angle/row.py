@@ -1,4 +1,4 @@
-"""Points in several directions of one range cell, by a row of receivers: a roof, and the ground in front of it.
+"""Directions in one range cell by a row of receivers: beam formers, and two surfaces (a roof, the ground before it).
 
 In each stretch the covariance of the row's signals is summed over its cells, after the phase that level ground would
 add from cell to cell is taken out, and averaged with that of the row turned around. A second surface is looked for
@@ -7,14 +7,13 @@ most w (1 + sqrt(N / L))^2 (Marchenko and Pastur 1967), and a surface whose phas
 s that of the covariance exp(-s^2 (m - n)^2 / 2). One or two directions are MUSIC's; two that have no minimum of their
 own inside the beam give no point, since the direction of one would be a mean of both.
 
-Beam formers of a row of receivers: conventional (Bartlett), minimum variance (Capon), and MUSIC.
-
-The row's signals in a range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u
-the direction cosine along the row, and R = E[x x^H]. Bartlett's spectrum a^H R a is as sharp as the row is long;
-Capon's 1 / a^H R^-1 a and MUSIC's 1 / |E^H a|^2, E the eigenvectors of R without those of the strongest
-sources (Stoica and Nehorai 1989, "MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans. ASSP 37), tell nearer
-sources apart as their powers exceed the noise. Two ways of one wave are coherent, and R has one source alone; its mean
-with that of the row turned around, (R + J R* J) / 2, parts them.
+The beam formers of a row are conventional (Bartlett), minimum variance (Capon), and MUSIC. The row's signals in a
+range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u the direction cosine
+along the row, and R = E[x x^H]. Bartlett's spectrum a^H R a is as sharp as the row is long; Capon's 1 / a^H R^-1 a
+and MUSIC's 1 / |E^H a|^2, E the eigenvectors of R without those of the strongest sources (Stoica and Nehorai 1989,
+"MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans. ASSP 37), tell nearer sources apart as their powers
+exceed the noise. Two ways of one wave are coherent, and R has one source alone; its mean with that of the row turned
+around, (R + J R* J) / 2, parts them.
 
 MUSIC stands here in a few lines of NumPy: the libraries at hand are written for studies of other signals, hold single
 covariances, and one of them says that it is not designed for real-world applications (doatools).
@@ -38,7 +37,7 @@ LOADING = 1e-9
 def steering(
     place_wavelengths: Float[np.ndarray, " element"], cosine: Float[np.ndarray, " n"]
 ) -> Complex[np.ndarray, "n element"]:
-    """Return what a wave from some direction cosines leaves in receivers at places along a row."""
+    """Return the steering vectors of a row of receivers at places in wavelengths, one per direction cosine."""
     vectors: Complex[np.ndarray, "n element"] = np.exp(2j * np.pi * np.outer(cosine, place_wavelengths))
     return vectors
 
@@ -87,7 +86,7 @@ def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> F
 def lowest(
     share: Float[np.ndarray, "point n"], cosine: Float[np.ndarray, " n"], sources: int
 ) -> Float[np.ndarray, "point source"]:
-    """Return where the share outside has its lowest minima, by parabolas through three directions; NaN for none."""
+    """Return the direction cosines of the lowest minima of the noise share, interpolated by parabolas; NaN for none."""
     inner = share[:, 1:-1]
     dip = (inner <= share[:, :-2]) & (inner < share[:, 2:])
     ranked = np.argsort(np.where(dip, inner, np.inf), axis=1, kind="stable")[:, :sources]
@@ -231,7 +230,7 @@ class RowEstimator(AngleEstimator):
     def _two_surfaces(
         self, stretches: Stretches, covariance: Complex[np.ndarray, "point e e"]
     ) -> Bool[np.ndarray, " point"]:
-        """Return where the second eigenvalue is that of a second surface; see the module."""
+        """Return the mask of points whose second eigenvalue exceeds that of one surface and noise; see the module."""
         count, looks = covariance.shape[-1], stretches.looks
         value = np.linalg.eigvalsh(covariance)
         noise = stretches.noise_power * (1 + np.sqrt(count / looks)) ** 2

@@ -1,11 +1,10 @@
-"""Echoes in segments: a few range cells each, of which one direction is estimated.
+"""Stretches of echoes: a few range cells with one estimated direction each, and the strips of the cells in the beam.
 
-Where the ground of a range cell lies in the beam: a strip across the direction in which the range grows.
-
-Over level ground the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up
-across the boresight, by r tan(incidence) a radian, and stays along t, at right angles to g. A range cell is a strip
-along t, and the two-way beam's power on it, taken for a Gaussian with the variances S of the direction cosines, has
-along t the variance 1 / (t' S^-1 t). Tilted ground turns the strip by no more than it is tilted.
+The ground of a range cell lies in the beam as a strip across the direction in which the range grows. Over level ground
+the range of a direction d in the antenna's frame is -h / (d . up): it grows along g, the part of up across the
+boresight, by r tan(incidence) a radian, and stays along t, at right angles to g. A range cell is a strip along t, and
+the two-way beam's power on it, taken for a Gaussian with the variances S of the direction cosines, has along t the
+variance 1 / (t' S^-1 t). Tilted ground turns the strip by no more than it is tilted.
 """
 
 from dataclasses import dataclass

@@ -9,12 +9,10 @@ eigenvalues of the cells' covariance over their number, which gives the false-al
 takes an order statistic, which few strong cells in the ring leave as it is. Of correlated cells its rate has no closed
 form, so it takes only cells that are so far apart that they share none of their noise.
 
-Clutter-map CFAR: each cell against what it held in earlier maps.
-
-The level of a cell is an exponential mean of its power in earlier maps, Z_n = (1 - w) Z_(n-1) + w P_(n-1). Still
-ground, whatever its power, is not detected; what comes newly is. In noise or in clutter of exponential power, new in
-each map, the false-alarm rate after many maps is (Nitzberg 1986, "Clutter map CFAR analysis", IEEE Trans. Aerosp.
-Electron. Syst. 22)
+Clutter-map CFAR compares each cell with what it held in earlier maps. The level of a cell is an exponential mean of its
+power in earlier maps, Z_n = (1 - w) Z_(n-1) + w P_(n-1). Still ground, whatever its power, is not detected; what comes
+newly is. In noise or in clutter of exponential power, new in each map, the false-alarm rate after many maps is
+(Nitzberg 1986, "Clutter map CFAR analysis", IEEE Trans. Aerosp. Electron. Syst. 22)
 
     P = prod_(k >= 0) 1 / (1 + a w (1 - w)^k),
 

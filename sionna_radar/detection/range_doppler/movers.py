@@ -1,7 +1,6 @@
-"""Targets in a range-Doppler map: peaks that a CFAR detects, to a fraction of a cell.
+"""Targets in a range-Doppler map: CFAR peaks to a fraction of a cell, and range rates beyond one interval's ambiguity.
 
-Range rates beyond those of one interval: frames whose chirps follow each other after two intervals in turn.
-
+Range rates beyond those of one interval come from frames whose chirps follow each other after two intervals in turn.
 Every second chirp makes a frame of even intervals P, whose maps are ambiguous by span = wavelength / 2 P. The chirps
 between them come T later: from the one frame to the other a scatterer of range rate v turns by 4 pi v T / wavelength,
 which depends on how often its rate is folded: by 2 pi T / P for each span. So the phase between both frames at a peak
@@ -71,7 +70,7 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
 def _vertex(
     before: Float[np.ndarray, " n"], at: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return where parabolas through three neighbours peak, from the middle one, and how much higher."""
+    """Return the offset of each three-point parabola's peak from the middle sample, and its height above it."""
     bend = before - 2 * at + after
     slope = (after - before) / 2
     with np.errstate(divide="ignore", invalid="ignore"):

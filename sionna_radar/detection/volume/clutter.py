@@ -1,4 +1,4 @@
-"""The mean echo of a volume (rain, snowfall, dust), estimated from the survey that it contaminates.
+"""The mean echo and the motion of a volume (rain, snowfall, dust), estimated from the survey that it contaminates.
 
 Rain has the same mean profile in every pulse; ground does not. Some pulses spread over the survey give the
 profile: near the radar a volume that fills the beam falls as r^-2, and exceeds the receiver noise in the
@@ -7,13 +7,12 @@ that hold volume only, and all pulses together give its mean in every cell, regu
 The rain rate and the ground need not be known beforehand. Where a volume varies over the survey (a shower at
 its edge), its strength around each pulse follows from the cells next to the radar.
 
-How a volume moves, estimated from the survey: drops fall, and the wind carries them.
-
-Motion shifts the range measured by an FMCW sweep, so that the end of the volume appears beside the
-echo of the ground that ends it. The shift in each pulse depends on the mean velocity of the particles along its
-boresight; a scan sees it from many directions. The prior is rain falling through still air, drops weighted by their
-echo. Snow, fog or a wind are accepted if they raise the likelihood of all pulses together by more than an error
-of the model does: over simulated ground the maximum likelihood is up to 1 m/s off the true speed.
+The motion is estimated from the survey as well: drops fall, and the wind carries them. Motion shifts the range measured
+by an FMCW sweep, so that the end of the volume appears beside the echo of the ground that ends it. The shift in each
+pulse depends on the mean velocity of the particles along its boresight; a scan sees it from many directions. The prior
+is rain falling through still air, drops weighted by their echo. Snow, fog or a wind are accepted if they raise the
+likelihood of all pulses together by more than an error of the model does: over simulated ground the maximum likelihood
+is up to 1 m/s off the true speed.
 """
 
 from collections.abc import Callable
@@ -216,7 +215,7 @@ class VolumeMotion:
     fall_spread_mps: float
 
     def range_rate_mps(self, boresight: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, " pulse"]:
-        """Return how fast the volume recedes from a stationary radar."""
+        """Return the range rate of the volume along each boresight for a stationary radar, m/s (receding positive)."""
         return boresight @ self.velocity_mps
 
 

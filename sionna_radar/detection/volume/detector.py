@@ -175,7 +175,7 @@ class ThroughVolume:
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:
-        """Return how the beams of pulses meet volume and ground, from their measured poses."""
+        """Return the view of volume and ground in each pulse, from its measured pose and the volume's strength."""
         boresight = pulses.measured.boresight
         return Views(
             down=-boresight[:, 2],
@@ -294,7 +294,7 @@ def _through(
 
 
 def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
-    """Return how many range cells can hold ground.
+    """Return the number of range cells that can contain ground.
 
     Approaching drops next to the radar have a negative beat frequency, which I/Q sampling shows at the far end.
     """

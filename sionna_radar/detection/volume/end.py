@@ -1,8 +1,9 @@
-"""Ground behind a volume of rain: likelihood, from one pulse, of each range at which a surface may end the volume.
+"""Ground behind a volume of rain: likelihood of each range at which a surface may end it, and a prior of the ground.
 
-Rain fills the beam up to the ground, and behind the ground there is silence. So ground shows twice in a profile:
-by its own echo, and by the end of the rain's, which is there however weak the first is. In range cells, with
-powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose axis range is c is
+The likelihood is that of one pulse. Rain fills the beam up to the ground, and behind the ground there is silence. So
+ground shows twice in a profile: by its own echo, and by the end of the rain's, which is there however weak the first
+is. In range cells, with powers over the volume's mean V(r) and the receiver's noise n, the mean about a surface whose
+axis range is c is
 
     mu(x) = (1 - F(x - d)) (1 - k) + k + G f(x),       x = r - c,   k = n / (V + n)
 
@@ -20,12 +21,11 @@ Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, t
 W (g - log(1 + g)) on average; N competing positions cost log N. The silence behind adds log(1 / k) - 1 + k per cell,
 for as many cells as are sampled behind the ground, which is why the end of the volume reveals the ground when g < 1.
 
-The ground behind a volume as learned from the survey: how strong it is, and how steep.
-
-Both shape the echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power
-of a whole echo over the volume's in one cell is the same at any range and incidence: both fall as r^-2, and the
-longer the footprint the weaker each cell. A survey over a few kinds of ground has few such levels. Slopes make an
-echo wider or narrower than that of level ground, and bound how far neighbours' heights may differ.
+The prior of the ground behind the volume, how strong and how steep it is, is learned from the survey. Both shape the
+echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole echo over the
+volume's in one cell is the same at any range and incidence: both fall as r^-2, and the longer the footprint the weaker
+each cell. A survey over a few kinds of ground has few such levels. Slopes make an echo wider or narrower than that of
+level ground, and bound how far neighbours' heights may differ.
 """
 
 from collections.abc import Iterator

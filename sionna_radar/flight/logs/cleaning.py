@@ -202,7 +202,7 @@ def _turns_rad(attitudes: Attitudes) -> Float[np.ndarray, " step"]:
 
 
 def _reset(attitudes: Attitudes) -> Bool[np.ndarray, " step"]:
-    """Return which steps turn as no aircraft does."""
+    """Return the mask of steps whose turn exceeds both the angle and the rate of any aircraft."""
     angle = _turns_rad(attitudes)
     return np.asarray((angle > TURN_RAD) & (angle > TURN_RAD_S * np.diff(attitudes.time_s)))
 

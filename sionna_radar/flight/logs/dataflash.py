@@ -182,7 +182,7 @@ def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:
 
 
 def _spreads(tables: Mapping[str, Columns]) -> Spreads | None:
-    """Return what the filter's innovations show; else the accuracies that the receiver states of itself.
+    """Return the running RMS of the filter's innovations, else the receiver's stated accuracies; None without either.
 
     XKF4 and its like hold ratios of innovations to gates, which are no lengths, and are left alone.
     """

@@ -1,10 +1,10 @@
-"""What is in a log of a flight, whatever its format.
+"""The content of a flight log, whatever its format, and the log in the metres of one level frame.
 
 Times are seconds from the first position. Positions are east, north, up in metres about an origin of the log's own, or
 longitude, latitude (WGS 84, degrees) and height. Velocities are east, north, up. Attitudes rotate body axes (nose,
 right, down) to north, east, down; north is that of the positions: true north for longitude and latitude.
 
-A log in metres: its positions, velocities and attitudes in one level frame, grid north up.
+A log in metres has its positions, velocities and attitudes in one level frame, grid north up.
 
 On a map, east and north of the ground differ from those of the grid by the meridian convergence and the scale of the
 projection. Both are taken where the flight is, as the derivative of the projection, and applied to

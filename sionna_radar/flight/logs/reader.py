@@ -1,8 +1,7 @@
-"""Reading a log whatever its format, which is told by its first bytes.
+"""Reading of a flight log of any format, told by its first bytes; GPX tracks are read here.
 
-Flights as GPX tracks: longitude, latitude, elevation and time, and nothing else.
-
-The standard says "elevation in metres" and no more; receivers write heights above mean sea level, which is assumed.
+A GPX track holds longitude, latitude, elevation and time, and nothing else. Of the elevation the standard says
+"elevation in metres" and no more; receivers write heights above mean sea level, which is assumed.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,6 +1,6 @@
-"""What pattern files hold: two cuts, or a grid over the sphere; and the pattern each makes.
+"""Contents of pattern files, two cuts or a grid over the sphere, and the pattern each makes.
 
-Rows of theta, phi and power, in any order, brought into a grid.
+Rows of theta, phi and power, in any order, are brought into a grid.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,10 @@
 """Formats of antenna patterns: MSI Planet cuts, delimited tables, and exports of far fields.
 
-Horizontal angles turn clockwise seen from above, so to the right of boresight; vertical ones from boresight downward,
-or, in files of some makers, from the zenith.
+In Planet files horizontal angles turn clockwise seen from above, so to the right of boresight; vertical ones from
+boresight downward, or, in files of some makers, from the zenith.
 
-Patterns as delimited text: our CSV of cuts or of a grid, and the reports of HFSS.
-
-Far fields as solvers export them as text: CST's tables (.txt) and sources (.ffs), HFSS's fields (.ffd).
+Delimited text is our CSV of cuts or of a grid, or a report of HFSS. Far fields are those that solvers export as text:
+CST's tables (.txt) and sources (.ffs), HFSS's fields (.ffd).
 """
 
 import csv

@@ -1,7 +1,4 @@
-"""Reading a radiation pattern from a file of any known format, told by its content.
-
-Antennas from files of their patterns.
-"""
+"""Reading a radiation pattern from a file of any known format, told by its content, and the antenna that it makes."""
 
 import logging
 from pathlib import Path
