@@ -270,7 +270,7 @@ class Mapper:
         return self.sightings(profiles, measured(profiles.pulse))
 
     def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
-        """Return how each point was looked at; None without a beam of radio waves."""
+        """Return the footprint and speckle reach of each point; None without a beam of radio waves."""
         if self.beam is None or len(points) == 0:
             return None
         return looks_at(points, measured, self.beam, self.analyser.chirp, self.memory)

@@ -65,7 +65,7 @@ class LinearUncertainty:
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)
 
     def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
-        """Return how far the points around cells are from these, and each from the next."""
+        """Return the distances from cells to the corners of their triangles, and the triangles' side lengths, m."""
         corner = self.heights.place_m[self.interpolated.corner[part]]
         cell = self._cells_m(grid, part)
         apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
@@ -101,7 +101,7 @@ class LinearUncertainty:
         return np.column_stack([grid.x_m[column], grid.y_m[row]])
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
-        """Return NaN: how far the errors of neighbouring triangles are alike is not worked out."""
+        """Return NaN: the correlation of the errors of neighbouring triangles is not modelled."""
         return float("nan")
 
 

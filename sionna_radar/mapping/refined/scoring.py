@@ -38,7 +38,7 @@ class Mixing:
         self._past: list[tuple[Vector, Vector, Float[np.ndarray, " seen"]]] = []
 
     def next(self, place: Vector, step: Vector, seen: Float[np.ndarray, " seen"]) -> Vector:
-        """Return where to go on from a place.
+        """Return the next iterate from a place, by Anderson mixing of the last steps.
 
         step, seen: the step proposed there, and what it changes, by which its length is measured.
         """

@@ -185,7 +185,7 @@ def _levels(
 
 
 def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
-    """Return which pulses' axes come near the cells of a grid between two heights."""
+    """Return whether the beam axis of each pulse passes near a grid at either of two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in (low_m, high_m):

@@ -447,7 +447,7 @@ def fill(value, entry, share, noise, factor, jitter, total):
 @compiled
 @no_type_check
 def sensitivity(inverse, solved, entry, share, noise, by_entry):
-    """Write by how much the loss grows with each entry of the table, and return by how much with the noise's factor.
+    """Write the derivative of the loss by each entry of the table, and return that by the noise's factor.
 
     inverse: of the measured heights' covariance, its lower triangle; solved: times the heights. The loss grows with
     the covariance by half of (inverse - solved solved^T).

@@ -135,7 +135,7 @@ class Information:
     by_echoes: Float[np.ndarray, " wave"]
 
     def gain(self, noise_factor: float) -> float:
-        """Return how much more whole echoes tell of the longest waves than mean ranges do; 1 if only these are used."""
+        """Return the information ratio of whole echoes to mean ranges in the longest waves, at least 1."""
         longest = self.wavenumber == self.wavenumber.min()
         told = float(self.by_means[longest].sum()) / noise_factor
         return max(1.0, float(self.by_echoes[longest].sum()) / told)
@@ -185,7 +185,7 @@ class Information:
     def _left(
         self, terrain: FittedCovariance, share: Float[np.ndarray, " wave"], whole: bool
     ) -> Float[np.ndarray, " wave"]:
-        """Return what is left of each wave; share: of its power in the terrain."""
+        """Return the posterior power of each wave; share: factor on its prior power."""
         prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
         left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
@@ -197,7 +197,7 @@ def information_of(
     linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised] | None = None,
     looks_per_cell: float = 1.0,
 ) -> Information:
-    """Return what mean ranges and whole echoes tell of the waves of a terrain.
+    """Return the information of mean ranges and of whole echoes about the waves of a terrain.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ class TileUncertainty:
         return cls(bounds_m, as_told, told, plausible, outstanding)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
-        """Return which places lie in the tile."""
+        """Return whether places lie in the tile."""
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 
@@ -314,7 +314,7 @@ class TileUncertainty:
         return np.asarray(np.sqrt(told))
 
     def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return how far echoes that the surface does not explain are from it, at places within their footprints."""
+        """Return the largest residual, m, of unexplained echoes whose footprints hold each place; 0 for none."""
         farthest = np.zeros(len(place_m))
         for x, y, radius, apart in () if self.outstanding is None else self.outstanding:
             near = np.hypot(place_m[:, 0] - x, place_m[:, 1] - y) < radius
