@@ -161,7 +161,7 @@ def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
 
 
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
-    """Return where the beam axes meet the scene; NaN where they do not."""
+    """Return the intersections of the beam axes with the scene, m; NaN where there are none."""
     distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
     distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     return pose.position_m + distance_m[:, None] * pose.boresight

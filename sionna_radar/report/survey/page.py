@@ -90,7 +90,7 @@ def errors_section(survey: Survey) -> str:
 
 
 def _stated(survey: Survey) -> str:
-    """Return how the errors compare with the uncertainty that the map states for each cell."""
+    """Return the calibration of the map's stated uncertainty, as HTML; empty without one."""
     check = survey.dem_uncertainty
     if check is None:
         return ""
@@ -115,7 +115,7 @@ def _calibration_row(found: Calibration) -> list[str]:
 
 
 def _where(survey: Survey) -> str:
-    """Return where the errors are: by slope, incidence and distance from walls, and the test with checkpoints."""
+    """Return the errors by slope, incidence and distance from walls, and the checkpoint test, as HTML."""
     found = survey.breakdown
     tables = [
         _class_table("Slope of the truth (deg)", found.by_slope),

@@ -50,7 +50,7 @@ MEANING = {
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return what was simulated, and how accurate the DEM is: the same for the same scenario and seed.
+    """Return the settings, counts and DEM errors of a survey; the same for the same scenario and seed.
 
     Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
     """
@@ -168,7 +168,7 @@ class Reference:
 
 
 def reference_for(prepared: Prepared) -> Reference:
-    """Return what the paper reports for a survey flown as its examples were."""
+    """Return the errors that the paper reports for a survey flown as its examples were; empty for others."""
     if not _flown_alike(prepared):
         return Reference(rows=(), conditions="")
     scenario = prepared.scenario
@@ -237,7 +237,7 @@ def print_survey(survey: Survey) -> None:
 
 
 def survey_table(survey: Survey) -> Table:
-    """Return what was flown, how well the DEM fits, and how long it took."""
+    """Return the table of a survey: flight, DEM errors and run time."""
     table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
     for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
         table.add_row(name, value)
