@@ -143,7 +143,7 @@ def meanings(table: type[BaseModel]) -> dict[str, str]:
 
 
 def summary(table: type[BaseModel]) -> str:
-    """Return what a table says of itself: its docstring without the entries of its keys, and without examples."""
+    """Return the summary of a table: its docstring without the entries of its keys, and without examples."""
     lines = inspect.cleandoc(table.__doc__ or "").splitlines()
     for number, line in enumerate(lines):
         if RULE.match(line):  # the heading of a section stands above its rule
