@@ -350,7 +350,7 @@ def crosscheck(
 
 
 def _correlation_m(prepared: Prepared) -> float:
-    """Return how far apart errors of the DEM still belong together: a footprint, or the gap that is filled."""
+    """Return the correlation length of DEM errors, m: a footprint, or half the gap that is filled."""
     pose = prepared.flight.sample(1000).true
     clearance = float(np.median(pose.position_m[:, 2] - prepared.scene.ground_m(pose.position_m[:, :2])))
     incidence_rad = prepared.flight.scan.incidence_rad
@@ -361,7 +361,7 @@ def _correlation_m(prepared: Prepared) -> float:
 def _fly_all(
     prepared: Prepared, block_size: int, progress: Progress, parts: KeptParts | None, workers: Workers
 ) -> dict[str, EngineResult]:
-    """Return what each engine made of the survey with each of its two seeds."""
+    """Return the result of each engine with each of its two seeds."""
     first = prepared.scenario.seed
     scenario, stretches = prepared.scenario.model_dump_json(), stretches_of(prepared, block_size)
     runs, tasks, pulses = {}, {}, {}
@@ -389,7 +389,7 @@ def _fly_all(
 
 
 def _joined(prepared: Prepared, seed: int, stretches: Sequence[Mapping[str, Any]]) -> EngineResult:
-    """Return what an engine made of a survey from what it made of its stretches."""
+    """Return the result of an engine over a survey, joined from its stretches."""
     names = ("power", "range_m", "incidence_rad", "echo_range_m")
     points = Points.concatenate([table_of(Points, "points", dict(columns)) for columns in stretches])
     return EngineResult(

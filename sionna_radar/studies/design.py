@@ -217,7 +217,7 @@ REMEDY = "give a CSV file: dotted keys in the first line, a setting in each othe
 
 
 def parse_design(assignments: Iterable[str], sample: str | None = None, table: Path | None = None) -> Design:
-    """Return what the options `--vary`, `--sample` and `--table` say.
+    """Return the design given by the options `--vary`, `--sample` and `--table`.
 
     Values are TOML, and bare words are strings; a range may end in `:log`.
 

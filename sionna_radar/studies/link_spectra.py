@@ -177,7 +177,7 @@ def in_cell(analyser: SpectrumAnalyser) -> float:
 def phase_noise(
     radar: RadarTable, built: BuiltReceiver, power_w: Float[np.ndarray, " reach"]
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator leaves, in all bins, of tones at the ranges of bins, those beyond the band too."""
+    """Return the mean phase-noise power in all bins, of tones at the ranges of bins, those beyond the band too."""
     levels, analyser = radar.receiver.oscillator.levels_dbc_hz, built.analyser
     chirp = analyser.chirp
     if not levels:
@@ -222,7 +222,7 @@ def _tones(
 def _leakage_noise(
     ways: tuple[LeakageTable, ...], radar: RadarTable, built: BuiltReceiver
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator's noise leaves of the leakage.
+    """Return the mean phase-noise power of the leakage in each bin.
 
     A wave of its phase at the offset f changes the tone of each way by j (1 - exp(-2 pi j f tau)) times the wave, and
     the spectrum by that times the tone's own, moved by f; waves of different offsets add up in power.

@@ -73,7 +73,7 @@ class SweepPlan:
         return sum(1 for _ in self.flights())
 
     def identity(self) -> dict[str, Any]:
-        """Return what its results depend on, as a JSON document."""
+        """Return the inputs that determine its results, as a JSON document."""
         flown = [cell.scenario for cell in self.cells if cell.scenario is not None]
         every = [scenario.model_dump_json() for scenario in flown]
         files = {name: stamp for scenario in flown for name, stamp in input_files(scenario).items()}
@@ -178,7 +178,7 @@ def plan_sweep(
 
 
 def refusal(error: Exception, scenario: Scenario | None) -> str:
-    """Return why a scenario cannot be flown, and the number of samples with which it can, if that is all it lacks."""
+    """Return the reason why a scenario cannot be flown, and the number of samples with which it can, if any."""
     reason, problems = one_line(error), getattr(error, "problems", ())
     if scenario is None or not problems or any(p.field != SAMPLES for p in problems):
         return reason
@@ -195,7 +195,7 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
 
 
 def failure(found: Failure, scenario: Scenario, repeat: int) -> str:
-    """Return why a survey of a study has failed: what cannot be flown with any seed, or else the seed and the error."""
+    """Return the reason why a survey of a study failed; with the seed, unless it fails with every seed."""
     if found.kind in (ScenarioError.__name__, InputFileError.__name__):
         return refusal(found.error(), scenario)
     return f"seed {scenario.seed + repeat}: {found.kind}: {found.text}"
