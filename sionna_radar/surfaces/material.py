@@ -167,7 +167,7 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
 
 
 def motions_of(tables: Mapping[str, MaterialParameters]) -> dict[str, SurfaceMotion]:
-    """Return what the wind moves, by the material's name; others stand still."""
+    """Return the motions of surfaces in the wind, by the material's name; others stand still."""
     return {
         name: SurfaceMotion(kind=table.motion, fetch_m=table.fetch_m)
         for name, table in tables.items()

@@ -258,7 +258,7 @@ def _wavenumber(frequency_hz: float) -> float:
 def lit_cosine(
     incidence_rad: Float[np.ndarray, " n"],
 ) -> tuple[np.ndarray, Float[np.ndarray, " n"]]:
-    """Return which angles are short of grazing, and the cosines bounded away from zero."""
+    """Return a mask of the angles short of grazing, and the cosines bounded away from zero."""
     cosine = np.cos(np.abs(incidence_rad))
     return cosine > _GRAZING_COSINE, np.maximum(cosine, _GRAZING_COSINE)
 
