@@ -190,7 +190,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
 
 
 def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> list[Problem]:
-    """Return what is wrong with a flight that leads through [[vegetation]]."""
+    """Return the problem of a flight that leads through [[vegetation]], if it does."""
     if built.scene.vegetation is None:
         return []
     under_m = built.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
@@ -208,7 +208,7 @@ def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> l
 def _over_hole(
     hits: BoresightHits, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " look"]:
-    """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
+    """Return a mask of beams through a hole: they would meet the lowest ground inside the terrain's outline."""
     down = np.minimum(hits.direction[:, 2], -1e-6)
     reach = (low[2] - hits.origin_m[:, 2]) / down
     foot = hits.origin_m[:, :2] + reach[:, None] * hits.direction[:, :2]

@@ -138,7 +138,7 @@ def map_with(
 
 
 def _kept_in(parts: KeptParts) -> EachPiece:
-    """Return what has pieces made by this process, and keeps them."""
+    """Return an iterator function that makes the pieces in this process and stores them."""
 
     def each(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
         def made(number: int, step: Step) -> Piece | None:
@@ -157,7 +157,7 @@ def _kept_in(parts: KeptParts) -> EachPiece:
 def _made_by(
     workers: Workers, prepared: Prepared, recording: Recording, parts: KeptParts | None, alone: EachPiece
 ) -> EachPiece:
-    """Return what has pieces made by workers; a single one by this process, `alone`, with all of its cores."""
+    """Return an iterator function that makes the pieces on workers; a single one here, by `alone`, on all cores."""
 
     def each(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
         if count < 2:
