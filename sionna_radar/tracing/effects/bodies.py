@@ -109,7 +109,7 @@ def _bounced(
     radar_m: Float[np.ndarray, "pulse 3"],
     antenna: Antenna,
 ) -> BouncedEchoes:
-    """Return what a body returns after several reflections, in pulses whose beam is on it."""
+    """Return the multiple-reflection echoes of a body, in pulses whose beam is on it."""
     away = place_m + R_world_body @ scatterer.sphere[0] - pulses.true.position_m
     turn = pulses.true.R_world_antenna
     ahead = np.einsum("pij,pi->pj", turn, away / np.linalg.norm(away, axis=1)[:, None])
@@ -138,7 +138,7 @@ def beyond_body(
     place_m: Float[np.ndarray, "pulse 3"],
     heading_rad: Float[np.ndarray, " pulse"],
 ) -> Bool[np.ndarray, " path"]:
-    """Return which paths of a block a body hides: it stands between the radar and the place that they come from."""
+    """Return a mask of the paths of a block that a body hides: it stands between the radar and their scatterers."""
     row = pulses.row_of(paths.pulse)
     radar, hit = pulses.true.position_m[row], paths.hit_m
     away = hit - radar

@@ -148,7 +148,7 @@ class GridRays:
 
 
 def _cell(edges: Any, first: Any, cells: int, value: Any) -> Any:
-    """Return in which of some consecutive cells, from the edge `first` on, a value lies."""
+    """Return the index of the cell that holds a value, among consecutive cells from the edge `first` on."""
     above = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, edges, first + i) <= value)
     return mi.UInt32(dr.clip(mi.Int32(above) - 1, 0, cells - 1))
 
