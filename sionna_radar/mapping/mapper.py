@@ -1,8 +1,6 @@
-"""From points and echoes to a DEM: the inputs of every method, and its registration under a name.
+"""Mapping of points and echoes to a DEM: the inputs of methods, their registration by name, and the grid of cells.
 
 A mapper knows the measured poses, the antenna and the echoes, but not the truth.
-
-The cells of a survey's DEM.
 """
 
 from collections.abc import Callable

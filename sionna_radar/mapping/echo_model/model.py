@@ -1,4 +1,4 @@
-"""The echoes predicted for a surface, and their derivatives with respect to its heights.
+"""The forward model of echoes: profiles predicted for a surface, their derivatives by its heights, and mean ranges.
 
 A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
 meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
@@ -13,7 +13,7 @@ score w (P / mu - 1) unbiased, as it does not depend on P.
 Behind a volume such as rain, mu includes the volume's power, as far as the beam is in the air: a sample ends it at its
 own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 
-The mean range of each whole echo, with which mapping begins.
+Mapping begins with the mean range of each whole echo (`MeanRanges`).
 """
 
 from dataclasses import dataclass, replace

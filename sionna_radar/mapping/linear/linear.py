@@ -1,4 +1,4 @@
-"""How well a linear interpolation between points is known.
+"""The DEM method "linear": linear interpolation between points, and its uncertainty.
 
 The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
 terrain the variance
@@ -10,8 +10,6 @@ same; over three of them that is worked out, not taken as in a mean of many. The
 footprints, so that what a wide beam smooths away counts; what a range estimator reads wrong on a slope does not. The
 distances are short, so that the covariance of one part of the map serves all of it, but for the local amplitude of
 short waves.
-
-The DEM method "linear": linear interpolation between the points.
 """
 
 from dataclasses import dataclass

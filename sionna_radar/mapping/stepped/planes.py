@@ -1,6 +1,4 @@
-"""Planes through the parts of a map with steps: roofs, and level ground.
-
-Planes through parts that fill the beam no more than partly: roofs, seen across their edges.
+"""Planes through the parts of a map with steps: level ground, and roofs, which may fill the beam only partly.
 
 Located echoes lie on the axes of their beams. A roof that ends within the beam sends its echo from what it fills of it:
 at the far edge that is nearer than the axis would meet the roof, and on the axis so short a range is too high. So once

@@ -9,9 +9,8 @@ squares of their lengths, and a Gaussian smoothed with Gaussian footprints is ag
 pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
 fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
 
-A covariance of heights by linear interpolation in a table, dense near zero: all that is asked of it by thousands.
-
-The table is linear in the square root of the distance, so that an entry is found without a search.
+Covariances of many pairs of heights are interpolated linearly in a table that is dense near zero. Its entries are
+equally spaced in the square root of the distance, so that one is found without a search.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
-"""Scattered heights as mapping takes them: means over footprints, with noise that neighbouring pulses share.
+"""Scattered heights for mapping: means over footprints, with noise that neighbouring pulses share.
 
-Where a beam looks on the ground: the Gaussian footprint of an echo.
-
-How each point was looked at: its footprint on the ground, and how long its speckle stays.
+The footprint of an echo on the ground is Gaussian. Each point has its footprint, and the number of pulses over which
+its speckle repeats (`Looks`).
 """
 
 from collections.abc import Callable
