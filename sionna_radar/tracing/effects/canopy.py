@@ -103,7 +103,7 @@ class Canopy:
         least_m: Float[np.ndarray, " path"],
         drawn: Float[np.ndarray, "path 2"],
     ) -> Float[np.ndarray, "3 path"]:
-        """Return the two-way transmission of plants on rays, their echo, and its distance from the ground; see `follow`."""
+        """Return plants' two-way transmission on rays, their echo, and its distance from the ground; see `follow`."""
         # Numba takes half a second to import.
 
         plants = self._vegetation
