@@ -1,6 +1,6 @@
-"""What a page draws in three dimensions: relief, solids, beams, echoes and the flight, packed for the browser.
+"""The three-dimensional data of a page: relief, solids, beams, echoes and the flight, packed for the browser.
 
-length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
+    length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
 
 An array stands in the JSON as {"at": offset, "type": "u2", "shape": [...], "step": 0.001, "zero": 12.5}; its values are
 `zero + step * number`, and the largest number stands for NaN. Nothing in base64 can end a script element, so that no

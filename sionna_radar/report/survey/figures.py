@@ -1,11 +1,11 @@
-"""Figures of a survey, for print.
+"""Figures of a survey, for print: its environment, a chirp, and its maps.
 
 Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps have equal scales, and map
 coordinates where the world has a place on the map and no local ones are asked for; sizes follow the shape of the
 ground, so that a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and an empty
 cell is plain grey.
 
-The figure of a survey's environment: the true surface, the flight over it, and where its beam meets the ground.
+The figure of the environment shows the true surface, the flight over it, and where the beam meets the ground.
 """
 
 from collections.abc import Callable

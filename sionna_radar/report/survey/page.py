@@ -1,8 +1,7 @@
-"""The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file.
+"""The page of a survey, `report.html`: its flight, errors, maps, scene and chirps, in one file.
 
-The errors of a page: their table beside the reference paper's, their distribution, and where they are.
-
-The chirps of a page: pulses spread over the survey, traced once more, and what is found in each.
+Errors are shown as a table beside the reference paper's, as a distribution, and by their place. Chirps are those of
+pulses spread over the survey, traced once more, with what is found in each.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
-"""The numbers of a survey, as one JSON document.
+"""The numbers of a survey: one JSON document, the reference paper's values, and a table for the terminal.
 
-What the reference paper reports for flights like this one: Rouveure et al. 2017, Table 3 and Fig. 14.
-
-The table of a survey, for the terminal.
+Flights like those of the reference paper are set beside what it reports: Rouveure et al. 2017, Table 3 and Fig. 14.
 """
 
 from dataclasses import asdict, dataclass
