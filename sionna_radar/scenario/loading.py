@@ -1,6 +1,7 @@
 """Reading scenarios: TOML files or shipped names, values beside them, and errors a person can act on.
 
-The files that a scenario is flown from, by which a run that goes on knows that nothing has changed.
+The files that a scenario is flown from are identified here as well: by them a resumed run knows that nothing has
+changed.
 """
 
 import copy

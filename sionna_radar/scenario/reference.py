@@ -1,6 +1,6 @@
-"""The reference of all keys of a scenario, made from its tables.
+"""The reference of all keys of a scenario, and its JSON Schema, made from its tables.
 
-The JSON Schema of scenarios, by which editors complete keys, show what they mean and mark misspelt ones.
+With the schema, editors complete keys, show what they mean and mark misspelt ones.
 """
 
 import json

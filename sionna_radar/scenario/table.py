@@ -1,6 +1,4 @@
-"""What every table of a scenario shares: numbers that are numbers, frozen models, and errors with a key.
-
-What the tables of a scenario say of their keys.
+"""The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
 
 The meaning of a key is its entry in the docstring of its table, `name: ...` or `name, other: ...`, or the description
 of its field, which a custom table may have instead. Its unit is the end of its name.
