@@ -1,13 +1,12 @@
-"""Splitting the ground's mesh by land cover: rectangles, polygons, and files of classes.
+"""The ground's mesh split by land cover, the bare ground under what stands on it, and air under overhangs.
 
-A face belongs to the cover that contains its centre, so borders follow the mesh: its spacing is their accuracy.
-Later covers override earlier ones: the raster's classes, then those of the vector file, then `fields`, then `cover`,
-each in the order given.
+Covers are rectangles, polygons, and files of classes. A face belongs to the cover that contains its centre, so borders
+follow the mesh: its spacing is their accuracy. Later covers override earlier ones: the raster's classes, then those of
+the vector file, then `fields`, then `cover`, each in the order given.
 
-Surfaces over one another: the bare ground under what stands on it, and air under what overhangs.
-
-A vertical ray from below meets undersides, which face down, and tops, which face up. From a top to the next underside
-is air; from an underside to the next top is not, nor is what a top without an underside covers: a roof on walls alone.
+Surfaces may lie over one another. A vertical ray from below meets undersides, which face down, and tops, which face up.
+From a top to the next underside is air; from an underside to the next top is not, nor is what a top without an
+underside covers: a roof on walls alone.
 """
 
 from dataclasses import dataclass
