@@ -1,4 +1,4 @@
-"""Two engines compared over one survey: the electromagnetic one and the paper's facets.
+"""Cross-check of the electromagnetic engine and the paper's facets over one survey, and gamma fits of materials.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
 |gain|^2 over its paths, that is before they interfere, so it is free of speckle and the engines must agree
@@ -11,9 +11,7 @@ What the two share is not checked by this: Mitsuba's ray casting (shadows), the 
 backscatter, point targets, and mirror reflections, which are traced apart from both engines and added to each. Where
 a mirror outshines the diffuse echo the engines agree because it is one and the same.
 
-What a cross-check of the two engines found; see `crosscheck` for how.
-
-Grounding the simple model: the constant gamma that best matches a material over a span of incidence.
+For the simple model a fit gives the constant gamma that best matches a material over a span of incidence.
 """
 
 import math

@@ -1,16 +1,12 @@
-"""Studies: one scenario flown over and over, some of its values varied, with several seeds each.
+"""Studies of one scenario, with varied values and several seeds each: plans, flights, statistics and shards.
 
 Every setting of the varied keys is a case, and every case is flown with the seeds s, s + 1, ... The
 statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 
-Plans of studies: every setting of what is varied, its scenario checked before anything is flown.
-
-Scenes are built where they are flown over. A setting that cannot be flown keeps its place with the reason.
-
-What a study returns: trials, the cases that they are of, and the statistics of these.
-
-The shards of a study, flown by the jobs of an array, put together.
+A plan holds every setting of what is varied, with its scenario checked before anything is flown; scenes are built where
+they are flown over. The result holds trials, the cases that they are of, and the statistics of these. Shards of a
+study, flown by the jobs of an array, are merged.
 """
 
 import re
