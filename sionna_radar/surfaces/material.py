@@ -1,7 +1,4 @@
-"""The materials of a scenario at its carrier and polarization, how to add one, and their limits of validity.
-
-The permittivity of a scenario's medium at the carrier.
-"""
+"""The materials and permittivities of a scenario at its carrier and polarization, their registration and validity."""
 
 import logging
 import re

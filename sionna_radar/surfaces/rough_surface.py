@@ -24,9 +24,7 @@ Sources read while this was written:
   Section Handbook" 2 pp. 703-718, through a public transcription (`smallPerturbation.m`).
 * Geometrical optics: Ulaby, Moore and Fung II pp. 925-936, through `physicalOpticsLargeUlaby.m` and SMRT's
   `geometrical_optics_backscatter.py`.
-** The sources of the limits in `validity()` are given there.
-
-The integral-equation model of a randomly rough surface; see `rough_surface` for the others and for all sources.
+* The sources of the limits in `validity()` are given there.
 """
 
 import math
