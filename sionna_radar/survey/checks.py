@@ -1,9 +1,8 @@
-"""Whether a survey can be flown: the checks that need the terrain and the flight.
+"""Checks of a survey that need the terrain and the flight, and the bounds on its pulses, samples and paths.
 
-What a survey takes in pulses, samples and paths, estimated before any of it is spent.
-
-The bounds keep every array of a block of pulses, and every table that grows with the survey, within a few gigabytes.
-What only the finished scene shows is bounded where it is built: cells of terrain and DEM, scatterers.
+What a survey takes is estimated before any of it is spent. The bounds keep every array of a block of pulses, and every
+table that grows with the survey, within a few gigabytes. What only the finished scene shows is bounded where it is
+built: cells of terrain and DEM, scatterers.
 """
 
 import math

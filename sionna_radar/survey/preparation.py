@@ -1,6 +1,6 @@
-"""Everything a survey needs before its first pulse.
+"""Preparation of a survey: everything it needs before its first pulse.
 
-Ground that a caller gives in place of a scenario's: heights as they are, a file, or what builds it.
+A caller may give ground in place of a scenario's: heights as they are, a file, or what builds it.
 """
 
 from collections.abc import Callable, Mapping

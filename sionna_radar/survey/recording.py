@@ -1,6 +1,6 @@
-"""Flying a prepared survey: what its sensor observes, block by block, and where that is placed.
+"""Flying a prepared survey: the echoes that its sensor observes, block by block, and their positions.
 
-What a sensor observed over a stretch of the flight, and its bytes, by which an interrupted survey goes on.
+The observations over a stretch of the flight are packed as bytes, from which an interrupted survey goes on.
 """
 
 from collections.abc import Iterator, Sequence

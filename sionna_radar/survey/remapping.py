@@ -3,7 +3,7 @@
 Errors of navigation change nothing that is traced: the echoes are recorded once, and only their Doppler
 correction, their location, the DEM and its comparison are done anew.
 
-A map whose tiles are kept as they are finished, and made by workers if there are any.
+The tiles of a map are kept as they are finished, and made by workers if there are any.
 """
 
 from collections.abc import Iterator
