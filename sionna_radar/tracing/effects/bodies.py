@@ -1,6 +1,7 @@
-"""Targets with a shape: the paths to what the radar sees of a body, in small steps of range.
+"""Targets with a shape: the paths to the parts of a body that the radar sees, and the cross-section of the body.
 
-The cross-section of a body from all sides, by physical optics and further reflections between its faces.
+Paths come in small steps of range. The cross-section, from all sides, is by physical optics and further reflections
+between the faces.
 """
 
 from dataclasses import replace

@@ -17,9 +17,8 @@ its edge and ripples between; a small one becomes a plate in the far field, with
 Along an edge at the distance d from the foot, r in the phase is expanded to second order about its nearest point: the
 integrand is d / (d^2 + t^2) (h / r)^2, piecewise linear, times a Fresnel phase, which is exact.
 
-Plane mirrors of a scene, and what they do to a ray: Fresnel's coefficients at its own angle, less the roughness.
-
-A wave of direction k meets a plane of normal n. With h across the plane of incidence, the reflected field is
+A ray is reflected at a plane mirror of the scene by Fresnel's coefficients at its own angle, less the roughness. A wave
+of direction k meets a plane of normal n. With h across the plane of incidence, the reflected field is
 
     E' = sqrt(c) [ R_h h (h . E)  +  R_v (h x k') ((h x k) . E) ],      k' = k - 2 (k . n) n,
 

@@ -1,11 +1,9 @@
-"""Directions of rays on the device, by what is known of the beam: its two cuts, or the cells of its power.
+"""Ray directions inside a beam, drawn on the device from the two cuts of the beam or the cells of its power.
 
-Ray directions inside a beam, drawn so that a few hundred rays represent the whole echo.
-
-Most rays are drawn in proportion to the two-way power of the beam, a small share uniformly over the half sphere
-in front of the antenna, for the side lobes. Within a pulse the rays form a low-discrepancy set (Halton), shifted
-at random in each pulse (Cranley and Patterson 1976), which leaves every single ray random and makes the
-pulse's total power far less noisy than independent rays would.
+A few hundred rays represent the whole echo. Most rays are drawn in proportion to the two-way power of the beam, a small
+share uniformly over the half sphere in front of the antenna, for the side lobes. Within a pulse the rays form a
+low-discrepancy set (Halton), shifted at random in each pulse (Cranley and Patterson 1976), which leaves every single
+ray random and makes the pulse's total power far less noisy than independent rays would.
 """
 
 from dataclasses import dataclass
