@@ -1,8 +1,6 @@
-"""From points and echoes to a DEM: the inputs of every method, and its registration under a name.
+"""Mapping of points and echoes to a DEM: the inputs of methods, their registration by name, and the grid of cells.
 
 A mapper knows the measured poses, the antenna and the echoes, but not the truth.
-
-The cells of a survey's DEM.
 """
 
 from collections.abc import Callable
@@ -273,7 +271,7 @@ class Mapper:
         return self.sightings(profiles, measured(profiles.pulse))
 
     def _looks(self, points: Points, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]) -> Looks | None:
-        """Return how each point was looked at; None without a beam of radio waves."""
+        """Return the footprint and speckle reach of each point; None without a beam of radio waves."""
         if self.beam is None or len(points) == 0:
             return None
         return looks_at(points, measured, self.beam, self.analyser.chirp, self.memory)

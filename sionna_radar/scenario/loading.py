@@ -1,6 +1,7 @@
 """Reading scenarios: TOML files or shipped names, values beside them, and errors a person can act on.
 
-The files that a scenario is flown from, by which a run that goes on knows that nothing has changed.
+The files that a scenario is flown from are identified here as well: by them a resumed run knows that nothing has
+changed.
 """
 
 import copy
@@ -181,7 +182,7 @@ NAMES_OTHERS = {".obj", ".gltf", ".xml", ".dae", ".vrt"}
 
 
 def identity(scenario: Scenario, block_size: int) -> dict[str, Any]:
-    """Return what the parts of a survey depend on, as a JSON document."""
+    """Return the inputs that determine the parts of a survey, as a JSON document."""
     return {
         "scenario": scenario.model_dump(mode="json"),
         "seed": scenario.seed,
@@ -201,7 +202,7 @@ def input_files(scenario: Scenario) -> dict[str, list[int]]:
 
 
 def content_key(tables: Mapping[str, Any]) -> str | None:
-    """Return what is built from some tables as one text: their values, and the identity of the files that they name.
+    """Return a text that identifies the content of some tables: their values, and the files that they name.
 
     Two equal texts stand for the same content: of each file, and of those beside it whose names begin alike, size,
     place on the disk, and the times of the last changes of content and of record, in nanoseconds. None where that

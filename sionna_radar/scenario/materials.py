@@ -1,10 +1,9 @@
-"""The surfaces of a scenario: `[materials.NAME]`, selected by `model`.
+"""The surfaces of a scenario and their media: `[materials.NAME]`, selected by `model`.
 
 Every material may have a cross-polar ratio and a mirror reflection. A mirror needs to know what the surface is
 made of and how rough it is; the rough-surface models have both, the others take them from the same keys.
 
-What a surface is made of, for a permittivity by a published formula: `medium = {kind = "soil", ...}`.
-
+A medium, `medium = {kind = "soil", ...}`, gives what a surface is made of, for a permittivity by a published formula.
 The formulas, their sources and the bands they reach are in `sionna_radar.surfaces.permittivity`.
 """
 

@@ -1,6 +1,6 @@
-"""The radar, with its antenna and the scan that moves it: `[radar]`.
+"""The radar, with its antenna and the scan that moves it: `[radar]`; and the conditions of `processing.average`.
 
-What `processing.average` needs of the rest of a scenario.
+`processing.average` sets conditions on the rest of a scenario, which are checked here.
 """
 
 from __future__ import annotations

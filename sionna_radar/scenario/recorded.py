@@ -108,7 +108,7 @@ def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> S
 
 
 def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSettings:
-    """Return how a recording without a scenario is processed.
+    """Return the processing settings of a recording without a scenario.
 
     Raises ScenarioError for a key that does not apply, and for values that do not fit.
     """

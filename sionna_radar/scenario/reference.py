@@ -1,6 +1,6 @@
-"""The reference of all keys of a scenario, made from its tables.
+"""The reference of all keys of a scenario, and its JSON Schema, made from its tables.
 
-The JSON Schema of scenarios, by which editors complete keys, show what they mean and mark misspelt ones.
+With the schema, editors complete keys, show what they mean and mark misspelt ones.
 """
 
 import json
@@ -181,7 +181,7 @@ def _inside(
 
 
 def _chosen(table: Mapping[str, Any]) -> str:
-    """Return by which key and value a table is chosen among those of its place."""
+    """Return the key and values that select a table among those of its place."""
     for tag in ("kind", "mode", "model"):
         about = table["properties"].get(tag, {})
         names = about.get("enum") or ([about["const"]] if "const" in about else [])
@@ -195,7 +195,7 @@ def _resolved(schema: Mapping[str, Any], defs: Mapping[str, Any]) -> Mapping[str
 
 
 def _values(about: Mapping[str, Any], defs: Mapping[str, Any]) -> str:
-    """Return what a key may hold, in words."""
+    """Return the allowed values of a key, in words."""
     about = _resolved(about, defs)
     kinds = about.get("anyOf", about.get("oneOf"))
     if kinds:

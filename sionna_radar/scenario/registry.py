@@ -222,7 +222,7 @@ def _origin(build: Callable[..., Any]) -> str:
 
 
 def _place(build: Callable[..., Any]) -> tuple[str | None, str | None]:
-    """Return where a builder was written: a notebook's cell may run again and register it anew."""
+    """Return the module and name of a builder: a notebook's cell may run again and register it anew."""
     name = getattr(build, "__qualname__", "<nameless>")
     # Nameless functions have no place by which one could be known again.
     return getattr(build, "__module__", None), f"{name} {id(build)}" if "<lambda>" in name or name[0] == "<" else name

@@ -1,6 +1,4 @@
-"""What every table of a scenario shares: numbers that are numbers, frozen models, and errors with a key.
-
-What the tables of a scenario say of their keys.
+"""The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
 
 The meaning of a key is its entry in the docstring of its table, `name: ...` or `name, other: ...`, or the description
 of its field, which a custom table may have instead. Its unit is the end of its name.
@@ -143,7 +141,7 @@ def meanings(table: type[BaseModel]) -> dict[str, str]:
 
 
 def summary(table: type[BaseModel]) -> str:
-    """Return what a table says of itself: its docstring without the entries of its keys, and without examples."""
+    """Return the summary of a table: its docstring without the entries of its keys, and without examples."""
     lines = inspect.cleandoc(table.__doc__ or "").splitlines()
     for number, line in enumerate(lines):
         if RULE.match(line):  # the heading of a section stands above its rule

@@ -1,6 +1,6 @@
-"""What the ground is: `[terrain]`, selected by `kind`.
+"""The ground: `[terrain]`, selected by `kind`, and the mesh files of terrain and objects.
 
-What `[terrain]` of kind "mesh" and `[[objects]]` share: a file of triangles, its axes, size and materials.
+`[terrain]` of kind "mesh" and `[[objects]]` share a file of triangles, its axes, size and materials.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Buildings extruded from the outlines of a vector file, thousands at a time.
-
-Box buildings that stand on the ground.
-"""
+"""Buildings: extruded from the outlines of a vector file, thousands at a time, and boxes that stand on the ground."""
 
 import logging
 import re

@@ -1,13 +1,12 @@
-"""Splitting the ground's mesh by land cover: rectangles, polygons, and files of classes.
+"""The ground's mesh split by land cover, the bare ground under what stands on it, and air under overhangs.
 
-A face belongs to the cover that contains its centre, so borders follow the mesh: its spacing is their accuracy.
-Later covers override earlier ones: the raster's classes, then those of the vector file, then `fields`, then `cover`,
-each in the order given.
+Covers are rectangles, polygons, and files of classes. A face belongs to the cover that contains its centre, so borders
+follow the mesh: its spacing is their accuracy. Later covers override earlier ones: the raster's classes, then those of
+the vector file, then `fields`, then `cover`, each in the order given.
 
-Surfaces over one another: the bare ground under what stands on it, and air under what overhangs.
-
-A vertical ray from below meets undersides, which face down, and tops, which face up. From a top to the next underside
-is air; from an underside to the next top is not, nor is what a top without an underside covers: a roof on walls alone.
+Surfaces may lie over one another. A vertical ray from below meets undersides, which face down, and tops, which face up.
+From a top to the next underside is air; from an underside to the next top is not, nor is what a top without an
+underside covers: a roof on walls alone.
 """
 
 from dataclasses import dataclass
@@ -95,7 +94,7 @@ def _part(
 
 
 def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " inside"]:
-    """Return which points lie in a polygon; only those in its bounding box are tested against its sides."""
+    """Return the indices of points in a polygon; only those in its bounding box are tested against its sides."""
     low, high = corner_m.min(axis=0), corner_m.max(axis=0)
     near = np.flatnonzero(np.all((point_m >= low) & (point_m <= high), axis=1))
     return near[Outline(corner_m).contains_points(point_m[near])] if len(near) else near
@@ -104,7 +103,7 @@ def _inside(corner_m: Float[np.ndarray, "corner 2"], point_m: Float[np.ndarray, 
 def vector_classes_at(
     cover: CoverVector, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> Int[np.ndarray, " n"]:
-    """Return which of the classes lies at each horizontal position, by its number in the table; -1 where none does.
+    """Return the class at each horizontal position, by its number in the table; -1 where there is none.
 
     Of polygons over one another the last in the file counts, of whatever class: one that is not in the table keeps
     what is under it.
@@ -169,7 +168,7 @@ def classes_at(
 def raster_at(
     path: Path | str, key: str, wanted: str, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None
 ) -> tuple[Bool[np.ndarray, " n"], np.ma.MaskedArray]:
-    """Return which horizontal positions a raster covers, and the values of its cells there.
+    """Return a mask of the horizontal positions that a raster covers, and the values of its cells there.
 
     Parameters
     ----------
@@ -287,7 +286,7 @@ def overhang(caster: RayCaster, grid: Grid, bottom_m: float) -> Overhang:
 
 
 def _places(over: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungPlace, ...]:
-    """Return where cells lie side by side or corner to corner, the largest places first."""
+    """Return the 8-connected groups of cells, the largest first."""
     number, _ = label(over, structure=np.ones((3, 3)))
     count = np.bincount(number.ravel())[1:]
     found = []
@@ -300,7 +299,7 @@ def _places(over: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungP
 def _air_below(
     caster: RayCaster, point_m: Float[np.ndarray, "n 2"], bottom_m: float
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return at which places there is air under a surface, and at which there is a surface at all."""
+    """Return masks of the places with air under a surface, and of those with any surface."""
     airy, met_any = np.zeros((2, len(point_m)), dtype=bool)
     height = np.full(len(point_m), bottom_m)
     top = np.full(len(point_m), np.nan)  # the last surface met, if it faces up

@@ -1,8 +1,6 @@
-"""The contents of a scene, in plain arrays that any engine can use.
+"""The contents of a scene, in plain arrays that any engine can use, and triangle meshes of elevation rasters.
 
-Triangle meshes of elevation rasters.
-
-Bodies of targets: shapes in axes of their own, to the right, forward and up.
+Bodies of targets are shapes in axes of their own, to the right, forward and up.
 """
 
 from collections.abc import Mapping

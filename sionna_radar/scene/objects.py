@@ -59,7 +59,7 @@ def box_text(place_m: Float[np.ndarray, "n 3"]) -> str:
 
 
 def placed_boxes(surfaces: Sequence[Surface]) -> dict[str, str]:
-    """Return where meshes stand in a scene, by their keys in the scenario: the boxes around them, in words."""
+    """Return the bounding boxes of a scene's meshes, in words, by their keys in the scenario."""
     corners: dict[str, list[Float[np.ndarray, "2 3"]]] = {}
     for surface in surfaces:
         kind, number, *_ = f"{surface.name}--".split("-")
@@ -70,7 +70,7 @@ def placed_boxes(surfaces: Sequence[Surface]) -> dict[str, str]:
 
 
 def _far_from_origin(place_m: Float[np.ndarray, "n 3"]) -> str:
-    """Return what is said of a mesh that lies farther from its own origin than it is large; empty for others."""
+    """Return the note on a mesh that lies farther from its own origin than it is large; empty for others."""
     low, high = place_m.min(axis=0), place_m.max(axis=0)
     away_m = float(np.linalg.norm((low + high)[:2] / 2))
     if away_m <= float(np.max(high - low)):

@@ -142,7 +142,7 @@ def _hides(low, high, ground, steepest, origin, row, point, short, hidden):
 @compiled
 @no_type_check
 def _gap(height, i, j, half, x, y, z):
-    """Return how far a place is above the plane of a triangle, within its cell."""
+    """Return the height of a place above the plane of a triangle, within its cell."""
     u, v = min(max(x - j, 0.0), 1.0), min(max(y - i, 0.0), 1.0)
     a, d = height[i, j], height[i + 1, j + 1]
     if half == 0:
@@ -183,7 +183,7 @@ def _block(x, x0, per_cell, t, level, blocks):
 @compiled
 @no_type_check
 def _meet(ground, x0, y0, z0, dx, dy, dz, near, far, level):
-    """Return where a ray first crosses the ground, the triangle (-1 for none), and on which side it begins.
+    """Return the ray parameter at the first crossing of the ground, the triangle (-1 for none), and the starting side.
 
     Places are in cells from the first corner, heights in metres. level: of the pyramid to begin with.
     """

@@ -126,7 +126,7 @@ def read_polygons(
 
 
 def _kind(path: Path, name: str) -> str:
-    """Return what a file is by its name and its first bytes, which must agree."""
+    """Return the format of a file by its name and its first bytes, which must agree."""
     size = regular_file(path, name, REMEDY, MOST_BYTES)
     with path.open("rb") as file:
         head = file.read(4096)

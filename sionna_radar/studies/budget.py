@@ -240,7 +240,7 @@ def map_task(task: Task, progress: Progress) -> bytes:
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:
-    """Return what the parts of a budget depend on, as a JSON document."""
+    """Return the inputs that determine the parts of a budget, as a JSON document."""
     named = [[name, *_document(grade)] for name, grade in grades.items()]
     return {**identity(scenario, BLOCK_SIZE), "study": [growth, repeat], "grades": named}
 

@@ -1,4 +1,4 @@
-"""Two engines compared over one survey: the electromagnetic one and the paper's facets.
+"""Cross-check of the electromagnetic engine and the paper's facets over one survey, and gamma fits of materials.
 
 Both trace the same pulses over the same meshes. The power of a pulse's echo is compared as the sum of
 |gain|^2 over its paths, that is before they interfere, so it is free of speckle and the engines must agree
@@ -11,9 +11,7 @@ What the two share is not checked by this: Mitsuba's ray casting (shadows), the 
 backscatter, point targets, and mirror reflections, which are traced apart from both engines and added to each. Where
 a mirror outshines the diffuse echo the engines agree because it is one and the same.
 
-What a cross-check of the two engines found; see `crosscheck` for how.
-
-Grounding the simple model: the constant gamma that best matches a material over a span of incidence.
+For the simple model a fit gives the constant gamma that best matches a material over a span of incidence.
 """
 
 import math
@@ -350,7 +348,7 @@ def crosscheck(
 
 
 def _correlation_m(prepared: Prepared) -> float:
-    """Return how far apart errors of the DEM still belong together: a footprint, or the gap that is filled."""
+    """Return the correlation length of DEM errors, m: a footprint, or half the gap that is filled."""
     pose = prepared.flight.sample(1000).true
     clearance = float(np.median(pose.position_m[:, 2] - prepared.scene.ground_m(pose.position_m[:, :2])))
     incidence_rad = prepared.flight.scan.incidence_rad
@@ -361,7 +359,7 @@ def _correlation_m(prepared: Prepared) -> float:
 def _fly_all(
     prepared: Prepared, block_size: int, progress: Progress, parts: KeptParts | None, workers: Workers
 ) -> dict[str, EngineResult]:
-    """Return what each engine made of the survey with each of its two seeds."""
+    """Return the result of each engine with each of its two seeds."""
     first = prepared.scenario.seed
     scenario, stretches = prepared.scenario.model_dump_json(), stretches_of(prepared, block_size)
     runs, tasks, pulses = {}, {}, {}
@@ -389,7 +387,7 @@ def _fly_all(
 
 
 def _joined(prepared: Prepared, seed: int, stretches: Sequence[Mapping[str, Any]]) -> EngineResult:
-    """Return what an engine made of a survey from what it made of its stretches."""
+    """Return the result of an engine over a survey, joined from its stretches."""
     names = ("power", "range_m", "incidence_rad", "echo_range_m")
     points = Points.concatenate([table_of(Points, "points", dict(columns)) for columns in stretches])
     return EngineResult(

@@ -1,10 +1,10 @@
-"""What a study varies: values that are all combined, ranges that are sampled, and the rows of a table.
+"""The design of a study: values that are all combined, ranges that are sampled, and the rows of a table.
 
 Every row is combined with every sample, and these with every combination of the listed values, the last key fastest.
 Samples fill their ranges evenly, in all keys at once: a scrambled Sobol sequence (Owen 1998) or a Latin hypercube
 (McKay, Beckman & Conover 1979), both of `scipy.stats.qmc` and drawn from the scenario's seed.
 
-What a study varies, as it is written: `KEY=V1,V2,...`, `KEY=LOW:HIGH`, `sobol:64`, and tables of settings.
+A design is written as `KEY=V1,V2,...`, `KEY=LOW:HIGH`, `sobol:64`, and tables of settings.
 """
 
 import csv
@@ -217,7 +217,7 @@ REMEDY = "give a CSV file: dotted keys in the first line, a setting in each othe
 
 
 def parse_design(assignments: Iterable[str], sample: str | None = None, table: Path | None = None) -> Design:
-    """Return what the options `--vary`, `--sample` and `--table` say.
+    """Return the design given by the options `--vary`, `--sample` and `--table`.
 
     Values are TOML, and bare words are strings; a range may end in `:log`.
 

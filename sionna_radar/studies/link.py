@@ -46,7 +46,7 @@ class Ground:
     passing: float
 
     def numbers(self) -> dict[str, float]:
-        """Return what tables and files say, by name; not finite where there is no number."""
+        """Return the values for tables and files, by name; not finite where there is no number."""
         return {
             "snr_db": to_db(self.snr),
             "signal_to_clutter_db": to_db(self.snr / self.clutter) if self.clutter > 0 else float("nan"),
@@ -166,7 +166,7 @@ class Floors:
         return {name: maximum_filter1d(power, LOBE_BINS) for name, power in self.terms.items()}
 
     def rulers(self) -> list[tuple[str, float, float]]:
-        """Return which floor is the highest from which range to which, near to far."""
+        """Return the highest floor of each range interval, with the interval's ends, m, near to far."""
         names, envelopes = list(self.terms), self.envelopes
         best = np.argmax([envelopes[name] for name in names], axis=0)
         start = np.concatenate([[0], np.flatnonzero(np.diff(best)) + 1])
@@ -331,7 +331,7 @@ def _link(case: GroundCase, detected: Detected, pulses: int, step: Steps) -> Lin
 
 
 def _ground(case: GroundCase, expected: Expected, detected: Detected) -> Ground:
-    """Return what the closed form says of the ground at one range."""
+    """Return the closed-form SNR, clutter and detection probabilities of the ground at one range."""
     (echo, clutter), noise, level = expected.strongest, case.floor[expected.peak], case.level(expected)
     beside = clutter + noise
     ratios = np.array([(echo + beside) / max(level, beside), beside / level, (echo + beside) / level])
@@ -370,7 +370,7 @@ def _floors(case: GroundCase, pulses: int) -> Floors:
 
 
 def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, pulses: int, step: Steps) -> Simulated:
-    """Return what the chain finds at one of the ranges, beside the closed form."""
+    """Return the simulated echo of the ground at one of the ranges, beside the closed form."""
     range_m = float(link.range_m[round(share * (RANGES - 1))])
     expected, noise = case.expected(range_m), case.floor
     peak, near = expected.peak, expected.half_power
@@ -421,6 +421,6 @@ def _flown(
 
 
 def _detection(cfar: Cfar) -> Detected:
-    """Return what gives the probability of detection of ratios of signal to noise."""
+    """Return the probability of detection as a function of the signal-to-noise ratio."""
     known = cfar.detection_probability(10 ** (RATIOS_DB / 10))
     return lambda ratio: np.interp(10 * np.log10(np.maximum(ratio, 1e-12)), RATIOS_DB, known)

@@ -1,22 +1,20 @@
-"""The mean spectrum of level ground under a radar, in closed form: one material at one incidence in one rain.
+"""Mean spectra in closed form: level ground under a radar, the floors under its echo, and the receiver as built.
 
-The beam's parts over the plane (`plane_echo_parts`) are each at a range; what fills the air before them is moved in
-range by its own speed; the window leaves its response of each.
+The ground has one material at one incidence in one rain. The beam's parts over the plane (`plane_echo_parts`) are each
+at a range; what fills the air before them is moved in range by its own speed; the window leaves its response of each.
 
-The floors under an echo: what noise, leakage, oscillator and converter leave in each range cell, in closed form.
+The floors under an echo are what noise, leakage, oscillator and converter leave in each range cell. All are mean powers
+in bins of the calibrated spectrum, on the scale of the transmitted power. A power density S (of one side, W/Hz) leaves
+S f_s sum w^2 in a bin, w the weights of the window with a sum of one: that is the noise bandwidth of a cell. A tone of
+power P and delay tau leaves, beside itself, 4 sin^2(pi f tau) L(f) P at the offset f from its beat. What leaks has
+nearly no beat, and a phase of its own: of a real signal the two side bands of the oscillator's noise meet in the same
+cells, and what is in phase with the leakage does not change it. So its waves are followed one by one.
 
-All are mean powers in bins of the calibrated spectrum, on the scale of the transmitted power. A power density S (of one
-side, W/Hz) leaves S f_s sum w^2 in a bin, w the weights of the window with a sum of one: that is the noise bandwidth of
-a cell. A tone of power P and delay tau leaves, beside itself, 4 sin^2(pi f tau) L(f) P at the offset f from its beat.
-What leaks has nearly no beat, and a phase of its own: of a real signal the two side bands of the oscillator's noise
-meet in the same cells, and what is in phase with the leakage does not change it. So its waves are followed one by one.
-
-What a receiver as built does to mean spectra: its reference, its anti-alias filter, unlike parts of I/Q samples.
-
-A reference that is off scales all ranges. Sampling reads every frequency that is a whole number of sampling rates from
-a bin's as the bin's own, and the anti-alias filter weighs each by its response; the calibration divides by the
-high-pass in the bin, whatever it let pass of them. Parts of I/Q samples that differ leave an image of each beat f at
-f_s - f. Stages of a plug-in are taken for ideal ones.
+A receiver as built changes mean spectra by its reference, its anti-alias filter and unlike parts of I/Q samples. A
+reference that is off scales all ranges. Sampling reads every frequency that is a whole number of sampling rates from a
+bin's as the bin's own, and the anti-alias filter weighs each by its response; the calibration divides by the high-pass
+in the bin, whatever it let pass of them. Parts of I/Q samples that differ leave an image of each beat f at f_s - f.
+Stages of a plug-in are taken for ideal ones.
 """
 
 from collections.abc import Callable
@@ -177,7 +175,7 @@ def in_cell(analyser: SpectrumAnalyser) -> float:
 def phase_noise(
     radar: RadarTable, built: BuiltReceiver, power_w: Float[np.ndarray, " reach"]
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator leaves, in all bins, of tones at the ranges of bins, those beyond the band too."""
+    """Return the mean phase-noise power in all bins, of tones at the ranges of bins, those beyond the band too."""
     levels, analyser = radar.receiver.oscillator.levels_dbc_hz, built.analyser
     chirp = analyser.chirp
     if not levels:
@@ -222,7 +220,7 @@ def _tones(
 def _leakage_noise(
     ways: tuple[LeakageTable, ...], radar: RadarTable, built: BuiltReceiver
 ) -> Float[np.ndarray, " bin"]:
-    """Return what the oscillator's noise leaves of the leakage.
+    """Return the mean phase-noise power of the leakage in each bin.
 
     A wave of its phase at the offset f changes the tone of each way by j (1 - exp(-2 pi j f tau)) times the wave, and
     the spectrum by that times the tone's own, moved by f; waves of different offsets add up in power.

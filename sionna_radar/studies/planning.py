@@ -1,4 +1,4 @@
-"""Planning a flight: the scan, the speed and the lines that cover an area with echoes close enough together.
+"""Flight planning: the scan, speed and lines that cover an area with echoes close enough, and the check of a plan.
 
 A whisk-broom scan at the tilt a meets level ground, h below, at (h tan a / cos b ahead, h tan b to the side) for
 the scan angle b. From there to the next chirp's place is
@@ -8,11 +8,10 @@ the scan angle b. From there to the next chirp's place is
 widest at the edge of the swath. Scan lines lie one turn of the antenna apart, flight lines a little less than a
 swath. On slopes turned away from the radar a ray more than 90 deg minus the slope from nadir would be a shadow's.
 
-A planned flight compared with its area: flown over the terrain, how finely it samples every place.
-
-A plan is made for level ground. Here its beam axes are cast on the terrain of its scenario; where they meet it within
-the range that the radar samples, there is an echo. In the middle of a square of echoes s apart a place is s / sqrt(2)
-from the nearest, so sqrt(2) times that distance is taken as the sampling at a place.
+A plan is made for level ground. To check how finely it samples every place of its area, its beam axes are cast on the
+terrain of its scenario; where they meet it within the range that the radar samples, there is an echo. In the middle of
+a square of echoes s apart a place is s / sqrt(2) from the nearest, so sqrt(2) times that distance is taken as the
+sampling at a place.
 """
 
 import math

@@ -1,16 +1,12 @@
-"""Studies: one scenario flown over and over, some of its values varied, with several seeds each.
+"""Studies of one scenario, with varied values and several seeds each: plans, flights, statistics and shards.
 
 Every setting of the varied keys is a case, and every case is flown with the seeds s, s + 1, ... The
 statistics of a case are means over its trials, and their spread is the standard deviation from trial to trial. A case
 that cannot be flown, or that fails in flight, keeps its place with the reason; an interrupt keeps what is done.
 
-Plans of studies: every setting of what is varied, its scenario checked before anything is flown.
-
-Scenes are built where they are flown over. A setting that cannot be flown keeps its place with the reason.
-
-What a study returns: trials, the cases that they are of, and the statistics of these.
-
-The shards of a study, flown by the jobs of an array, put together.
+A plan holds every setting of what is varied, with its scenario checked before anything is flown; scenes are built where
+they are flown over. The result holds trials, the cases that they are of, and the statistics of these. Shards of a
+study, flown by the jobs of an array, are merged.
 """
 
 import re
@@ -73,7 +69,7 @@ class SweepPlan:
         return sum(1 for _ in self.flights())
 
     def identity(self) -> dict[str, Any]:
-        """Return what its results depend on, as a JSON document."""
+        """Return the inputs that determine its results, as a JSON document."""
         flown = [cell.scenario for cell in self.cells if cell.scenario is not None]
         every = [scenario.model_dump_json() for scenario in flown]
         files = {name: stamp for scenario in flown for name, stamp in input_files(scenario).items()}
@@ -178,7 +174,7 @@ def plan_sweep(
 
 
 def refusal(error: Exception, scenario: Scenario | None) -> str:
-    """Return why a scenario cannot be flown, and the number of samples with which it can, if that is all it lacks."""
+    """Return the reason why a scenario cannot be flown, and the number of samples with which it can, if any."""
     reason, problems = one_line(error), getattr(error, "problems", ())
     if scenario is None or not problems or any(p.field != SAMPLES for p in problems):
         return reason
@@ -195,7 +191,7 @@ def refusal(error: Exception, scenario: Scenario | None) -> str:
 
 
 def failure(found: Failure, scenario: Scenario, repeat: int) -> str:
-    """Return why a survey of a study has failed: what cannot be flown with any seed, or else the seed and the error."""
+    """Return the reason why a survey of a study failed; with the seed, unless it fails with every seed."""
     if found.kind in (ScenarioError.__name__, InputFileError.__name__):
         return refusal(found.error(), scenario)
     return f"seed {scenario.seed + repeat}: {found.kind}: {found.text}"

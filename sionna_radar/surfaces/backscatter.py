@@ -1,12 +1,11 @@
-"""Backscatter of surfaces: sigma0 against the local incidence angle.
+"""Backscatter of surfaces: sigma0 against the local incidence angle, by simple laws, a fitted form and tables.
 
-Measured backscatter: the handbook's fitted form, and tables of sigma0 against incidence.
-
-The fitted form is that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech
-House, 1989). Its W-band parameters were not found in any available source (the only parameters found were a
-public transcription for the L, S and C bands, one set of which its author had refitted), so none is shipped:
-the form takes the user's parameters, from the handbook or from a fit to measurements near the carrier.
-MathWorks documents its implementation of the same model for 1 to 18 GHz only: do not use those at 77 GHz.
+Measured backscatter comes as the handbook's fitted form, or as tables of sigma0 against incidence. The fitted form is
+that of Ulaby and Dobson, "Handbook of Radar Scattering Statistics for Terrain" (Artech House, 1989). Its W-band
+parameters were not found in any available source (the only parameters found were a public transcription for the L, S
+and C bands, one set of which its author had refitted), so none is shipped: the form takes the user's parameters, from
+the handbook or from a fit to measurements near the carrier. MathWorks documents its implementation of the same model
+for 1 to 18 GHz only: do not use those at 77 GHz.
 """
 
 import csv

@@ -1,7 +1,4 @@
-"""The materials of a scenario at its carrier and polarization, how to add one, and their limits of validity.
-
-The permittivity of a scenario's medium at the carrier.
-"""
+"""The materials and permittivities of a scenario at its carrier and polarization, their registration and validity."""
 
 import logging
 import re
@@ -167,7 +164,7 @@ def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) ->
 
 
 def motions_of(tables: Mapping[str, MaterialParameters]) -> dict[str, SurfaceMotion]:
-    """Return what the wind moves, by the material's name; others stand still."""
+    """Return the motions of surfaces in the wind, by the material's name; others stand still."""
     return {
         name: SurfaceMotion(kind=table.motion, fetch_m=table.fetch_m)
         for name, table in tables.items()

@@ -116,7 +116,7 @@ class Waves:
     def moved(
         self, place_m: Float[np.ndarray, "n 3"], time_s: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Return how far the surface is from its rest (m), and its velocity (m/s), at places and times."""
+        """Return the displacement of the surface from rest, m, and its velocity, m/s, at places and times."""
         # Numba takes half a second to import.
 
         offset, velocity = np.zeros((2, len(place_m), 3))

@@ -24,9 +24,7 @@ Sources read while this was written:
   Section Handbook" 2 pp. 703-718, through a public transcription (`smallPerturbation.m`).
 * Geometrical optics: Ulaby, Moore and Fung II pp. 925-936, through `physicalOpticsLargeUlaby.m` and SMRT's
   `geometrical_optics_backscatter.py`.
-** The sources of the limits in `validity()` are given there.
-
-The integral-equation model of a randomly rough surface; see `rough_surface` for the others and for all sources.
+* The sources of the limits in `validity()` are given there.
 """
 
 import math
@@ -258,7 +256,7 @@ def _wavenumber(frequency_hz: float) -> float:
 def lit_cosine(
     incidence_rad: Float[np.ndarray, " n"],
 ) -> tuple[np.ndarray, Float[np.ndarray, " n"]]:
-    """Return which angles are short of grazing, and the cosines bounded away from zero."""
+    """Return a mask of the angles short of grazing, and the cosines bounded away from zero."""
     cosine = np.cos(np.abs(incidence_rad))
     return cosine > _GRAZING_COSINE, np.maximum(cosine, _GRAZING_COSINE)
 

@@ -175,7 +175,7 @@ class _Recordings:
         return _Recordings(checked_files({kind: Path(path) for kind, path in files.items()}), sample_type)
 
     def recorders(self, prepared: Prepared) -> AbstractContextManager[Sequence[Recorder]]:
-        """Return what yields the recorders of a survey."""
+        """Return a context manager that yields the recorders of a survey."""
         if not self.files:
             return nullcontext(())
         from sionna_radar.survey.recordings.recorder import recorders
@@ -280,7 +280,7 @@ def _louder(prepared: Prepared) -> str:
 def _warnings(
     prepared: Prepared, recording: Recording, points: Points, lit: DemError, estimate: Estimate
 ) -> tuple[str, ...]:
-    """Return what degrades a survey's result, and log what was not said while it was prepared."""
+    """Return the warnings about a survey's result, and log those not logged during preparation."""
     warnings = prepared.flown.warnings + warnings_of(
         len(recording.echoes),
         recording.rain_echoes,

@@ -1,9 +1,8 @@
-"""Whether a survey can be flown: the checks that need the terrain and the flight.
+"""Checks of a survey that need the terrain and the flight, and the bounds on its pulses, samples and paths.
 
-What a survey takes in pulses, samples and paths, estimated before any of it is spent.
-
-The bounds keep every array of a block of pulses, and every table that grows with the survey, within a few gigabytes.
-What only the finished scene shows is bounded where it is built: cells of terrain and DEM, scatterers.
+What a survey takes is estimated before any of it is spent. The bounds keep every array of a block of pulses, and every
+table that grows with the survey, within a few gigabytes. What only the finished scene shows is bounded where it is
+built: cells of terrain and DEM, scatterers.
 """
 
 import math
@@ -191,7 +190,7 @@ def check_geometry(hits: BoresightHits, built: BuiltScene, chirp: Chirp) -> None
 
 
 def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> list[Problem]:
-    """Return what is wrong with a flight that leads through [[vegetation]]."""
+    """Return the problem of a flight that leads through [[vegetation]], if it does."""
     if built.scene.vegetation is None:
         return []
     under_m = built.scene.vegetation.tops_m(origin_m[:, :2]) - origin_m[:, 2]
@@ -209,7 +208,7 @@ def _among_plants(origin_m: Float[np.ndarray, "look 3"], built: BuiltScene) -> l
 def _over_hole(
     hits: BoresightHits, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " look"]:
-    """Return which beams would meet the lowest ground inside the terrain's outline: they fall through a hole."""
+    """Return a mask of beams through a hole: they would meet the lowest ground inside the terrain's outline."""
     down = np.minimum(hits.direction[:, 2], -1e-6)
     reach = (low[2] - hits.origin_m[:, 2]) / down
     foot = hits.origin_m[:, :2] + reach[:, None] * hits.direction[:, :2]

@@ -1,6 +1,6 @@
-"""Everything a survey needs before its first pulse.
+"""Preparation of a survey: everything it needs before its first pulse.
 
-Ground that a caller gives in place of a scenario's: heights as they are, a file, or what builds it.
+A caller may give ground in place of a scenario's: heights as they are, a file, or what builds it.
 """
 
 from collections.abc import Callable, Mapping
@@ -151,7 +151,7 @@ class CustomParts:
                 raise PluginError(message)
 
     def described(self) -> dict[str, str]:
-        """Return what is flown in place of parts of the scenario, in words, by their keys in it."""
+        """Return descriptions of the custom parts, by the keys of the scenario that they replace."""
         return described(
             antenna=self.antenna,
             parts={
@@ -224,7 +224,7 @@ class Prepared(Brief):
         return self.flight.pulses(index).measured
 
     def engine_inputs(self) -> EngineInputs:
-        """Return what tracing engines are built from."""
+        """Return the inputs of tracing engines."""
         sampled = self.flight.sample(SAMPLED_PULSES)
         return EngineInputs(
             tracing=self.local.tracing,
@@ -239,7 +239,7 @@ class Prepared(Brief):
         )
 
     def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
-        """Return what sensors are built from."""
+        """Return the inputs of sensors."""
         return SensorInputs(
             engine=self.engine_inputs(),
             receiver=self.receiver,
@@ -452,7 +452,7 @@ def region_in_reach_m(sampled: Pulses, chirp: Chirp) -> Float[np.ndarray, "2 3"]
 
 
 def sampled_beams(pulses: Pulses, built: BuiltScene) -> SampledBeams:
-    """Return how pulses spread over a survey look at its scene."""
+    """Return the beams of pulses: poses, and boresight ranges to the scene, m."""
     pose = pulses.true
     return SampledBeams(
         position_m=pose.position_m,

@@ -1,6 +1,6 @@
-"""Flying a prepared survey: what its sensor observes, block by block, and where that is placed.
+"""Flying a prepared survey: the echoes that its sensor observes, block by block, and their positions.
 
-What a sensor observed over a stretch of the flight, and its bytes, by which an interrupted survey goes on.
+The observations over a stretch of the flight are packed as bytes, from which an interrupted survey goes on.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,7 +40,7 @@ class Stretch:
 
     @staticmethod
     def joined(stretches: Sequence["Stretch"]) -> "Stretch":
-        """Return what was observed over some stretches in order."""
+        """Return the concatenation of stretches in order."""
         profiles = [one.profiles for one in stretches if one.profiles is not None]
         return Stretch(
             echoes=Echoes.concatenate([one.echoes for one in stretches]),
@@ -70,7 +70,7 @@ class FinishedStretch:
 
 
 def stretch_of(columns: dict[str, Any]) -> Stretch:
-    """Return what was packed as `seen`."""
+    """Return the stretch that was packed as `seen`."""
     profiles, of_profiles = None, f"seen{OF}profiles"
     if f"{of_profiles}{OF}pulse" in columns:
         inner = f"{of_profiles}{OF}volume"
@@ -266,7 +266,7 @@ def key_of(stretch: Sequence[tuple[int, int]]) -> str:
 
 @on_one_thread
 def fly_stretch(prepared: Prepared, sensor: Sensor, stretch: Sequence[tuple[int, int]]) -> FinishedStretch:
-    """Return what a sensor observes over some blocks of a survey, and the true hits over them."""
+    """Return the observations of a sensor over some blocks of a survey, and the true hits over them."""
     tally = Tally(prepared.truth(), prepared.receiver.chirp)
     flying = _Flying(prepared, sensor, tally, Stopwatch(), ())
     blocks = (prepared.flight.pulses(np.arange(*block)) for block in stretch)
@@ -285,7 +285,7 @@ class _Flying:
     recorders: Sequence[Recorder]
 
     def counted(self, block: ObservedBlock) -> Stretch:
-        """Return what is kept of a block."""
+        """Return the echoes, profiles and counts of a block, after tallying and recording it."""
         pulses, seen = block.pulses, block.observation
         lost = 0
         with self.watch("map"):

@@ -3,7 +3,7 @@
 Errors of navigation change nothing that is traced: the echoes are recorded once, and only their Doppler
 correction, their location, the DEM and its comparison are done anew.
 
-A map whose tiles are kept as they are finished, and made by workers if there are any.
+The tiles of a map are kept as they are finished, and made by workers if there are any.
 """
 
 from collections.abc import Iterator
@@ -138,7 +138,7 @@ def map_with(
 
 
 def _kept_in(parts: KeptParts) -> EachPiece:
-    """Return what has pieces made by this process, and keeps them."""
+    """Return an iterator function that makes the pieces in this process and stores them."""
 
     def each(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
         def made(number: int, step: Step) -> Piece | None:
@@ -157,7 +157,7 @@ def _kept_in(parts: KeptParts) -> EachPiece:
 def _made_by(
     workers: Workers, prepared: Prepared, recording: Recording, parts: KeptParts | None, alone: EachPiece
 ) -> EachPiece:
-    """Return what has pieces made by workers; a single one by this process, `alone`, with all of its cores."""
+    """Return an iterator function that makes the pieces on workers; a single one here, by `alone`, on all cores."""
 
     def each(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
         if count < 2:

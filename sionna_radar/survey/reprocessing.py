@@ -134,7 +134,7 @@ class _Task:
         return dem.max_gap_m or (max(2 * dem.spacing_m, flight.beam_spacing_m) if flight else None)
 
     def mapper(self, extent_m: Extent, gap_m: float) -> Mapper:
-        """Return what maps the ground of an extent."""
+        """Return the mapper of an extent of ground."""
         settings, place = self.settings, self.file.georeference
         return build_mapper(
             settings.dem,

@@ -1,7 +1,4 @@
-"""What a survey returns.
-
-What processing made of recorded beat signals.
-"""
+"""Results of a survey, and of the processing of recorded beat signals."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

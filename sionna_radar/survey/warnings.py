@@ -37,7 +37,7 @@ FOLDED_SHARE_WARNED = 0.01
 
 
 def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
-    """Return what was flown in place of parts of a scenario, in words, by the keys of those parts."""
+    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
     words = {}
     if antenna is not None:
         azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
@@ -63,7 +63,7 @@ def warnings_of(
     stepped_behind_volume: bool = False,
     louder: str = "radar.snr_db or radar.transmit_power_dbm",
 ) -> tuple[str, ...]:
-    """Return what degrades a result: no echo at all, or rain (snow, dust) in front of the ground.
+    """Return the warnings about a result: no echo at all, or rain (snow, dust) in front of the ground.
 
     rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
     falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
@@ -104,7 +104,7 @@ def warnings_of(
 def map_warnings(
     points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
 ) -> tuple[str, ...]:
-    """Return what is said of a map that is none: of a line, empty, or of few of the cells that were to be mapped.
+    """Return the warnings about a map on a line, an empty one, or one with few of its cells filled.
 
     pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
     spacing_m: of its cells. louder: keys that raise echoes.
@@ -187,7 +187,7 @@ def warn_of_folded(
 
 
 def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
-    """Return what a DEM method that models the beam takes the beams of an electronic scan for, if there are any."""
+    """Return the warning about a DEM method that models every beam of an electronic scan as broadside."""
     if not beams or profiles == "unused":
         return ()
     return (
@@ -197,7 +197,7 @@ def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
 
 
 def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int) -> tuple[str, ...]:
-    """Return what one second receiver takes for height where range cells are not across its axis.
+    """Return the warnings about range cells that are not across the axis of a single second receiver.
 
     sampled: measured poses of pulses spread over the survey; points: how many were found.
     """
@@ -226,7 +226,7 @@ def direction_warnings(angle: AngleEstimator | None, sampled: Pose, points: int)
 
 
 def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: str) -> tuple[str, ...]:
-    """Return what is said of a map without steps over ground with objects."""
+    """Return the warning about a map without steps over ground with objects."""
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
     if count <= UNEXPLAINED_SHARE_WARNED * echoes:
         return ()
@@ -238,7 +238,7 @@ def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: s
 
 
 def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> tuple[str, ...]:
-    """Return what is said of a second receiver that nothing uses."""
+    """Return the warning about a second receiver that nothing uses."""
     if angle != "off" or second_receiver is None:
         return ()
     fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
@@ -248,7 +248,7 @@ def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | No
 def burst_warnings(
     chirps: int, turn_rad: Float[np.ndarray, " pulse"], beamwidths_rad: tuple[float, float]
 ) -> tuple[str, ...]:
-    """Return what is said of beams that turn on while the chirps of a pulse are averaged.
+    """Return the warning about beams that turn while the chirps of a pulse are averaged.
 
     chirps: of a pulse; turn_rad: by which the beam turns from its first chirp to its last.
     """
@@ -265,7 +265,7 @@ def burst_warnings(
 
 
 def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> tuple[str, ...]:
-    """Return what a lidar looks through: those tables of a scenario that it does not know and that hold anything."""
+    """Return the warning about tables of a scenario that a lidar does not model, if they hold anything."""
     names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
     if sensor != "lidar" or not names:
         return ()
@@ -275,7 +275,7 @@ def sight_warnings(sensor: str, unseen: Mapping[str, object]) -> tuple[str, ...]
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> tuple[str, ...]:
-    """Return what is said of pulses that exceed the full scale of the receiver's converter.
+    """Return the warning about pulses that exceed the full scale of the receiver's converter.
 
     headroom_db: of its gain control; None for a fixed gain.
     """

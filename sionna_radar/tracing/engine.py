@@ -1,6 +1,6 @@
 """The interface of tracing engines, their inputs, and their registration under a name.
 
-Beams of pulses spread over a survey: how it looks at the scene, known before it flies.
+Among the inputs are beams of pulses spread over the survey, known before the flight.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
-"""Everything that a radar sees of a scene: surfaces by an engine, plants, mirrors, point targets, and the weather.
+"""The tracer of a radar: surfaces by an engine, plants, mirrors, point targets and the weather.
 
-Tracing with an array whose beam is steered from pulse to pulse.
+A steered tracer is that of an array whose beam is steered from pulse to pulse.
 """
 
 import math

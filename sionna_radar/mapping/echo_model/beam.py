@@ -1,6 +1,6 @@
-"""The beam as used in mapping: directions in the main lobe, and the share of the echo's power between them.
+"""The beam model of mapping: nodes and samples of the main lobe, and the share of the echo's power between nodes.
 
-Samples of the main lobe, even but on no lattice, so that few of them cross an edge at once.
+The samples are even but on no lattice, so that few of them cross an edge at once.
 """
 
 from dataclasses import dataclass

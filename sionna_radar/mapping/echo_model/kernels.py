@@ -149,7 +149,7 @@ def _volume(power, share, before, cell, near, lattice, first, half, cell_m, resp
 @compiled
 @no_type_check
 def _jacobian(onto, low, high, response, scale, row, result):
-    """Write how the power of one cell changes with the heights under the nodes: moved power, spread by the window."""
+    """Write the derivative of one cell's power by the heights under the nodes: moved power, spread by the window."""
     half = len(response) // 2
     pad = half + BEYOND
     for node in range(len(result)):
@@ -199,7 +199,7 @@ def _in_front(pulse, data, clutter, geometry, scale, antenna, samples):
 @compiled
 @no_type_check
 def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian, own):
-    """Write how log powers change with the heights under the nodes, in the cells that count, and how the level does.
+    """Write the derivatives of log powers by the heights under the nodes, in the cells that count, and of the level.
 
     Returns the number of cells that count; 0 for too few.
     """
@@ -351,7 +351,7 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
 @compiled
 @no_type_check
 def _gain_of_cells(power, echo, looks, gain):
-    """Write what the likelihood gains by more power in each cell, less what the echo's level explains of it.
+    """Write the derivative of the log-likelihood by the power of each cell, with the echo's level projected out.
 
     Returns the number of cells that count.
     """

@@ -1,4 +1,4 @@
-"""The echoes predicted for a surface, and their derivatives with respect to its heights.
+"""The forward model of echoes: profiles predicted for a surface, their derivatives by its heights, and mean ranges.
 
 A forward model for mapping, from measured poses and the known antenna only. Rays along the nodes of the beam
 meet the surface; between the nodes 1/range is linear in the direction cosines, exactly so on a plane. Each sample of
@@ -13,7 +13,7 @@ score w (P / mu - 1) unbiased, as it does not depend on P.
 Behind a volume such as rain, mu includes the volume's power, as far as the beam is in the air: a sample ends it at its
 own range, shifted by the motion of the volume. So the end of the rain informs the surface as the ground's echo does.
 
-The mean range of each whole echo, with which mapping begins.
+Mapping begins with the mean range of each whole echo (`MeanRanges`).
 """
 
 from dataclasses import dataclass, replace
@@ -74,7 +74,7 @@ class Sightings:
         return FOLLOWED * self.reach_m
 
     def repeated(self, range_m: Float[np.ndarray, " pulse"]) -> Float[np.ndarray, " pulse"]:
-        """Return over how many pulses the speckle of each repeats, given the ranges on the axis."""
+        """Return the number of pulses over which the speckle of each repeats, given the ranges on the axis."""
         return speckle_reach(self.profiles.pulse, self.pose.rows, range_m, self.beam, self.chirp, self.memory)
 
     def direction(self) -> Float[np.ndarray, "pulse node 3"]:
@@ -82,7 +82,7 @@ class Sightings:
         return np.einsum("pij,kj->pki", self.pose.R_world_antenna, self.beam.direction)
 
     def shift_m(self, direction: Float[np.ndarray, "pulse n 3"]) -> Float[np.ndarray, "pulse n"]:
-        """Return by how much motion shifts ranges along directions."""
+        """Return the Doppler range shift along directions, m."""
         rate = -np.einsum("pi,pni->pn", self.pose.velocity_mps, direction)
         return self.doppler * self.chirp.doppler_range_m(rate.ravel()).reshape(rate.shape)
 
@@ -121,7 +121,7 @@ class Linearised:
     weight: Float[np.ndarray, " row"]
 
     def rows_of(self, pulse: int) -> slice:
-        """Return which rows are those of a pulse."""
+        """Return the rows of a pulse."""
         return slice(int(self.first[pulse]), int(self.last[pulse]))
 
 
@@ -249,7 +249,7 @@ class EchoModel:
         return data, geometry, (beam.share, beam.lattice, spline_taps(self._sightings.response))
 
     def _rooms(self) -> Int[np.ndarray, " edge"]:
-        """Return where there is room for the cells that the beam can light in each pulse, and the end of it."""
+        """Return the first cell of each pulse, with room for all that the beam can illuminate, and the total."""
         profiles = self._sightings.profiles
         cells = np.diff(profiles.start)
         if profiles.volume is None:

@@ -107,7 +107,7 @@ def centroids(low, high, range_m, shift, share, lattice, cell_m, reach, mean):
 @compiled
 @no_type_check
 def spread_power(power, cell, first, cells, pad, hit):
-    """Write what power of samples falls on the cells around each; return the first and the last cell that power leaves.
+    """Write the power of samples on the cells around each; return the first and the last cell that power leaves.
 
     Each sample is spread as a cubic B-spline is, whose growth is a quadratic one less the same a cell beyond: so the
     likelihood of an echo has no kinks where samples pass from cell to cell, and its maximum can be found.
@@ -134,7 +134,7 @@ def spread_power(power, cell, first, cells, pad, hit):
 @compiled
 @no_type_check
 def moved_power(moved, cell, lattice, first, cells, pad, nearest, farthest, onto):
-    """Write how much power raised nodes move up from each cell to the next, in the cells from nearest to farthest.
+    """Write the power that raised nodes move up from each cell to the next, in the cells from nearest to farthest.
 
     moved: of each sample, by its own 1 / range, in cells.
     """
@@ -166,7 +166,7 @@ def moved_power(moved, cell, lattice, first, cells, pad, nearest, farthest, onto
 @compiled
 @no_type_check
 def pull_of_cells(gained, moved, cell, lattice, first, cells, pad, pull):
-    """Write what raising each node gains, by what is gained by power that moves up from a cell: see `moved_power`."""
+    """Write the gain of raising each node, from the gain of power that moves up from a cell: see `moved_power`."""
     low_u, part_u, low_v, part_v = lattice
     nodes, along = low_v[-1] + 2, len(low_v)
     own = np.empty(nodes)

@@ -66,7 +66,7 @@ STILL = SpeckleMemory()
 
 
 def speckle_memory(scenario: Scenario) -> SpeckleMemory:
-    """Return how long the ground of a scenario keeps its speckle: that of its material where there are several."""
+    """Return the speckle decorrelation of a scenario's ground; of several materials, that of `terrain.material`."""
     table = scenario.tracing
     if table.speckle == "per_pulse":
         return SpeckleMemory(decorrelation_s=0.0)
@@ -88,7 +88,7 @@ def speckle_reach(
     chirp: Chirp,
     memory: SpeckleMemory,
 ) -> Float[np.ndarray, " pulse"]:
-    """Return over how many pulses the speckle of each repeats; 0 where it does not.
+    """Return the number of pulses over which the speckle of each repeats; 0 where it does not.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def speckle_reach(
 
 
 def repeats(reach: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return by how much repeated speckle raises the variance of a mean over many pulses: the sum of correlations."""
+    """Return the factor by which correlated speckle raises the variance of a mean: the sum of correlations."""
     lags = np.arange(1, int(np.ceil(4 * LONG_REACH)) + 1)
     short = 1 + 2 * np.exp(-((lags / np.clip(reach, 1e-6, LONG_REACH)[:, None]) ** 2)).sum(axis=1)
     # Over many pulses the sum is the integral, to all digits.
@@ -141,7 +141,7 @@ def _features(
     chirp: Chirp,
     row: Int[np.ndarray, " row"],
 ) -> Float[np.ndarray, "row feature"]:
-    """Return what the correlation of pulses with the next depends on: motion and turn in the antenna's frame."""
+    """Return the predictors of the correlation with the next pulse: motion and turn in the antenna's frame."""
     after = np.minimum(np.append(row, row[-1] + 1), len(pulse) - 1)
     both = pose_of(after)
     pose, ahead = both.rows(slice(0, -1)), both.boresight[1:]
@@ -194,7 +194,7 @@ def _overlap(
     later: Float[np.ndarray, " n"],
     chirp: Chirp,
 ) -> float:
-    """Return how far the errors of two pulses' mean ranges are correlated, from the fields in common directions.
+    """Return the correlation of the errors of two pulses' mean ranges, from the fields in common directions.
 
     A range cell contributes by its distance from the mean range of each pulse: where a turning beam climbs in range,
     what pulls one echo farther pulls the next one nearer.
@@ -211,7 +211,7 @@ def _overlap(
 
 
 def _from_mean(power: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-    """Return how far each cell is from their mean, weighted with their power."""
+    """Return the offset of each cell from the power-weighted mean cell."""
     cell = np.arange(len(power))
     distance: Float[np.ndarray, " cell"] = cell - power @ cell / max(power.sum(), 1e-300)
     return distance

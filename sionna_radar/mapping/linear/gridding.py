@@ -1,4 +1,4 @@
-"""From points to a DEM: linear interpolation in their Delaunay triangles, empty where nothing was seen.
+"""Gridding of points to a DEM: linear interpolation in Delaunay triangles, window by window, empty where unseen.
 
 Left empty are cells farther than `max_gap_m` from every point, cells in triangles with a side longer than a few such
 gaps (they close the bays of the outline, where nothing was seen), and cells in triangles across a radar shadow.
@@ -6,9 +6,8 @@ Such a triangle extends from an occluding edge to the ground behind it, parallel
 edge: seen from the radar it is edge-on. Left empty too are cells in triangles between the foot and the top of a wall
 (`walls`).
 
-A grid cut into windows that hold few points each, so that maps of long surveys take no more memory than short ones.
-
-A window depends on the grid and the points alone, never on who works on it.
+The grid is cut into windows that hold few points each, so that maps of long surveys take no more memory than short
+ones. A window depends on the grid and the points alone, not on the process that works on it.
 """
 
 from collections.abc import Iterator
@@ -46,7 +45,7 @@ class Window:
         return np.array([self.grid.x_m[self.columns.stop - 1], self.grid.y_m[self.rows.stop - 1]])
 
     def around(self, place_m: Float[np.ndarray, "n 2"], reach_m: float) -> Bool[np.ndarray, " n"]:
-        """Return which places are no farther than that from its cells, along each axis."""
+        """Return whether places are within `reach_m` of its cells along each axis."""
         return np.all((place_m >= self.low_m - reach_m) & (place_m <= self.high_m + reach_m), axis=1)
 
 

@@ -1,4 +1,4 @@
-"""How well a linear interpolation between points is known.
+"""The DEM method "linear": linear interpolation between points, and its uncertainty.
 
 The error of a weighted mean of measured heights, as an estimate of the height z at a place, has under a Gaussian
 terrain the variance
@@ -10,8 +10,6 @@ same; over three of them that is worked out, not taken as in a mean of many. The
 footprints, so that what a wide beam smooths away counts; what a range estimator reads wrong on a slope does not. The
 distances are short, so that the covariance of one part of the map serves all of it, but for the local amplitude of
 short waves.
-
-The DEM method "linear": linear interpolation between the points.
 """
 
 from dataclasses import dataclass
@@ -65,7 +63,7 @@ class LinearUncertainty:
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)
 
     def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
-        """Return how far the points around cells are from these, and each from the next."""
+        """Return the distances from cells to the corners of their triangles, and the triangles' side lengths, m."""
         corner = self.heights.place_m[self.interpolated.corner[part]]
         cell = self._cells_m(grid, part)
         apart = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
@@ -101,7 +99,7 @@ class LinearUncertainty:
         return np.column_stack([grid.x_m[column], grid.y_m[row]])
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:
-        """Return NaN: how far the errors of neighbouring triangles are alike is not worked out."""
+        """Return NaN: the correlation of the errors of neighbouring triangles is not modelled."""
         return float("nan")
 
 

@@ -46,12 +46,12 @@ from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, TileUncer
 
 
 def refinement_steps(grid: Grid) -> int:
-    """Return how many steps `refine` takes over a grid."""
+    """Return the number of steps `refine` takes over a grid."""
     return REFINING.steps * tile_count(grid)
 
 
 def smoothing_steps(grid: Grid) -> int:
-    """Return how many steps `smooth_echoes` takes over a grid."""
+    """Return the number of steps `smooth_echoes` takes over a grid."""
     return SMOOTHING.steps * tile_count(grid)
 
 

@@ -1,16 +1,15 @@
-"""The most probable surface given whole echoes, by Fisher scoring from one near it.
+"""The most probable surface given whole echoes: Fisher scoring from one near it, with Anderson mixing.
 
 Each step needs the score of all echoes on the surface reached, and solves for the step with the expected curvature of
 the likelihood. The score decides where the iteration ends, and is exact. The curvature only says by which way: it is
 computed on the first two surfaces alone, from some of the range cells of each pulse, and the system is solved on a
 coarser grid where the terrain is so smooth that shorter waves are nothing that an echo could tell.
 
-Iterations brought to rest: Anderson's mixing of the last steps.
-
-Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at the end of a swath, the
-real curvature is several times the expected one or a fraction of it, and plain steps swing about the maximum or creep.
-The last steps tell by how much: of all mixtures of them the one is taken whose step, were steps linear in where they
-begin, would be the shortest (Anderson 1965; Walker and Ni 2011, "Anderson acceleration for fixed-point iterations").
+The iteration is brought to convergence by Anderson mixing of its last steps. Fisher scoring steps by the expected
+curvature of the likelihood. Where few echoes decide, as at the end of a swath, the real curvature is several times the
+expected one or a fraction of it, and plain steps oscillate about the maximum or creep. Of all mixtures of the last
+steps the one is taken whose step would be the shortest if steps were linear in their starting point (Anderson 1965;
+Walker and Ni 2011, "Anderson acceleration for fixed-point iterations").
 """
 
 from dataclasses import replace
@@ -38,7 +37,7 @@ class Mixing:
         self._past: list[tuple[Vector, Vector, Float[np.ndarray, " seen"]]] = []
 
     def next(self, place: Vector, step: Vector, seen: Float[np.ndarray, " seen"]) -> Vector:
-        """Return where to go on from a place.
+        """Return the next iterate from a place, by Anderson mixing of the last steps.
 
         step, seen: the step proposed there, and what it changes, by which its length is measured.
         """

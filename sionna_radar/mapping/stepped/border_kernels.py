@@ -207,7 +207,7 @@ def crossed(columns, views, beyond_m, into, pulse_of, low, high):
 @compiled
 @no_type_check
 def landing(views, echoes, pulse, sample, meets, what):
-    """Return where a ray falls in a profile: the first of two range cells, the share of the second, and a factor.
+    """Return the first of the two range cells that a ray falls into, the share of the second, and a power factor.
 
     The cell is NOTHING outside the profile; the factor is that by which power falls with the range. Share and factor
     are in single precision, as they are kept: what is taken away is what was added.
@@ -304,7 +304,7 @@ def recast(
 @compiled
 @no_type_check
 def gained(columns, views, echoes, level, farthest, row, column, height, slope_x, slope_y, part, pulses, keep):
-    """Return by how much likelier the profiles are if a cell were another; write its rays if it is to `keep`."""
+    """Return the log-likelihood gain of replacing a cell; with `keep`, store its rays and predictions."""
     pad = 2 * (len(echoes.response) // 2) + 1
     half = len(echoes.response) // 2
     met, what = np.empty(len(views.share)), np.empty(len(views.share), dtype=views.what.dtype)

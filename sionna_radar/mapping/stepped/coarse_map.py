@@ -4,11 +4,10 @@ The evidence of all echoes for and against every height of every cell (`evidence
 with it and with each other, give a map that may have jumps. What this map shows in plain view is then
 known not to be occluded, and the map is computed once more.
 
-One height for every cell of a map, out of a few levels: smooth where possible, broken where necessary.
-
-Semi-global matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI
-30, 328-341): along each of eight directions dynamic programming finds the cost of the best path of heights that ends
-at each level of each cell, with one penalty for a change by one level and one for any jump; the eight costs are added.
+Every cell gets one height out of a few levels, smooth where possible and broken where necessary, by semi-global
+matching (Hirschmueller 2008, "Stereo Processing by Semiglobal Matching and Mutual Information", IEEE PAMI 30, 328-341):
+along each of eight directions dynamic programming finds the cost of the best path of heights that ends at each level of
+each cell, with one penalty for a change by one level and one for any jump; the eight costs are added.
 """
 
 from collections.abc import Iterator
@@ -185,7 +184,7 @@ def _levels(
 
 
 def _looking_at(sightings: Sightings, grid: Grid, low_m: float, high_m: float) -> Bool[np.ndarray, " pulse"]:
-    """Return which pulses' axes come near the cells of a grid between two heights."""
+    """Return whether the beam axis of each pulse passes near a grid at either of two heights."""
     position, axis = sightings.pose.position_m, sightings.pose.boresight
     near = np.zeros(len(sightings), dtype=bool)
     for height_m in (low_m, high_m):

@@ -4,10 +4,10 @@ A patch of ground of reflectivity g, seen with the two-way gain w of a pulse, co
 m = n + g w to its range cell, n being the receiver noise; the power P there is exponential about the
 mean of everything in the cell.
 
-** Against: P far below m. The log-likelihood of m relative to the best mean is log(P / m) - P / m + 1, at most 0.
+* Against: P far below m. The log-likelihood of m relative to the best mean is log(P / m) - P / m + 1, at most 0.
   It does not count where something nearer in the same pulse is bright enough to occlude the patch, unless a map
   already shows the patch in plain view.
-** For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
+* For: P as expected of the patch. Compared with the alternative that P comes from elsewhere and is anything between
   the noise and the strongest power (uniform in its logarithm, over K nepers), the gain is
   log(P / m) - P / m + log K, where that is positive. Power leaked by the window from a neighbour does not count.
 

@@ -1,6 +1,4 @@
-"""Planes through the parts of a map with steps: roofs, and level ground.
-
-Planes through parts that fill the beam no more than partly: roofs, seen across their edges.
+"""Planes through the parts of a map with steps: level ground, and roofs, which may fill the beam only partly.
 
 Located echoes lie on the axes of their beams. A roof that ends within the beam sends its echo from what it fills of it:
 at the far edge that is nearer than the axis would meet the roof, and on the axis so short a range is too high. So once
@@ -135,7 +133,7 @@ def plane_of_points(
 
 
 def _off_axis_m(points: Points, beam_rad: float) -> float:
-    """Return by how much the heights of echoes are wrong that are not on the axis."""
+    """Return the height error, m, of echoes `beam_rad` off the axis, at the median ground range."""
     away = points.origin_m - points.position_m
     return beam_rad * float(np.median(np.hypot(away[:, 0], away[:, 1])))
 
@@ -247,7 +245,7 @@ class FilledBeams:
         return found
 
     def _heights(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Heights:
-        """Return what the echoes say about a plane, as heights in the middle of what it fills of each beam."""
+        """Return the heights that echoes measure on a plane, at the power-weighted centre of its part of each beam."""
         (height, east, north), (x, y) = plane.coefficients, plane.middle_m
         near = self._near(grid, plane, step_m)
         points, pose = self.points.rows(near), self.sightings.pose.rows(self._row[near])
@@ -256,7 +254,7 @@ class FilledBeams:
         origin = pose.position_m
 
         def falls(direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
-            """Return by how much nearer the plane a ray comes per range; rays that rise over it come no nearer."""
+            """Return the decrease of the height over the plane per unit range along rays, at least `LEAST_FALL`."""
             toward = east * direction[..., 0] + north * direction[..., 1] - direction[..., 2]
             return np.asarray(np.maximum(toward, LEAST_FALL))
 

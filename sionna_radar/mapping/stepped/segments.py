@@ -53,7 +53,7 @@ def raised_cells(
 
 
 def to_border_m(part: Int[np.ndarray, "row column"], spacing_m: float) -> Float[np.ndarray, "row column"]:
-    """Return how far each cell is from the border of its part; infinite where there is but one."""
+    """Return the distance of each cell from the border of its part, m; infinite if there is only one part."""
     border = np.zeros(part.shape, dtype=bool)
     along, across = part[:, 1:] != part[:, :-1], part[1:] != part[:-1]
     border[:, 1:] |= along

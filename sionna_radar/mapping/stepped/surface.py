@@ -1,4 +1,4 @@
-"""A DEM of ground with steps: walls stay steep, and each level between them is mapped separately.
+"""The DEM method "stepped": walls stay steep, and each level between them is mapped separately.
 
 1. A coarse map by the evidence of all echoes may have jumps (`coarse_map`). It is split into parts where neighbours
    differ by more than a step (`segments`).
@@ -9,12 +9,9 @@
    pulse really saw, or that may as well be of the other side, as where a wall crosses them, are left empty; so are
    those whose nearest echo is a step away, unless the profiles clearly say otherwise.
 
-How well a map with steps is known: within its parts, and beside their borders.
-
-A cell beside a border belongs to the other side with a chance p that falls with the margin by which its part is
-likelier than the next. Then it is wrong by the whole step: the variance of the cell rises by step^2 p (1 - p).
-
-The DEM method "stepped": a surface that may break at walls.
+The uncertainty of the map is larger beside the borders of its parts than within. A cell beside a border belongs to the
+other side with a chance p that falls with the margin by which its part is likelier than the next. Then it is wrong by
+the whole step: the variance of the cell rises by step^2 p (1 - p).
 """
 
 from dataclasses import dataclass

@@ -9,9 +9,8 @@ squares of their lengths, and a Gaussian smoothed with Gaussian footprints is ag
 pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
 fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
 
-A covariance of heights by linear interpolation in a table, dense near zero: all that is asked of it by thousands.
-
-The table is linear in the square root of the distance, so that an entry is found without a search.
+Covariances of many pairs of heights are interpolated linearly in a table that is dense near zero. Its entries are
+equally spaced in the square root of the distance, so that one is found without a search.
 """
 
 from collections.abc import Sequence
@@ -447,7 +446,7 @@ def fill(value, entry, share, noise, factor, jitter, total):
 @compiled
 @no_type_check
 def sensitivity(inverse, solved, entry, share, noise, by_entry):
-    """Write by how much the loss grows with each entry of the table, and return by how much with the noise's factor.
+    """Write the derivative of the loss by each entry of the table, and return that by the noise's factor.
 
     inverse: of the measured heights' covariance, its lower triangle; solved: times the heights. The loss grows with
     the covariance by half of (inverse - solved solved^T).

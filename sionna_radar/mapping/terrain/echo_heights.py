@@ -89,7 +89,7 @@ def echo_surface(
 def heights_over(
     surface: Heightfield, sightings: Sightings, echoes: MeanRanges, reach: Float[np.ndarray, " pulse"]
 ) -> tuple[Heights, Bool[np.ndarray, " pulse"]]:
-    """Return what the echoes say about a surface, as heights, and which of them fit it.
+    """Return the mean heights over the footprints that the echoes measure, and a mask of those that fit a surface.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
-"""Scattered heights as mapping takes them: means over footprints, with noise that neighbouring pulses share.
+"""Scattered heights for mapping: means over footprints, with noise that neighbouring pulses share.
 
-Where a beam looks on the ground: the Gaussian footprint of an echo.
-
-How each point was looked at: its footprint on the ground, and how long its speckle stays.
+The footprint of an echo on the ground is Gaussian. Each point has its footprint, and the number of pulses over which
+its speckle repeats (`Looks`).
 """
 
 from collections.abc import Callable
@@ -83,7 +82,7 @@ class Heights(Columns):
         return factor * sigma[one] * sigma[other] * shared
 
     def above(self, trend: Float[np.ndarray, "3"]) -> Measured:
-        """Return what a covariance is learned from: the heights above a trend."""
+        """Return the heights above a trend plane, the input of a covariance fit."""
         return Measured(
             place_m=self.place_m,
             height_m=self.height_m - trend[0] - self.place_m @ trend[1:],
@@ -163,7 +162,7 @@ def strip_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes
 
 
 def _on_ground(pose: Pose, aside: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse 2"]:
-    """Return where on level ground, at a range of one, small angles aside of the boresight meet it."""
+    """Return small offsets from the boresight at unit range, projected along it onto level ground."""
     ahead = pose.boresight
     down = np.minimum(ahead[:, 2], -SHALLOWEST)
     met: Float[np.ndarray, "pulse 3"] = aside - (aside[:, 2] / down)[:, None] * ahead
@@ -192,7 +191,7 @@ def looks_at(
     chirp: Chirp,
     memory: SpeckleMemory,
 ) -> Looks:
-    """Return how points were looked at.
+    """Return the footprint and speckle reach of each point.
 
     Parameters
     ----------

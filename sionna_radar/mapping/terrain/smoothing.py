@@ -257,7 +257,7 @@ def conjugate_gradients(
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:
-    """Return where the lowest of the Fourier frequencies are among so many rows."""
+    """Return the rows of the `few` lowest Fourier frequencies among `rows`."""
     row = np.arange(few)
     return np.where(row <= few // 2, row, rows - few + row)
 

@@ -181,7 +181,7 @@ class Tiles:
 
 
 def tile_count(grid: Grid) -> int:
-    """Return how many tiles a map has."""
+    """Return the number of tiles of a map."""
     return len(_sides(grid.x_m)) * len(_sides(grid.y_m))
 
 

@@ -1,28 +1,27 @@
 """The uncertainty of a DEM: the standard deviation of each cell, and of means over windows of cells.
 
-The terrains that the echoes allow: covariances of each smoothness, and how probable each is.
+The echoes allow terrains of several covariances, one for each smoothness, with the probability of each. Echoes hardly
+resolve what is smaller than the footprint, and one covariance, however likely, would state it as if it were known. So
+the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al. 1999): for
+each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times the prior.
+That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough ground. The
+exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and surveys that
+it was not chosen on agree (`docs/theory/uncertainty.md`).
 
-What lies below the footprint the echoes hardly tell, and one covariance, however likely, would state it as if it were
-known. So the variance of a height is averaged over the smoothness, as Bayesian model averaging has it (Hoeting et al.
-1999): for each smoothness the likeliest length, variance and noise are taken, and it counts as its likelihood, times
-the prior. That is even in the logarithm of the smoothness but for a factor (1 + smoothness)^-3, which leans to rough
-ground. The exponent is by trial: of 0 to 6, on surveys of four terrains and four beams; 2 and 4 do nearly as well, and
-surveys that it was not chosen on agree (`docs/theory/uncertainty.md`).
+A whole echo has more information about the ground than its mean range: the gain of `refined` over `smooth`. On ground
+that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k), observed
+with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as its
+footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised model,
+whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals really,
+the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave, over many
+echoes: the few that seem to tell most are weighted no better than others. In their place stands the median echo, as
+often as there are echoes: rugged profiles, of footprints with shadows in them, seem to tell a hundred times as much of
+a wave, but tell of many at once, and of waves that no model of cells holds.
 
-How much more a whole echo tells of the ground than its mean range: the gain of `refined` over `smooth`.
-
-On ground that looks alike everywhere, each wave of the terrain is known by itself. Of a wave of the prior power S(k),
-observed with the information I(k) per area, 1 / (1 / S + I) remains (Wiener). The mean range of an echo sees a wave as
-its footprint does; the whole echo sees how the wave moves power between range cells. With rows f of the linearised
-model, whitened as if neighbouring cells were independent but for a factor, and the correlation C of their residuals
-really, the information of the weights that are used is (sum |f e|^2)^2 / sum (f e)^H C (f e), e being the wave, over
-many echoes: the few that seem to tell most are weighted no better than others. In their place stands the median echo,
-as often as there are echoes: rugged profiles, of footprints with shadows in them, seem to tell a hundred times as much
-of a wave, but tell of many at once, and of waves that no model of cells holds.
-
-Long waves are told of as by mean ranges of less noise, which holds beyond the last echoes, too, where the surface goes
-on as they say. What remains of all waves, or of those that a window averages, is the variance on ground that is
-covered evenly: by how much it differs from that of such mean ranges changes the variance of a place.
+At long wavelengths a whole echo carries the information of a mean range with lower noise; this holds beyond the last
+echoes, too, where the surface continues them. What remains of all waves, or of those that a window averages, is the
+variance on ground that is covered evenly: by how much it differs from that of such mean ranges changes the variance of
+a place.
 """
 
 from collections.abc import Callable, Sequence
@@ -135,7 +134,7 @@ class Information:
     by_echoes: Float[np.ndarray, " wave"]
 
     def gain(self, noise_factor: float) -> float:
-        """Return how much more whole echoes tell of the longest waves than mean ranges do; 1 if only these are used."""
+        """Return the information ratio of whole echoes to mean ranges in the longest waves, at least 1."""
         longest = self.wavenumber == self.wavenumber.min()
         told = float(self.by_means[longest].sum()) / noise_factor
         return max(1.0, float(self.by_echoes[longest].sum()) / told)
@@ -185,7 +184,7 @@ class Information:
     def _left(
         self, terrain: FittedCovariance, share: Float[np.ndarray, " wave"], whole: bool
     ) -> Float[np.ndarray, " wave"]:
-        """Return what is left of each wave; share: of its power in the terrain."""
+        """Return the posterior power of each wave; share: factor on its prior power."""
         prior = np.maximum(share * terrain.covariance.power(self.wavenumber), np.finfo(float).tiny)
         told = self.by_means / terrain.noise_factor
         left: Float[np.ndarray, " wave"] = 1 / (1 / prior + (np.maximum(told, self.by_echoes) if whole else told))
@@ -197,7 +196,7 @@ def information_of(
     linearised: Callable[[Int[np.ndarray, " chosen"]], Linearised] | None = None,
     looks_per_cell: float = 1.0,
 ) -> Information:
-    """Return what mean ranges and whole echoes tell of the waves of a terrain.
+    """Return the information of mean ranges and of whole echoes about the waves of a terrain.
 
     Parameters
     ----------
@@ -301,7 +300,7 @@ class TileUncertainty:
         return cls(bounds_m, as_told, told, plausible, outstanding)
 
     def contains(self, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]) -> Bool[np.ndarray, "..."]:
-        """Return which places lie in the tile."""
+        """Return whether places lie in the tile."""
         west, east, south, north = self.bounds_m
         return np.asarray((x >= west) & (x < east) & (y >= south) & (y < north))
 
@@ -314,7 +313,7 @@ class TileUncertainty:
         return np.asarray(np.sqrt(told))
 
     def unexplained_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return how far echoes that the surface does not explain are from it, at places within their footprints."""
+        """Return the largest residual, m, of unexplained echoes whose footprints hold each place; 0 for none."""
         farthest = np.zeros(len(place_m))
         for x, y, radius, apart in () if self.outstanding is None else self.outstanding:
             near = np.hypot(place_m[:, 0] - x, place_m[:, 1] - y) < radius

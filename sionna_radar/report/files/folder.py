@@ -269,7 +269,7 @@ def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int |
 
 
 def costs_json(timing_s: Mapping[str, float], peak_memory_mb: float) -> str:
-    """Return what a run took, the text of `COSTS`."""
+    """Return the text of `COSTS`: run times, s, and peak memory, MB."""
     return strict_json({"timing_s": dict(timing_s), "peak_memory_mb": peak_memory_mb})
 
 
@@ -342,7 +342,7 @@ def _clear_abandoned(directory: Path) -> None:
 
 
 def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
-    """Return what prevents a result in an existing folder, apart from this run's staging folder."""
+    """Return the reason why an existing folder cannot take a result; this run's staging folder is ignored."""
     entries = [path for path in directory.iterdir() if path != own and path.name != PARTS]
     if not entries:
         return ""

@@ -1,6 +1,7 @@
-"""Small pieces of HTML; all text given to them is plain and is escaped here.
+"""HTML of a page: its pieces, and the self-contained document around them.
 
-One self-contained HTML document: style, scripts, numbers and plotly.js inside, and nothing loaded from anywhere.
+All text given to the pieces is plain and is escaped here. The document holds style, scripts, numbers and plotly.js, and
+loads nothing from anywhere.
 
 Plotly rather than pyvista's export: it draws maps and spectra too, and installs 40 MB where VTK installs 564; to write
 one surface of 160 x 200 cells takes pyvista 4.0 s and 2.4 MB, the whole page of `hills` 0.5 s and 3.9 MB. Of the plotly

@@ -1,6 +1,6 @@
-"""What a page draws in three dimensions: relief, solids, beams, echoes and the flight, packed for the browser.
+"""The three-dimensional data of a page: relief, solids, beams, echoes and the flight, packed for the browser.
 
-length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
+    length of the JSON (4 bytes, little-endian) | JSON, padded to 8 bytes | arrays, each at a multiple of 8 bytes
 
 An array stands in the JSON as {"at": offset, "type": "u2", "shape": [...], "step": 0.001, "zero": 12.5}; its values are
 `zero + step * number`, and the largest number stands for NaN. Nothing in base64 can end a script element, so that no
@@ -256,7 +256,7 @@ def standing(surface: Surface, terrain: str) -> bool:
 
 
 def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, float]) -> Solids | None:
-    """Return what stands within a box (west, east, south, north); None for nothing."""
+    """Return the meshes of standing objects within a box (west, east, south, north); None if there are none."""
     vertices, faces, first = [], [], 0
     for surface in (surface for surface in scene.surfaces if standing(surface, terrain)):
         inside = surface.faces[_within(surface, box)]
@@ -378,7 +378,7 @@ def fan_of(antenna: Antenna) -> Fan:
 
 
 def _half_power_rad(antenna: Antenna, around: Float[np.ndarray, " ray"]) -> Float[np.ndarray, " ray"]:
-    """Return how far from the boresight, toward some sides, the gain first falls to half of the peak's."""
+    """Return the angle off the boresight, toward some sides, where the gain first falls to half its peak, rad."""
     # Steps grow with the angle: beams are one degree wide or fifty.
     off = WIDEST_RAD * np.linspace(0.0, 1.0, OUTLINE_STEPS + 1)[1:] ** 3
     gain = antenna.gain(_directions(*(grid.ravel() for grid in np.meshgrid(off, around))))

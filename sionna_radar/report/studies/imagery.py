@@ -165,7 +165,7 @@ def _fill(imagery: Imagery, directory: Path) -> None:
 
 
 def image_summary(imagery: Imagery) -> dict[str, Any]:
-    """Return what was imaged and at what resolution, in strict JSON form.
+    """Return the imaged strip and the image resolutions, in strict JSON form.
 
     Half-power widths in metres: `theory` in the middle of the beam, and for every point target at its position next to
     `measured`, which is None if the target is not isolated, not steady or not bright enough.

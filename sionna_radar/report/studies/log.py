@@ -37,7 +37,7 @@ MOST_SHOWN = 5
 
 
 def log_summary(found: LogInspection) -> dict[str, Any]:
-    """Return what is in a log, in plain tables."""
+    """Return the contents of a flight log, in plain tables."""
     positions, log = found.clean.positions, found.log
     place = positions.place
     height = place[:, 2] + (found.georeference.origin_m[2] if found.georeference else 0.0)

@@ -126,7 +126,7 @@ ROWS_AT_ONCE = 20_000
 
 
 def write_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Write what processing made into a directory, completely or not at all, and return the files.
+    """Write the results of processing into a directory, completely or not at all, and return the files.
 
     Points and rasters have the bytes that the survey itself wrote, where the settings are the same.
 
@@ -226,7 +226,7 @@ def print_processed(processed: Processed) -> None:
 
 
 def processed_table(processed: Processed) -> Table:
-    """Return what was recorded, what was found in it, and how well the DEM fits where the truth is known."""
+    """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors where the truth is known."""
     table = Table(title=f"Recording {processed.source.name}", show_header=False, title_justify="left")
     for name, value in (_recorded(processed) | _mapped(processed)).items():
         table.add_row(name, value)

@@ -131,7 +131,7 @@ def print_frames(frames: Frames) -> None:
 
 
 def targets_table(frames: Frames) -> Table:
-    """Return where the targets of the scenario are, and where peaks were found."""
+    """Return the table of the scenario's targets and of the peaks found: range, m, and range rate, m/s."""
     table = Table(title="Targets in the last frame", title_justify="left")
     for name in ("target", "range\nm", "found\nm", "range rate\nm/s", "found\nm/s"):
         table.add_column(name, justify="right")

@@ -89,7 +89,7 @@ def table_text(rows: Sequence[Row]) -> str:
 
 
 def costs_of(text: str) -> list[dict[str, float]]:
-    """Return what each survey of a `runs.csv` took, in order; raises ValueError or KeyError for another text."""
+    """Return the costs of each survey of a `runs.csv`, in order; raises ValueError or KeyError for another text."""
     rows = csv.DictReader(io.StringIO(text, newline=""))
     return [{name: float(row[name] or "nan") for name in COSTS} for row in rows if row["run_seed"]]
 
@@ -293,7 +293,7 @@ def read_sweep(folder: Path) -> Sweep:
 
 
 def _costs(folder: Path) -> list[dict[str, float]]:
-    """Return what the surveys took, from the table that a user may have left out."""
+    """Return the costs of the surveys from `runs.csv`; empty if the user left that table out."""
     table = folder / RUNS_CSV
     return costs_of(read_text(table, "sweep =", REMEDY)) if table.exists() else []
 

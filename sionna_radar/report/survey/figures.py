@@ -1,11 +1,11 @@
-"""Figures of a survey, for print.
+"""Figures of a survey, for print: its environment, a chirp, and its maps.
 
 Each is a matplotlib figure outside pyplot (`ReportFigure`), which a notebook shows. Maps have equal scales, and map
 coordinates where the world has a place on the map and no local ones are asked for; sizes follow the shape of the
 ground, so that a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind readers, and an empty
 cell is plain grey.
 
-The figure of a survey's environment: the true surface, the flight over it, and where its beam meets the ground.
+The figure of the environment shows the true surface, the flight over it, and where the beam meets the ground.
 """
 
 from collections.abc import Callable
@@ -161,7 +161,7 @@ def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
 
 
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
-    """Return where the beam axes meet the scene; NaN where they do not."""
+    """Return the intersections of the beam axes with the scene, m; NaN where there are none."""
     distance_m = survey.prepared.scene.caster.cast(pose.position_m, pose.boresight).distance_m
     distance_m = np.where(np.isfinite(distance_m), distance_m, np.nan)
     return pose.position_m + distance_m[:, None] * pose.boresight

@@ -1,8 +1,7 @@
-"""The page of a survey, `report.html`: what was flown, how good the map is, and everything to look at, in one file.
+"""The page of a survey, `report.html`: its flight, errors, maps, scene and chirps, in one file.
 
-The errors of a page: their table beside the reference paper's, their distribution, and where they are.
-
-The chirps of a page: pulses spread over the survey, traced once more, and what is found in each.
+Errors are shown as a table beside the reference paper's, as a distribution, and by their place. Chirps are those of
+pulses spread over the survey, traced once more, with what is found in each.
 """
 
 from collections.abc import Sequence
@@ -90,7 +89,7 @@ def errors_section(survey: Survey) -> str:
 
 
 def _stated(survey: Survey) -> str:
-    """Return how the errors compare with the uncertainty that the map states for each cell."""
+    """Return the calibration of the map's stated uncertainty, as HTML; empty without one."""
     check = survey.dem_uncertainty
     if check is None:
         return ""
@@ -115,7 +114,7 @@ def _calibration_row(found: Calibration) -> list[str]:
 
 
 def _where(survey: Survey) -> str:
-    """Return where the errors are: by slope, incidence and distance from walls, and the test with checkpoints."""
+    """Return the errors by slope, incidence and distance from walls, and the checkpoint test, as HTML."""
     found = survey.breakdown
     tables = [
         _class_table("Slope of the truth (deg)", found.by_slope),

@@ -1,8 +1,6 @@
-"""The numbers of a survey, as one JSON document.
+"""The numbers of a survey: one JSON document, the reference paper's values, and a table for the terminal.
 
-What the reference paper reports for flights like this one: Rouveure et al. 2017, Table 3 and Fig. 14.
-
-The table of a survey, for the terminal.
+Flights like those of the reference paper are set beside what it reports: Rouveure et al. 2017, Table 3 and Fig. 14.
 """
 
 from dataclasses import asdict, dataclass
@@ -50,7 +48,7 @@ MEANING = {
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return what was simulated, and how accurate the DEM is: the same for the same scenario and seed.
+    """Return the settings, counts and DEM errors of a survey; the same for the same scenario and seed.
 
     Every value has a strict JSON form: a number that does not exist (the RMS of no cells) is None.
     """
@@ -168,7 +166,7 @@ class Reference:
 
 
 def reference_for(prepared: Prepared) -> Reference:
-    """Return what the paper reports for a survey flown as its examples were."""
+    """Return the errors that the paper reports for a survey flown as its examples were; empty for others."""
     if not _flown_alike(prepared):
         return Reference(rows=(), conditions="")
     scenario = prepared.scenario
@@ -237,7 +235,7 @@ def print_survey(survey: Survey) -> None:
 
 
 def survey_table(survey: Survey) -> Table:
-    """Return what was flown, how well the DEM fits, and how long it took."""
+    """Return the table of a survey: flight, DEM errors and run time."""
     table = Table(title=survey.scenario.description or None, show_header=False, title_justify="left")
     for name, value in (_flown(survey) | _errors(survey) | _notes(survey)).items():
         table.add_row(name, value)

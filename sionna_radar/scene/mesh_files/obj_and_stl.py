@@ -1,9 +1,10 @@
-"""Wavefront meshes. The names of their materials stand in the OBJ file itself, so that its MTL is never opened.
+"""Wavefront OBJ meshes, read here, and stereolithography (STL) meshes, read by trimesh.
 
-Read here and not by trimesh, which loses the names without the MTL and vertices after a tab, counts negative indices
-from the end of the file, and splits concave polygons as fans: `concave_polygon.obj` of assimp of 0.25 m2 becomes 3.2.
+The names of the materials of an OBJ mesh stand in the file itself, so that its MTL is never opened. OBJ is not read by
+trimesh, which loses the names without the MTL and vertices after a tab, counts negative indices from the end of the
+file, and splits concave polygons as fans: `concave_polygon.obj` of assimp of 0.25 m2 becomes 3.2.
 
-Stereolithography meshes, binary and text: read by trimesh, once the file is as long as it claims.
+STL meshes, binary and text, are read by trimesh once the file is as long as it claims.
 """
 
 import io

@@ -1,8 +1,7 @@
-"""What every reader of a mesh file returns, and the bounds all keep.
+"""The parts of a mesh that every reader returns, their bounds, triangulation, and reading by trimesh.
 
-Splitting the polygons of a mesh file into triangles, also concave ones, which trimesh splits as fans.
-
-Triangles of mesh files as trimesh reads them: as they are, with nothing merged, and from the bytes given alone.
+Polygons of a mesh file are split into triangles, also concave ones, which trimesh splits as fans. Trimesh reads
+triangles as they are, with nothing merged, and from the bytes given alone.
 """
 
 import io

@@ -63,7 +63,7 @@ class _Element:
         return np.dtype(columns)
 
     def index(self, *names: str) -> int:
-        """Return which property has one of some names; raises MeshError."""
+        """Return the index of the property with one of some names; raises MeshError."""
         for place, given in enumerate(self.properties):
             if given.name in names:
                 return place

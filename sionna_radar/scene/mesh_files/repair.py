@@ -134,7 +134,7 @@ def _first_of_each(faces: Int[np.ndarray, "face 3"]) -> Int[np.ndarray, " single
 def _outward(
     vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], merged: Int[np.ndarray, "face 3"]
 ) -> tuple[Bool[np.ndarray, " face"], Bool[np.ndarray, " face"]]:
-    """Return which faces to turn, and which belong to closed surfaces.
+    """Return masks of the faces to turn, and of the faces of closed surfaces.
 
     Neighbours are made to agree, by the majority's area. What encloses something, if with gaps, then encloses a
     positive volume; sheets keep their sides, unless all of them together look down more than up.

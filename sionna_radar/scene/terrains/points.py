@@ -58,7 +58,7 @@ class Unstated:
 
 
 def place_cloud(cloud: CloudFile, terrain: PointsTerrain) -> PlacedCloud:
-    """Return where a cloud lies.
+    """Return the placement of a cloud: CRS, local frame, middle and height system.
 
     Raises ScenarioError for a CRS that is none, or that does not hold the cloud.
     """

@@ -1,12 +1,10 @@
-"""NetCDF files that grow block by block, with the conventions of CF-1.11.
+"""NetCDF files: writing block by block with the conventions of CF-1.11, and reading files from any source.
 
 netCDF-4 is a profile of HDF5. h5netcdf writes it without the netCDF library; xarray, Panoply, MATLAB and `ncdump` read
 it. The same content gives the same bytes: no time of writing is kept.
 
-Reading netCDF-4 files that anybody may have made.
-
-Only what lies in the file itself is read, in chunks that fit into memory; a file that is damaged, or is none, ends in
-one `InputFileError` that names it.
+Of a file from any source only what lies in the file itself is read, in chunks that fit into memory; a file that is
+damaged, or is none, ends in one `InputFileError` that names it.
 """
 
 import errno

@@ -1,10 +1,6 @@
-"""Recorders: what is written while a survey flies, by its kind.
+"""Recorders of a survey in flight, by kind: the range profiles around its echoes, and its traced paths.
 
 A recording appears whole or not at all: it grows in a staging folder beside its place, and is moved there at the end.
-
-Recording the range profiles around the echoes of a survey.
-
-Recording the traced paths of a survey.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -1,8 +1,7 @@
 """Recording the beat signals of a survey, with all that it takes to process them again.
 
-The layout is that of recordings of real radars, too: see `SignalFile`.
-
-What every recording says of its survey: the pulses with their poses, the scenario, the place on the map.
+The layout is that of recordings of real radars, too: see `SignalFile`. Every recording holds of its survey the pulses
+with their poses, the scenario and the place on the map.
 """
 
 import json

@@ -152,7 +152,10 @@ class Radar:
 def _beats_of(
     given: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
 ) -> Callable[[Pulses], Beats]:
-    """Return what traces and receives pulses; it does not hold the radar, whose threads so end with its last user."""
+    """Return the function that traces and receives pulses.
+
+    It holds no reference to the radar, whose threads therefore end with its last user.
+    """
     receiver, bursts = given.receiver, given.bursts
 
     def beats(pulses: Pulses) -> Beats:

@@ -1,6 +1,7 @@
-"""Targets with a shape: the paths to what the radar sees of a body, in small steps of range.
+"""Targets with a shape: the paths to the parts of a body that the radar sees, and the cross-section of the body.
 
-The cross-section of a body from all sides, by physical optics and further reflections between its faces.
+Paths come in small steps of range. The cross-section, from all sides, is by physical optics and further reflections
+between the faces.
 """
 
 from dataclasses import replace
@@ -109,7 +110,7 @@ def _bounced(
     radar_m: Float[np.ndarray, "pulse 3"],
     antenna: Antenna,
 ) -> BouncedEchoes:
-    """Return what a body returns after several reflections, in pulses whose beam is on it."""
+    """Return the multiple-reflection echoes of a body, in pulses whose beam is on it."""
     away = place_m + R_world_body @ scatterer.sphere[0] - pulses.true.position_m
     turn = pulses.true.R_world_antenna
     ahead = np.einsum("pij,pi->pj", turn, away / np.linalg.norm(away, axis=1)[:, None])
@@ -138,7 +139,7 @@ def beyond_body(
     place_m: Float[np.ndarray, "pulse 3"],
     heading_rad: Float[np.ndarray, " pulse"],
 ) -> Bool[np.ndarray, " path"]:
-    """Return which paths of a block a body hides: it stands between the radar and the place that they come from."""
+    """Return a mask of the paths of a block that a body hides: it stands between the radar and their scatterers."""
     row = pulses.row_of(paths.pulse)
     radar, hit = pulses.true.position_m[row], paths.hit_m
     away = hit - radar

@@ -103,7 +103,7 @@ class Canopy:
         least_m: Float[np.ndarray, " path"],
         drawn: Float[np.ndarray, "path 2"],
     ) -> Float[np.ndarray, "3 path"]:
-        """Return what plants on rays pass, what they return, and how far from a ray's end; see the kernel."""
+        """Return plants' two-way transmission on rays, their echo, and its distance from the ground; see `follow`."""
         # Numba takes half a second to import.
 
         plants = self._vegetation

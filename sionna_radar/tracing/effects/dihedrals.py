@@ -215,7 +215,7 @@ class DihedralTracer:
     def _strip(
         corner: Dihedral, into: Float[np.ndarray, "2 n"], height_m: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return from where to where either half of the strip reaches from the edge: rays that meet both faces."""
+        """Return the near and far limits of each half of the strip, m from the edge, where rays meet both faces."""
         # The sine of the angle between the way to the radar and one face is its cosine to the other.
         sines = into[::-1] / height_m
         near = np.maximum(*(s * n for s, n in zip(sines, corner.near_m, strict=True)))
@@ -254,7 +254,7 @@ class DihedralTracer:
     def _visible(
         self, corner: Dihedral, position_m: Float[np.ndarray, "n 3"], edge_m: Float[np.ndarray, "n 3"]
     ) -> np.ndarray:
-        """Return which radars see both faces beside the edge."""
+        """Return whether radar positions see both faces beside the edge."""
         seen = np.ones(len(edge_m), dtype=bool)
         for face, far in zip(corner.faces, corner.far_m, strict=True):
             beside = edge_m + min(BESIDE_EDGE_M, far / 2) * face
@@ -265,7 +265,7 @@ class DihedralTracer:
 def _outside_m(
     height_m: Float[np.ndarray, " n"], wavelength_m: float, length_m: Float[np.ndarray, " n"] | float
 ) -> Float[np.ndarray, " n"]:
-    """Return how far beside an edge's ends its side lobes have fallen to the second of `LOBES_FADE`.
+    """Return the distance beyond an edge's ends where its side lobes have fallen to the second of `LOBES_FADE`, m.
 
     Their envelope is sqrt(2 lambda h) / 2 pi x of an endless edge's field; a short one has L sqrt(2 / lambda h) of it.
     """
@@ -275,7 +275,7 @@ def _outside_m(
 
 
 def _faded(beside_m: Float[np.ndarray, " n"], outside_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return what is left of the side lobes beside an edge's ends: all to the first of `LOBES_FADE`, then falling."""
+    """Return the factor on the side lobes beside an edge's ends: 1 to the first of `LOBES_FADE`, then falling."""
     inner = LOBES_FADE[1] / LOBES_FADE[0]
     left: Float[np.ndarray, " n"] = (
         np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2

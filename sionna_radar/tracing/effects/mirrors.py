@@ -17,9 +17,8 @@ its edge and ripples between; a small one becomes a plate in the far field, with
 Along an edge at the distance d from the foot, r in the phase is expanded to second order about its nearest point: the
 integrand is d / (d^2 + t^2) (h / r)^2, piecewise linear, times a Fresnel phase, which is exact.
 
-Plane mirrors of a scene, and what they do to a ray: Fresnel's coefficients at its own angle, less the roughness.
-
-A wave of direction k meets a plane of normal n. With h across the plane of incidence, the reflected field is
+A ray is reflected at a plane mirror of the scene by Fresnel's coefficients at its own angle, less the roughness. A wave
+of direction k meets a plane of normal n. With h across the plane of incidence, the reflected field is
 
     E' = sqrt(c) [ R_h h (h . E)  +  R_v (h x k') ((h x k) . E) ],      k' = k - 2 (k . n) n,
 
@@ -89,7 +88,7 @@ class Patch:
         return place[np.arange(len(point_m)), nearest]
 
     def holds(self, point_m: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        """Return which points of the plane lie inside: the border winds around them once."""
+        """Return whether points of the plane lie inside: the border winds around them once."""
         return _turns(*self._seen_from(point_m)) > 0
 
     def _seen_from(
@@ -333,7 +332,7 @@ class MirrorTracer:
         return rows, places, heights, factors, numbers
 
     def _possible(self, position_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " patch"]:
-        """Return which patches may be mirrors for any of the positions: a bound from the sphere around them."""
+        """Return whether patches may be mirrors for any of the positions: a bound from the sphere around them."""
         middle = (position_m.min(axis=0) + position_m.max(axis=0)) / 2
         reach = np.linalg.norm(position_m - middle, axis=1).max()
         away = middle - self._centre_m

@@ -62,7 +62,7 @@ class MovingGround:
 def build_moving_ground(
     scene: Scene, wind_mps: Float[np.ndarray, " 3"], chirp: Chirp, seed: int
 ) -> MovingGround | None:
-    """Return what moves a scene's surfaces; None if they all stand still."""
+    """Return the motion of a scene's surfaces; None if they all stand still."""
     if float(np.linalg.norm(wind_mps[:2])) < CALM_MPS:
         return None
     if not any(surface.material in scene.motions for surface in scene.surfaces):

@@ -61,7 +61,7 @@ class Scatterer:
         return RayCaster([body])
 
     def seen(self, radar_m: Float[np.ndarray, "place 3"]) -> Bool[np.ndarray, "place face"]:
-        """Return which faces are seen from places, given in the body's axes."""
+        """Return whether faces are visible from places, given in the body's axes."""
         facing = np.einsum("pfi,fi->pf", radar_m[:, None] - self.middle_m, self.normal_m2)
         lit = np.where(self.body.two_sided, facing != 0, facing > 0)
         place, face = np.nonzero(lit)
@@ -111,7 +111,7 @@ class Scatterer:
     def first_hit(
         self, start_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Return how far rays go to the first face that they meet, infinitely for none, and its number."""
+        """Return the distance along rays to the first face, m, infinite for none, and its number."""
         hits = self._caster.cast(start_m, direction)
         return hits.distance_m, hits.face
 

@@ -122,7 +122,7 @@ class _Shown:
 
 
 def _shown(target: Target, number: int, pulses: Pulses, seed: int) -> _Shown:
-    """Return where a target is, how it moves, and what it returns."""
+    """Return the positions, velocities, cross-sections and headings of a target, for each pulse."""
     time_s, count = pulses.time_s, len(pulses)
     place, velocity = np.tile(np.array(target.position_m), (count, 1)), np.zeros((count, 3))
     heading = np.full(count, target.heading_rad)

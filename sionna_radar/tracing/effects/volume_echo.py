@@ -23,7 +23,7 @@ returns eta / G0 whatever the range. The far-field law falls below that at
 
 2.3 m for a beam of 2 deg; nearer than that the echo of a cell is kept constant.
 
-Polarization of the echo of rain and snow: the share of it that the antenna's receive port accepts.
+The polarization of the echo of rain and snow determines the share of it that the antenna's receive port accepts.
 """
 
 import dataclasses

@@ -136,7 +136,7 @@ class BeamEngine:
         return columns, self._places(pulses, row, hit, shape, probability, rate).only(valid.numpy())
 
     def _places(self, pulses: Pulses, row, hit, shape, probability, rate) -> SeenPlaces:  # type: ignore[no-untyped-def]
-        """Return where rays end, for what mirrors make of it; undefined for rays that meet nothing."""
+        """Return the surface places hit by rays, the input of mirrors; undefined for rays that meet nothing."""
         phase = pulse_uniforms(self._seed, Stream.SPECKLE, pulses.index, self._sampler.rays).ravel()
         dr.eval(row, hit.t, hit.n, hit.p, hit.prim_index, shape, probability, rate)
         normal = hit.n.numpy()

@@ -1,11 +1,9 @@
-"""Directions of rays on the device, by what is known of the beam: its two cuts, or the cells of its power.
+"""Ray directions inside a beam, drawn on the device from the two cuts of the beam or the cells of its power.
 
-Ray directions inside a beam, drawn so that a few hundred rays represent the whole echo.
-
-Most rays are drawn in proportion to the two-way power of the beam, a small share uniformly over the half sphere
-in front of the antenna, for the side lobes. Within a pulse the rays form a low-discrepancy set (Halton), shifted
-at random in each pulse (Cranley and Patterson 1976), which leaves every single ray random and makes the
-pulse's total power far less noisy than independent rays would.
+A few hundred rays represent the whole echo. Most rays are drawn in proportion to the two-way power of the beam, a small
+share uniformly over the half sphere in front of the antenna, for the side lobes. Within a pulse the rays form a
+low-discrepancy set (Halton), shifted at random in each pulse (Cranley and Patterson 1976), which leaves every single
+ray random and makes the pulse's total power far less noisy than independent rays would.
 """
 
 from dataclasses import dataclass
@@ -148,7 +146,7 @@ class GridRays:
 
 
 def _cell(edges: Any, first: Any, cells: int, value: Any) -> Any:
-    """Return in which of some consecutive cells, from the edge `first` on, a value lies."""
+    """Return the index of the cell that holds a value, among consecutive cells from the edge `first` on."""
     above = dr.binary_search(0, cells, lambda i: dr.gather(mi.Float, edges, first + i) <= value)
     return mi.UInt32(dr.clip(mi.Int32(above) - 1, 0, cells - 1))
 

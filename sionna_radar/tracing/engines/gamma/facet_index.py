@@ -65,7 +65,7 @@ class Footprint:
     def meets(
         self, ahead_m: Float[np.ndarray, "n 3"], radius_m: Float[np.ndarray, " n"] | float
     ) -> Bool[np.ndarray, " n"]:
-        """Return which spheres reach into the footprint, given their centres in the antenna's frame."""
+        """Return whether spheres reach into the footprint, given their centres in the antenna's frame."""
         # Numba takes half a second to import.
 
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(ahead_m)))
@@ -74,7 +74,7 @@ class Footprint:
 
 
 def _reached(antenna: Antenna, least_voltage: float, cells: int, side: float) -> Bool[np.ndarray, "_ _"]:
-    """Return in which cells of direction cosines, ahead (1) or behind (-1), the amplitude over the peak's is enough."""
+    """Return whether cells of direction cosines, ahead (1) or behind (-1), have enough amplitude over the peak's."""
     place = (np.arange(cells) + 0.5) * (2 / cells) - 1
     reached = np.zeros((cells, cells), dtype=bool)
     for row, up in enumerate(place):
@@ -114,7 +114,7 @@ class Fineness:
     def parts(
         self, side_m: Float[np.ndarray, " facet"], distance_m: Float[np.ndarray, " facet"]
     ) -> Int[np.ndarray, " facet"]:
-        """Return into how many parts the sides of facets are cut, by the longest and the distance of each."""
+        """Return the number of parts of each facet's sides, from its longest side and its distance."""
         longest = np.minimum(self.per_metre * distance_m, self.longest_m)
         parts: Int[np.ndarray, " facet"] = np.ceil(side_m / np.maximum(longest, FINEST_M)).astype(np.int64)
         return parts
@@ -288,7 +288,7 @@ def all_that_meet(
     radius_m: Float[ndarray, " sphere"],
     directions: tuple[Float[ndarray, " m"], Float[ndarray, " n"], float, Bool[ndarray, "2 cell"], int],
 ) -> Bool[ndarray, " sphere"]:
-    """Return which spheres reach into directions, given their centres in the antenna's frame."""
+    """Return whether spheres reach into directions, given their centres in the antenna's frame."""
     azimuth, elevation, least_voltage, counts, cells = directions
     found = np.empty(len(ahead_m), dtype=np.bool_)
     for n in range(len(ahead_m)):

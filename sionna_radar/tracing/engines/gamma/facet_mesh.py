@@ -1,10 +1,8 @@
-"""Triangles as scatterers: their subdivision, and the identity that determines the phase of each.
+"""Triangles as scatterers: their subdivision, their identity, which determines the phase, and their backscatter.
 
-Backscatter of a facet, polarization included: the scattering matrix of `RadarMaterial` in plain NumPy.
-
-With e the field that the antenna transmits toward a facet and r the one that it receives, both unit vectors across the
-line of sight k, h = k x n / |k x n| across the plane of incidence and v = h x k in it, the facet's amplitude over
-its area is
+The backscatter of a facet, polarization included, is the scattering matrix of `RadarMaterial` in plain NumPy. With e
+the field that the antenna transmits toward a facet and r the one that it receives, both unit vectors across the line of
+sight k, h = k x n / |k x n| across the plane of incidence and v = h x k in it, the facet's amplitude over its area is
 
     a_v r.e + (a_h - a_v) (r.h) (h.e)  +  j s1 d ((r.h) (e.h) - (r.v) (e.v)) + s2 x ((r.h) (e.v) + (r.v) (e.h))
 

@@ -170,7 +170,7 @@ class GammaEngine:
         return _Echoes.concatenate([self._echoes(pulses, low, middle), self._echoes(pulses, middle, high)])
 
     def _echoes_at_once(self, pulses: Pulses, low: int, high: int) -> _Echoes:
-        """Return what `_echoes` does, unless there are too many.
+        """Return the echoes as in `_echoes`; raises _TooManyError if there are too many.
 
         Their power is G^2 lambda^2 sigma0 A / ((4 pi)^3 r^4) (Rouveure et al. 2017, eq. 4 and 5).
         """
@@ -279,7 +279,7 @@ class GammaEngine:
     def _drawn(
         self, identity: UInt64[np.ndarray, " path"], pulse: Int[np.ndarray, " path"]
     ) -> UInt64[np.ndarray, " path"]:
-        """Return what the phase of each facet at each pulse, and the signs of its scattering matrix, are drawn by."""
+        """Return the random state of each facet's phase at each pulse and of its scattering matrix's signs."""
         state = identity ^ self._key
         if self._speckle == "per_pulse":
             state = split_mix(state, pulse.astype(np.uint64) + np.uint64(1))

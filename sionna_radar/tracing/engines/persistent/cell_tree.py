@@ -1,6 +1,6 @@
-"""Which pieces of surface share a cell of space, and the order of cells along a curve: near ones together.
+"""Cells of space: their pieces of surface, their order along a curve, and the tree searched for those in a beam.
 
-A tree of boxes around cells of space, searched for those that reach into a beam.
+Cells near each other are close along the curve. The tree bounds groups of cells, down to those that a beam reaches.
 """
 
 from dataclasses import dataclass

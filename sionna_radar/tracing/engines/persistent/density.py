@@ -1,10 +1,10 @@
-"""How many scatterers a surface bears where, decided before the flight from how the survey looks at it.
+"""The density of scatterers on surfaces, set before the flight by the survey's beams, and the part of a beam they fill.
 
 Speckle needs enough scatterers in the beam, and enough in every range cell. What that takes per square metre depends on
 the beam's footprint, and so on the place: every place gets what the smallest footprint near it asks for. Densities are
 powers of two, so that they, and with them the scatterers, change in few places when the flight changes a little.
 
-The part of a beam that fixed scatterers fill: an ellipse of direction cosines around its axis.
+Fixed scatterers fill a part of the beam: an ellipse of direction cosines around its axis.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class FilledBeam:
     up: float
 
     def holds(self, direction: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return which unit vectors in the antenna's frame it holds."""
+        """Return whether unit vectors in the antenna's frame lie in it."""
         ahead, left, up = direction.T
         inside: Bool[np.ndarray, " n"] = (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
         return inside

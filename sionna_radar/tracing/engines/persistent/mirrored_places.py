@@ -119,7 +119,7 @@ class MirroredPlaces:
     def _met(
         self, mirror: PlaneMirror, pulses: Pulses, places: SeenPlaces, chosen: Int[np.ndarray, " some"]
     ) -> Int[np.ndarray, " met"]:
-        """Return which of some places have their image inside the mirror's outline."""
+        """Return the indices of the chosen places whose image lies inside the mirror's outline."""
         hit = places.hit_m[:, chosen].T.astype(np.float64)
         before = mirror.height_m(hit) > TOUCHING_M
         chosen, hit = chosen[before], hit[before]
@@ -134,7 +134,7 @@ class MirroredPlaces:
     def _clear(
         self, mirror: PlaneMirror, pulses: Pulses, ways: "_Ways", places: SeenPlaces
     ) -> Bool[np.ndarray, " place"]:
-        """Return for which places nothing hides the mirror from the radar, nor the place from the mirror."""
+        """Return a mask of places with a clear line from the radar to the mirror and from the mirror to the place."""
         clear = self._caster.visible(pulses.true.position_m[ways.row], ways.mirror_m, TOUCHING_M)
         start = ways.mirror_m[clear] + OFF_MIRROR_M * mirror.patch.normal
         clear[clear] = self._caster.visible(start, places.hit_m[:, clear].T.astype(np.float64), TOUCHING_M)
@@ -273,7 +273,7 @@ class _Ways:
 
 
 def _cone_rad(antenna: Antenna) -> float:
-    """Return how far from the axis mirrors are looked for."""
+    """Return the half-angle of the cone about the axis in which mirrors are searched, rad."""
     farthest = max(np.abs(cut.cosine[cut.power >= LEAST_POWER]).max() for cut in (antenna.azimuth, antenna.elevation))
     return float(np.arcsin(farthest))
 
@@ -281,7 +281,7 @@ def _cone_rad(antenna: Antenna) -> float:
 def _mirror_point(
     mirror: PlaneMirror, position_m: Float[np.ndarray, "n 3"], hit_m: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return where the way from the radar to a place meets the mirror's plane."""
+    """Return the reflection point, in the mirror's plane, of the path from the radar to a place."""
     high, low = mirror.height_m(position_m), mirror.height_m(hit_m)
     image = mirror.image_m(position_m)
     return image + (high / (high + low))[:, None] * (hit_m - image)

@@ -141,7 +141,7 @@ class PersistentEngine:
         return seen, visible, (ends, rows)
 
     def _outside(self, pulses: Pulses) -> SeenPlaces:
-        """Return where the rays beside the scatterers meet a surface."""
+        """Return the surface places hit by the rays beside the scatterers."""
         pose, rays = pulses.true, self._outer.rays
         within, per_sr = self._outer.shoot(pulses.index)
         row = np.repeat(np.arange(len(pulses), dtype=np.uint32), rays)

@@ -225,7 +225,7 @@ def _states(seed, surface, place, side):
 @compiled
 @no_type_check
 def _counts(state, expected):
-    """Return how many scatterers each cell has: its expected number in the mean, rounded up or down at random."""
+    """Return the number of scatterers of each cell: its expected number, rounded up or down at random without bias."""
     out = np.empty(len(state), dtype=np.int64)
     for cell in range(len(state)):
         out[cell] = int(np.floor(expected[cell] + _unit(state[cell], 0)))
@@ -288,7 +288,7 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
 @compiled
 @no_type_check
 def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns):
-    """Write what lies inside beams, beam by beam, and return where each beam's begin and the last one's end."""
+    """Write the scatterers inside beams, beam by beam, and return the first row of each beam and the total."""
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
     row, hit, range_m, rate, cosine, solid_angle, surface, face, factor = columns
     ends = np.empty(len(apex) + 1, dtype=np.int64)

@@ -72,7 +72,7 @@ class Triangles:
 
     @staticmethod
     def of(surfaces: Sequence[Surface]) -> "Triangles":
-        """Return those of some surfaces."""
+        """Return the triangles of some surfaces."""
         below = np.cumsum([0, *(len(s.vertices_m) for s in surfaces)])
         corners = [s.faces if start == 0 else s.faces + start for s, start in zip(surfaces, below, strict=False)]
         vertices = [s.vertices_m for s in surfaces]
@@ -220,7 +220,7 @@ def density_at(x, y, density):
 @compiled
 @no_type_check
 def _parts(corner, longest):
-    """Return into how many parts the sides of a triangle are divided, so that none is longer."""
+    """Return the number of parts into which the sides of a triangle are divided, so that none is longer."""
     longest2 = 0.0
     for k in range(3):
         d = 0.0
