@@ -1,13 +1,8 @@
-"""A program in a process of its own, so that somebody is left to say what ended it.
+"""A child process for the program, so that its parent reports how it ended.
 
-The ray tracer calls abort() where it cannot go on, and a system without memory kills whom it likes: neither leaves
-Python a chance to speak. A fork taken before anything heavy is loaded costs a millisecond. The one that waits passes
-SIGTERM and Ctrl-C on, and its own death ends the other one.
-
-When the program has ended, its process is not taken down object by object, which takes a second with the ray tracer and
-its compiler: the system frees all of it at once.
-
-Only the lightest modules of the standard library are imported here, as this comes before all other imports.
+The ray tracer calls abort() on an internal error, and the kernel kills a process when memory runs out: neither leaves
+Python time for a message. A fork taken before anything heavy is loaded costs a millisecond. The parent passes SIGTERM
+and Ctrl-C on to the child, and the child ends when its parent does.
 """
 
 import atexit
