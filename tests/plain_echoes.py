@@ -9,11 +9,11 @@ from scipy.ndimage import convolve1d, gaussian_filter1d
 from sionna_radar.mapping.echo_model.kernels import (
     BEYOND,
     FADING_LEVEL,
-    FEWEST_CELLS,
     HIGHEST_RATIO,
-    LEAST_SPREAD_CELLS,
     LEVEL_ITERATIONS,
     LEVEL_TOLERANCE,
+    MIN_CELLS,
+    MIN_SPREAD_CELLS,
     PEDESTAL,
 )
 from sionna_radar.mapping.echo_model.model import Sightings, footprints, spline_taps
@@ -76,7 +76,7 @@ class PlainEchoes:
             moved += by_height / level
         jacobian = moved[used] * (level / mean)[:, None]
         of_level = level * shape[used] / mean
-        if len(used) < FEWEST_CELLS:
+        if len(used) < MIN_CELLS:
             return np.zeros(nodes), np.zeros((0, nodes))
         jacobian -= np.outer(of_level, (weight * of_level) @ jacobian / (weight @ of_level**2))
         residual = np.minimum(power / mean, HIGHEST_RATIO) - 1
@@ -98,7 +98,7 @@ class PlainEchoes:
         sigma = profiles.volume.spread_m / profiles.cell_m
         response = self._taps / self._taps.sum()
         both = np.concatenate([air, moved], axis=1)
-        if sigma > LEAST_SPREAD_CELLS:
+        if sigma > MIN_SPREAD_CELLS:
             both = gaussian_filter1d(both, sigma, axis=0, mode="nearest")
         both = convolve1d(both, response, axis=0, mode="nearest")[pad : pad + cells]
         return power * both[:, 0], power[:, None] * both[:, 1:]

@@ -88,7 +88,7 @@ def incidence_deg(truth: Raster, points: Points, cells: Bool[np.ndarray, "row co
 CLASSES = 14
 # Drawn in each class of lags; those with an empty end are dropped.
 PAIRS = 4000
-FEWEST_PAIRS = 30
+MIN_PAIRS = 30
 # Of the larger side of the mapped area: beyond, few pairs are independent.
 FARTHEST = 0.5
 
@@ -139,7 +139,7 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
     """
     inside = error.filled & cells
     row, column = np.nonzero(inside)
-    if len(row) < FEWEST_PAIRS:
+    if len(row) < MIN_PAIRS:
         return None
     values = np.where(inside, error.height_m, np.nan)
     farthest = FARTHEST * max(float(np.ptp(row)), float(np.ptp(column)), 4.0)
@@ -163,7 +163,7 @@ def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -
 
 def _lag(step_m: Float[np.ndarray, " pair"], distance_m: Float[np.ndarray, " pair"]) -> VariogramLag | None:
     both = np.isfinite(step_m)
-    if both.sum() < FEWEST_PAIRS:
+    if both.sum() < MIN_PAIRS:
         return None
     step = step_m[both]
     return VariogramLag(
@@ -185,7 +185,7 @@ def _length_m(lags: list[VariogramLag], variance_m2: float) -> float | None:
 
 
 # Distances and incidence angles are looked up at this many cells of a larger map.
-MOST_CELLS = 100_000
+MAX_CELLS = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,10 +249,10 @@ def break_down(
 def _some(cells: Bool[np.ndarray, "row column"], seed: int) -> Bool[np.ndarray, "row column"]:
     """Return the cells, or so many of them, drawn, that looking each up stays cheap."""
     found = np.flatnonzero(cells)
-    if len(found) <= MOST_CELLS:
+    if len(found) <= MAX_CELLS:
         return cells
     chosen = np.zeros(cells.size, dtype=bool)
-    chosen[pulse_generator(seed, Stream.CELLS, 0).choice(found, MOST_CELLS, replace=False)] = True
+    chosen[pulse_generator(seed, Stream.CELLS, 0).choice(found, MAX_CELLS, replace=False)] = True
     return chosen.reshape(cells.shape)
 
 

@@ -4,7 +4,7 @@ American Society for Photogrammetry and Remote Sensing, "Positional Accuracy Sta
 Edition 2 (2023): at least 30 checkpoints, 10 more for each 1000 km2 beyond the first, at most 120 (annex C);
 spread over the whole area; on even ground no steeper than 10 %, so that their horizontal error does not count; and the
 accuracy is their RMSE, no multiple of it. The survey's own error, which the standard adds in squares, is zero here.
-Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls hold more of the map than `MOST_COVERED`
+Checkpoints count as non-vegetated (NVA), on open ground: where plants or walls hold more of the map than `MAX_COVERED`
 such a class says little of it, and none is stated.
 
 Slopes are third-order finite differences of Horn (1981), as GDAL and xDEM have them.
@@ -43,15 +43,15 @@ def slope_deg(raster: Raster) -> Float[np.ndarray, "row column"]:
     return np.rad2deg(np.arctan(np.hypot(*gradient(raster))))
 
 
-FEWEST, MOST = 30, 120
-MOST_COVERED = 0.2
+MIN, MAX = 30, 120
+MAX_COVERED = 0.2
 MORE, AREA_OF_MORE_KM2 = 10, 1000.0
 STEEPEST_DEG = float(np.rad2deg(np.arctan(0.1)))
 NOTHING_COVERED: Mapping[str, float] = MappingProxyType({})
 # Of the diagonal: the distance of checkpoints that is tried first, and the factor by which it shrinks.
 SPREAD, CLOSER = 0.1, 0.8
 # Candidates beyond these add nothing to 120.
-MOST_CANDIDATES = 5000
+MAX_CANDIDATES = 5000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ class CheckpointTest:
 def checkpoints_wanted(area_m2: float) -> int:
     """Return the number of checkpoints that the standard requires."""
     beyond = max(area_m2 / 1e6 - AREA_OF_MORE_KM2, 0.0)
-    return min(FEWEST + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MOST)
+    return min(MIN + MORE * int(np.ceil(beyond / AREA_OF_MORE_KM2)), MAX)
 
 
 def checkpoint_test(
@@ -120,7 +120,7 @@ def checkpoint_test(
     else:
         rms_m, mean_m, std_m = float(np.sqrt(np.mean(values**2))), float(values.mean()), float(values.std())
         greatest_m = float(np.abs(values).max())
-    hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MOST_COVERED]
+    hidden = [f"{what} hold {share:.0%}" for what, share in covered.items() if share >= MAX_COVERED]
     tested = len(values) >= wanted and not hidden
     class_cm = max(int(np.ceil(round(100 * rms_m, 6))), 1) if tested else None
     return CheckpointTest(
@@ -143,7 +143,7 @@ def _spread(
 ) -> tuple[Int[np.ndarray, " checkpoint"], float]:
     """Return checkpoints drawn in random order, none nearer to another than a distance that leaves enough of them."""
     generator = pulse_generator(seed, Stream.CHECKPOINTS, 0)
-    drawn = generator.permutation(candidates)[:MOST_CANDIDATES]
+    drawn = generator.permutation(candidates)[:MAX_CANDIDATES]
     if len(drawn) <= wanted:
         return drawn, _closest_m(_places(drawn, error))
     place = _places(drawn, error)

@@ -119,7 +119,7 @@ DRAWS = 20_000
 # Width of a tile in correlation lengths.
 TILE_LENGTHS = 3
 # A tile with fewer cells is a corner of the map, and is dropped.
-LEAST_CELLS = 4
+MIN_CELLS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +163,7 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     side = max(1, round(TILE_LENGTHS * correlation_m / grid.spacing_m))
     _, tile = np.unique(np.stack([row // side, column // side]), axis=1, return_inverse=True)
     tile = tile.ravel()
-    kept = np.bincount(tile) >= LEAST_CELLS
+    kept = np.bincount(tile) >= MIN_CELLS
     # The true pairing first, then the two others.
     pairings = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
     distance = np.stack(

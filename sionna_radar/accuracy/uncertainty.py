@@ -25,7 +25,7 @@ INTERVALS_PERCENT = (50, 68, 90, 95)
 ECHO_DISTANCES_M = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
 WINDOWS_M = (10.0, 30.0, 100.0)
 # Windows of each size whose means are compared, spread over the map, and the share of their cells that must be known.
-MOST_WINDOWS, FEWEST_WINDOWS, FILLED_SHARE = 24, 3, 0.9
+MAX_WINDOWS, MIN_WINDOWS, FILLED_SHARE = 24, 3, 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +163,7 @@ def _means(error: Raster, cells: Bool[np.ndarray, "row column"], uncertainty: Un
             mean_m.append(float(error.height_m[rows, columns][own].mean()))
             sigma_m.append(uncertainty.mean_sigma_m(place, window_m))
         known = np.isfinite(sigma_m)
-        if known.sum() >= FEWEST_WINDOWS:
+        if known.sum() >= MIN_WINDOWS:
             error_rms = float(np.sqrt(np.mean(np.square(mean_m)[known])))
             sigma_rms = float(np.sqrt(np.mean(np.square(sigma_m)[known])))
             yield WindowMeans(
@@ -185,5 +185,5 @@ def _windows(cells: Bool[np.ndarray, "row column"], side: int) -> list[tuple[sli
         for column in range(0, cells.shape[1] - side + 1, side)
         if cells[row : row + side, column : column + side].mean() >= FILLED_SHARE
     ]
-    chosen = np.unique(np.linspace(0, max(len(found) - 1, 0), MOST_WINDOWS).astype(int))
+    chosen = np.unique(np.linspace(0, max(len(found) - 1, 0), MAX_WINDOWS).astype(int))
     return [found[number] for number in chosen] if found else []

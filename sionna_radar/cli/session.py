@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from sionna_radar.foundation.checkpoints import KeptParts, has_parts, kept_parts
+from sionna_radar.foundation.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, shown
 from sionna_radar.report.files.contents import PointsFile
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 # Begins, or goes on with, the finished parts of a run that a document describes.
-Keep = Callable[[Mapping[str, Any]], KeptParts]
+Keep = Callable[[Mapping[str, Any]], Checkpoints]
 # What workers need whatever they are given, and take seconds to load.
 FLYING = ("sionna_radar.survey.shared_flight", "sionna_radar.tracing.engines.persistent.persistent")
 # The key under which a run says which files it writes; parts do not depend on it.
@@ -137,7 +137,7 @@ class Session:
         directory, described = check_output(self.directory(suffix), marker), dict[str, Any]()
         with ExitStack() as until_written:
 
-            def keep(run: Mapping[str, Any]) -> KeptParts:
+            def keep(run: Mapping[str, Any]) -> Checkpoints:
                 from sionna_radar.foundation.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
@@ -146,7 +146,7 @@ class Session:
                 described.update({**needed, PRODUCTS: list(products)})
                 if self.resume:
                     self._end_if_finished(directory, described)
-                return until_written.enter_context(kept_parts(directory, needed, resume=self.resume))
+                return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
             with progress_of(self.quiet) as progress, self.reach():
                 result = fly(progress, keep)
@@ -164,7 +164,7 @@ class Session:
 
     def _end_if_finished(self, directory: Path, described: Mapping[str, Any]) -> None:
         """End the command if the result of its run stands in the folder already, with the exit code of that run."""
-        code = None if has_parts(directory) else finished_as(directory, described, PRODUCTS)
+        code = None if has_checkpoints(directory) else finished_as(directory, described, PRODUCTS)
         if code is not None:
             if not self.quiet:
                 typer.echo(f"the result of this run is in {shown(directory)} already; nothing was left to do")

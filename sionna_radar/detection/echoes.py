@@ -47,7 +47,7 @@ class Echoes(Columns):
         return self.rows(slice(int(first), int(last)))
 
 
-LEAST_MARGIN_CELLS = 16
+MIN_MARGIN_CELLS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,7 +199,7 @@ def cut_profiles(
     cells = spans.power.shape[1] // bins_per_cell
     first = np.minimum.reduceat(spans.start, begin) // bins_per_cell
     last = -(-np.maximum.reduceat(spans.stop, begin) // bins_per_cell)
-    margin = np.maximum(last - first, LEAST_MARGIN_CELLS)
+    margin = np.maximum(last - first, MIN_MARGIN_CELLS)
     first, last = np.maximum(first - margin, 0), np.minimum(last + margin, cells)
     start = np.concatenate([[0], np.cumsum(last - first)])
     row = np.repeat(rows, last - first)

@@ -23,9 +23,9 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.processing import ExpectedGroundTable
 
 KEY = "processing.expected_ground.path"
-MOST_CELLS_READ = 100_000_000
+MAX_CELLS_READ = 100_000_000
 # A beam that points up, or hardly down, does not meet level ground.
-LEAST_DOWN = 0.01
+MIN_DOWN = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ class ExpectedGround:
     ) -> Float[np.ndarray, " pulse"]:
         """Return the range at which each ray meets the expected ground raised by `raised_m`, m; NaN without a hit."""
         if self.surface is None:
-            down = np.where(direction[:, 2] < -LEAST_DOWN, -direction[:, 2], np.nan)
+            down = np.where(direction[:, 2] < -MIN_DOWN, -direction[:, 2], np.nan)
             return max(self.altitude_m - raised_m, 0.0) / down
         raised = Heightfield(grid=self.surface.grid, height_m=self.surface.height_m + raised_m)
         return raised.first_hit(pose.position_m, direction, reach_m)
@@ -127,8 +127,8 @@ def _rough_surface(table: ExpectedGroundTable, grid: Grid, place: Georeference |
             min(int(np.ceil(c[inside].max())) - first + 2, most - first)
             for c, first, most in ((column, left, source.width), (row, top, source.height))
         )
-        if width * height > MOST_CELLS_READ:
-            message = f"{KEY} = {table.path}: has more than {MOST_CELLS_READ:,} cells under the survey; coarsen it"
+        if width * height > MAX_CELLS_READ:
+            message = f"{KEY} = {table.path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it"
             raise InputFileError(message)
         stored = source.read(1, window=Window(left, top, width, height), masked=True)
     height_m = np.full(len(x), np.nan)

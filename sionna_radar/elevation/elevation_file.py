@@ -31,7 +31,7 @@ MOVE = "move the flight (platform.log_shift = 'to_terrain' moves a log) or set t
 
 MAX_CELLS = 4_000_000
 # Finer cells are no terrain but come of a wrong transform.
-LEAST_SPACING_M = 1e-6
+MIN_SPACING_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
     """
     west, south, east, north = _overlap_m(source, cutout)
     spacing = wanted = cutout.spacing_m or float(f"{min(source.steps_m):.12g}")
-    if not LEAST_SPACING_M <= spacing < math.inf:
+    if not MIN_SPACING_M <= spacing < math.inf:
         message = (
             f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
         )

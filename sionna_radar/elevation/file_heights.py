@@ -169,7 +169,7 @@ def between_data(filled: Bool[np.ndarray, "row column"]) -> Bool[np.ndarray, "ro
 TILE = 256
 # The kernel that shapes it reaches so many posts of the file: less than 2e-5 of its energy lies beyond (computed for
 # Hurst exponents of 0.2 to 0.95 and 2 to 20 cells a post).
-REACH_POSTS, MOST_REACH = 6, 384
+REACH_POSTS, MAX_REACH = 6, 384
 
 
 def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) -> Float[np.ndarray, "row column"]:
@@ -212,7 +212,7 @@ def detail_on(grid: Grid, post_m: float, hurst: float, rms_m: float, seed: int) 
 
 def _kernel(cells_per_post: float, hurst: float) -> Float[np.ndarray, "k k"]:
     """Return the kernel that turns white noise of variance one into detail of variance one."""
-    reach = min(MOST_REACH, int(np.ceil(REACH_POSTS / cells_per_post)))
+    reach = min(MAX_REACH, int(np.ceil(REACH_POSTS / cells_per_post)))
     size = 2 * reach + 1
     wavenumber = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size)[None])  # cycles per cell
     lowest = cells_per_post / 2

@@ -83,7 +83,7 @@ MARCH_STEPS = 1000
 ROOT_STEPS = 60
 CLOSE_M = 1e-12
 # A surface that has moved little is met again in few steps, unless the ray hardly closes in on it.
-NEWTON_STEPS, LEAST_CLOSING = 8, -0.1
+NEWTON_STEPS, MIN_CLOSING = 8, -0.1
 
 
 @compiled
@@ -187,7 +187,7 @@ def hit_near(height, west, south, spacing, origin, direction, guess):
         east, north = (se - sw) * (1 - b) + (ne - nw) * b, above - below
         closing = direction[2] - (east * direction[0] + north * direction[1]) / spacing
         # A ray that goes along the surface: what it meets first must be looked for from its beginning.
-        if closing > LEAST_CLOSING:
+        if closing > MIN_CLOSING:
             return np.nan
         reached -= gap / closing
         if abs(reached - guess) > spacing:

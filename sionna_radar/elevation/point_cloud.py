@@ -19,8 +19,8 @@ logger = logging.getLogger("sionna_radar")
 
 KEY = "terrain.path"
 REMEDY = "give a LAS or LAZ file"
-MOST_BYTES = 200_000_000_000
-MOST_POINTS = 20_000_000_000
+MAX_BYTES = 200_000_000_000
+MAX_POINTS = 20_000_000_000
 POINTS_AT_ONCE = 1_000_000
 GROUND_CLASS = 2
 NOISE_CLASSES = (7, 18)
@@ -86,7 +86,7 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
     """
     import laspy
 
-    size = regular_file(path, f"{key} =", REMEDY, MOST_BYTES)
+    size = regular_file(path, f"{key} =", REMEDY, MAX_BYTES)
     name = f"{key} = {shown(path)}"
     _check_records(path, size, name)
     with _errors(name):
@@ -101,7 +101,7 @@ def open_cloud(path: Path, key: str = KEY) -> Iterator[CloudFile]:
         if points < 3:
             message = f"{name}: has {points} points, too few for a surface; {REMEDY} with more"
             raise InputFileError(message)
-        if points > MOST_POINTS or (not header.are_points_compressed and start + stored > size):
+        if points > MAX_POINTS or (not header.are_points_compressed and start + stored > size):
             message = f"{name}: claims {points:,} points, more than its {size:,} bytes can hold; get the whole file"
             raise InputFileError(message)
         if header.are_points_compressed:

@@ -11,7 +11,7 @@ from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.columns import Columns
 
 STEP_S = 0.05
-MOST_ROWS = 100_000
+MAX_ROWS = 100_000
 NO_PULSE = -1
 BEFORE_S = 1e-3
 
@@ -45,7 +45,7 @@ def flown_track(schedule: PulseSchedule, step_s: float = STEP_S) -> FlownTrack:
     Rows are farther apart where there would be more than 100,000 of them.
     """
     trajectory = schedule.trajectory
-    time_s, pulse = _rows(schedule, max(step_s, trajectory.end_s / MOST_ROWS))
+    time_s, pulse = _rows(schedule, max(step_s, trajectory.end_s / MAX_ROWS))
     motion = body_motion(trajectory, time_s)
     unknown = np.full((len(time_s), 3), np.nan)
     place, velocity, euler = unknown.copy(), unknown.copy(), unknown.copy()

@@ -35,9 +35,9 @@ DRAG_S, DAMPING = 5.0, 0.7
 # The model's heights, m.
 LOWEST_M, HIGHEST_M = 10 * foot, 1000 * foot
 INTENSITY = 0.1  # of the vertical gusts, per mean wind
-LEAST_AIRSPEED_MPS = 1.0
+MIN_AIRSPEED_MPS = 1.0
 STEP_S = 0.02
-MOST_STEPS = 2_000_000
+MAX_STEPS = 2_000_000
 # Places of the answers in the state, behind the gust's own states.
 ANSWERS = 3
 
@@ -163,15 +163,15 @@ def in_wind(trajectory: Trajectory, table: WindTable, height_m: float, speed_mps
         The flight is too long.
 
     """
-    if trajectory.end_s / STEP_S > MOST_STEPS:
+    if trajectory.end_s / STEP_S > MAX_STEPS:
         message = (
-            f"gusts are drawn for {MOST_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
+            f"gusts are drawn for {MAX_STEPS * STEP_S:,.0f} s at most, and the flight takes {trajectory.end_s:,.0f}"
         )
         raise ScenarioError([Problem("platform.wind", f"{message}; shorten it")])
     toward = np.deg2rad(table.from_deg) + np.pi
     along = np.array([np.sin(toward), np.cos(toward)])
     left = np.array([-along[1], along[0]])
-    airspeed = max(float(np.hypot(speed_mps, table.speed_mps)), LEAST_AIRSPEED_MPS)
+    airspeed = max(float(np.hypot(speed_mps, table.speed_mps)), MIN_AIRSPEED_MPS)
     vertical = INTENSITY * table.speed_mps if table.gust_mps is None else table.gust_mps
     gusts = Gusts(
         axes=dryden_axes(height_m, airspeed, vertical),

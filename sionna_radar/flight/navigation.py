@@ -53,7 +53,7 @@ from sionna_radar.scenario.problems import translate
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 # Uniform numbers in [0, 1) include zero, for which the normal number would be infinite.
-LEAST_UNIFORM = 2.0**-54
+MIN_UNIFORM = 2.0**-54
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ class InertialErrors:
         normal = np.zeros((len(index), 3, len(parts)))
         if any(any(p.white) for p in parts):
             uniform = pulse_uniforms(self.seed, Stream.NAVIGATION, index, 9)
-            normal = ndtri(np.maximum(uniform, LEAST_UNIFORM)).reshape(-1, 3, 3)
+            normal = ndtri(np.maximum(uniform, MIN_UNIFORM)).reshape(-1, 3, 3)
         sums = []
         for number, p in enumerate(parts):
             error = np.array(p.constant) + np.array(p.white) * normal[:, number]

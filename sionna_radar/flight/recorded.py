@@ -30,9 +30,9 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.platform import Platform
 
 # A step this many times as long as the usual one, and longer than this, is a gap in the attitudes.
-GAP_RATIO, LEAST_GAP_S = 5.0, 0.5
+GAP_RATIO, MIN_GAP_S = 5.0, 0.5
 # Slower, a vehicle's course says nothing of its heading.
-LEAST_COURSE_MPS = 1.0
+MIN_COURSE_MPS = 1.0
 
 
 def position_spline(positions: Positions, start_s: float) -> PPoly:
@@ -70,7 +70,7 @@ def attitude_spline(attitudes: Attitudes, start_s: float) -> AttitudeSpline:
     time_s = attitudes.time_s - start_s
     turned = Rotation.from_quat(attitudes.quaternion)
     step = np.diff(time_s)
-    gap = (step > LEAST_GAP_S) & (step > GAP_RATIO * np.median(step))
+    gap = (step > MIN_GAP_S) & (step > GAP_RATIO * np.median(step))
     edges = np.unique(np.concatenate([[0], np.flatnonzero(gap), np.flatnonzero(gap) + 1, [len(time_s) - 1]]))
     parts: list[Callable[[Float[np.ndarray, " n"]], Rotation]] = []
     for first, last in pairwise(edges.tolist()):
@@ -83,7 +83,7 @@ def course_attitudes(positions: Positions) -> Attitudes:
     """Return level attitudes with the heading of the motion; a vehicle that hardly moves keeps its last one."""
     velocity = position_spline(positions, 0.0)(positions.time_s, 1)
     course = np.arctan2(velocity[:, 0], velocity[:, 1])
-    moving = np.hypot(velocity[:, 0], velocity[:, 1]) > LEAST_COURSE_MPS
+    moving = np.hypot(velocity[:, 0], velocity[:, 1]) > MIN_COURSE_MPS
     moving = moving if moving.any() else np.ones(len(course), dtype=bool)
     held = np.maximum.accumulate(np.where(moving, np.arange(len(course)), int(np.argmax(moving))))
     return Attitudes(
@@ -115,7 +115,7 @@ def sigma_at(
 
 KEY = "platform.log"
 # Heights and speeds are looked at this often at most.
-MOST_LOOKS = 5000
+MAX_LOOKS = 5000
 # Gaps between echoes are widest where the flight is fast.
 FAST_SHARE = 0.95
 FARTHEST_M = 1e6
@@ -152,7 +152,7 @@ class RecordedRoute:
 
     @cached_property
     def _looks_s(self) -> Float[np.ndarray, " n"]:
-        return np.linspace(0.0, self.duration_s, min(MOST_LOOKS, max(int(self.duration_s * 10), 50)))
+        return np.linspace(0.0, self.duration_s, min(MAX_LOOKS, max(int(self.duration_s * 10), 50)))
 
     @cached_property
     def _path(self) -> Any:

@@ -19,8 +19,8 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.platform import Platform
 
 # A turn back on itself has no arc between its legs.
-MOST_TURN_RAD = np.deg2rad(175.0)
-LEAST_TURN_RAD = 1e-9
+MAX_TURN_RAD = np.deg2rad(175.0)
+MIN_TURN_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
     step = np.diff(waypoints_m, axis=0)
     length, heading = np.linalg.norm(step, axis=1), np.arctan2(step[:, 0], step[:, 1])
     turn = np.mod(np.diff(heading) + np.pi, 2 * np.pi) - np.pi
-    if np.any(np.abs(turn) > MOST_TURN_RAD):
+    if np.any(np.abs(turn) > MAX_TURN_RAD):
         corner = int(np.argmax(np.abs(turn))) + 1
         message = f"waypoint {corner} turns back, which no arc does; add a waypoint beside it"
         raise ScenarioError([Problem("platform.waypoints_m", message)])
@@ -145,7 +145,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
     for leg in range(len(length)):
         segments.append(Segment(start_m=at, heading_rad=float(heading[leg]), length_m=float(left[leg])))
         at = segments[-1].end[:2]
-        if leg < len(turn) and abs(turn[leg]) > LEAST_TURN_RAD:
+        if leg < len(turn) and abs(turn[leg]) > MIN_TURN_RAD:
             curvature = float(np.sign(turn[leg])) / radius_m
             segments.append(
                 Segment(

@@ -81,7 +81,7 @@ RUN, LOCK, UNFINISHED = "run.json", "lock", ".unfinished"
 
 
 @dataclass(frozen=True)
-class KeptParts:
+class Checkpoints:
     """The finished parts of one run."""
 
     folder: Path
@@ -117,7 +117,7 @@ class KeptParts:
 
 
 @contextmanager
-def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iterator[KeptParts]:
+def open_checkpoints(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iterator[Checkpoints]:
     """Yield the parts of a run in its output folder, and remove them at the end unless an exception ends it.
 
     Parameters
@@ -148,7 +148,7 @@ def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iter
     except OSError as error:
         message = f"output = {directory} cannot be written ({error.strerror}); name another folder"
         raise OutputError(message) from error
-    parts, begun = KeptParts(folder), False
+    parts, begun = Checkpoints(folder), False
     try:
         _take_over(parts, directory, json.loads(json.dumps(run)), resume)
         begun = True
@@ -164,12 +164,12 @@ def kept_parts(directory: Path, run: Mapping[str, Any], *, resume: bool) -> Iter
     _remove(folder)
 
 
-def has_parts(directory: Path) -> bool:
+def has_checkpoints(directory: Path) -> bool:
     """Return whether a folder holds finished parts of a run that has not ended."""
-    return len(KeptParts(directory / FOLDER)) > 0
+    return len(Checkpoints(directory / FOLDER)) > 0
 
 
-def _take_over(parts: KeptParts, directory: Path, run: dict[str, Any], resume: bool) -> None:
+def _take_over(parts: Checkpoints, directory: Path, run: dict[str, Any], resume: bool) -> None:
     """Check that the parts in a folder are of this run, or begin it."""
     said = parts.folder / RUN
     for left in parts.folder.glob(f"*{UNFINISHED}"):

@@ -19,12 +19,12 @@ from typing import Any
 
 from sionna_radar.foundation.errors import InputFileError
 
-MOST_TEXT_BYTES = 10_000_000
+MAX_TEXT_BYTES = 10_000_000
 LONGEST_SHOWN = 120
 # Deeper than any table of a scenario; TOML's parser and pydantic recurse once or more for each level.
 DEEPEST_NESTING = 32
 # Range of integers guaranteed by TOML.
-LEAST_WHOLE, MOST_WHOLE = -(2**63), 2**63 - 1
+MIN_WHOLE, MAX_WHOLE = -(2**63), 2**63 - 1
 
 
 def shown(value: object) -> str:
@@ -37,7 +37,7 @@ def shown(value: object) -> str:
     return text
 
 
-def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT_BYTES) -> int:
+def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
     """Check that a path is a regular file of a bounded size, and return its size in bytes.
 
     Parameters
@@ -72,7 +72,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT
     return found.st_size
 
 
-def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MOST_TEXT_BYTES) -> bytes:
+def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
     """Return the content of a file.
 
     Raises InputFileError as `regular_file` does, and if the file cannot be read.
@@ -118,7 +118,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     for _ in range(DEEPEST_NESTING):
         inner = [v for node in level for v in (node.values() if isinstance(node, dict) else node)]
         for value in inner:
-            if isinstance(value, int) and not LEAST_WHOLE <= value <= MOST_WHOLE:
+            if isinstance(value, int) and not MIN_WHOLE <= value <= MAX_WHOLE:
                 message = f"the whole number {shown(value)} does not fit 64 bits"
                 raise ValueError(message)
         level = [value for value in inner if isinstance(value, dict | list)]

@@ -13,7 +13,7 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 
 # Cells of the largest raster that is read as a whole, 800 MB in memory.
-MOST_READ_CELLS = 100_000_000
+MAX_READ_CELLS = 100_000_000
 REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <spacing> <spacing>"
 
 
@@ -175,7 +175,7 @@ class Raster:
             if file.crs and (file.crs.is_geographic or not math.isclose(file.crs.linear_units_factor[1], 1.0)):
                 message = f"{named} counts in {file.crs.units_factor[0]}, not in metres; {REMEDY}"
                 raise InputFileError(message)
-            cells = read_square_cells(file, named, REMEDY, MOST_READ_CELLS)
+            cells = read_square_cells(file, named, REMEDY, MAX_READ_CELLS)
         return Raster.from_array(cells.height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m)
 
     @property

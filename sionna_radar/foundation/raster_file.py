@@ -24,13 +24,13 @@ from sionna_radar.foundation.input_file import network_allowed, regular_file, sh
 
 # GeoTIFF, Esri ASCII grid, SRTM height, USGS and military elevation models, and plain binary grids with a header.
 DRIVERS = ("GTiff", "AAIGrid", "SRTMHGT", "USGSDEM", "DTED", "EHdr", "ENVI", "PNG")
-MOST_BYTES = 100_000_000_000
-MOST_CELLS = 10_000_000_000
+MAX_BYTES = 100_000_000_000
+MAX_CELLS = 10_000_000_000
 # Files next to a raster that GDAL reads implicitly, in any format; only TIFF is accepted, by its first bytes.
 SIDE_CARS = (".msk", ".ovr")
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # A block is decoded as a whole, however little of it is needed.
-MOST_BLOCK_BYTES = 1_000_000_000
+MAX_BLOCK_BYTES = 1_000_000_000
 REMEDY = "give a GeoTIFF, an Esri ASCII grid or an SRTM .hgt, or convert it with gdal_translate"
 
 
@@ -80,9 +80,9 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
     """
     name = f"{key} ="
     if isinstance(path, str):
-        place, size, drivers, options = _reached(path, name), MOST_BYTES, ["GTiff"], NETWORK_OPTIONS
+        place, size, drivers, options = _reached(path, name), MAX_BYTES, ["GTiff"], NETWORK_OPTIONS
     else:
-        size = regular_file(path, name, REMEDY, MOST_BYTES)
+        size = regular_file(path, name, REMEDY, MAX_BYTES)
         _check_side_cars(path, name)
         place, drivers, options = str(path.absolute()), list(DRIVERS), {}
     try:
@@ -156,7 +156,7 @@ def _check_side_cars(path: Path, name: str) -> None:
     wanted = {path.name.lower() + suffix for suffix in SIDE_CARS}
     for beside in path.parent.iterdir():
         if beside.name.lower() in wanted:
-            regular_file(beside, name, "remove it", MOST_BYTES)
+            regular_file(beside, name, "remove it", MAX_BYTES)
             with beside.open("rb") as file:
                 if file.read(4) not in TIFF_STARTS:
                     message = f"{name} {shown(path)} has {beside.name} next to it, which is not a TIFF; remove it"
@@ -166,8 +166,8 @@ def _check_side_cars(path: Path, name: str) -> None:
 def _check_size(dataset: Any, file_bytes: int, name: str) -> None:
     rows, columns = dataset.shape
     cells = rows * columns
-    if cells > MOST_CELLS:
-        message = f"{name} has {columns:,} x {rows:,} cells, more than {MOST_CELLS:,}; cut out the part that is flown"
+    if cells > MAX_CELLS:
+        message = f"{name} has {columns:,} x {rows:,} cells, more than {MAX_CELLS:,}; cut out the part that is flown"
         raise InputFileError(message)
     if dataset.driver == "AAIGrid" and 2 * cells - 1 > file_bytes:  # a digit and a space for each
         message = f"{name} claims {columns:,} x {rows:,} cells but has only {file_bytes:,} bytes; get the whole file"
@@ -175,9 +175,9 @@ def _check_size(dataset: Any, file_bytes: int, name: str) -> None:
     if dataset.count:
         # Complex integers have no NumPy type; 16 bytes is the maximum for a cell.
         block = 16 * math.prod(dataset.block_shapes[0])
-        if block > MOST_BLOCK_BYTES:
+        if block > MAX_BLOCK_BYTES:
             message = (
-                f"{name} is stored in blocks of {block:,} bytes, more than {MOST_BLOCK_BYTES:,}; "
+                f"{name} is stored in blocks of {block:,} bytes, more than {MAX_BLOCK_BYTES:,}; "
                 "store it in tiles, with gdal_translate -co TILED=YES"
             )
             raise InputFileError(message)

@@ -20,7 +20,7 @@ THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 # What the names of the pool's threads begin with.
 POOL = "sionna-radar-pool-"
 # Fewer rows than this in a part are not worth a thread.
-LEAST_ROWS = 16
+MIN_ROWS = 16
 
 
 def parts(count: int, at_once: int) -> list[tuple[int, int]]:
@@ -84,7 +84,7 @@ def over_rows(work: Callable[[int, int], None], rows: int) -> None:
 
     What is computed of a row must depend on nothing of the others, so that the number of parts changes no result.
     """
-    number = min(cores(), rows // LEAST_ROWS)
+    number = min(cores(), rows // MIN_ROWS)
     if number < 2:
         work(0, rows)
         return

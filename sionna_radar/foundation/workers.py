@@ -18,7 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
 from sionna_radar.foundation import errors
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError, WorkerError, one_line
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress, silent
@@ -142,7 +142,7 @@ def each_kept(
     workers: Workers,
     work: Work,
     tasks: Mapping[str, Task],
-    parts: KeptParts | None,
+    parts: Checkpoints | None,
     progress: Progress = silent,
     shared: Any = None,
 ) -> Iterator[tuple[str, bytes | Failure]]:

@@ -19,7 +19,7 @@ PATCH_WIDTHS = 3.0
 SAMPLES_PER_WIDTH = 8
 # A target is measured if it exceeds the median around it by this. Speckle, exponential about 1.44 times its median,
 # does so once in 2^30 cells.
-LEAST_CONTRAST = 30.0
+MIN_CONTRAST = 30.0
 # Swerling cases that change from pulse to pulse: their images have no defined width.
 UNSTEADY = (2, 4)
 
@@ -107,7 +107,7 @@ def _widths(
     inner = power[skip[0] : -skip[0], skip[1] : -skip[1]]
     brightest = np.unravel_index(inner.argmax(), inner.shape)
     row, column = int(brightest[0]) + skip[0], int(brightest[1]) + skip[1]
-    if power[row, column] < LEAST_CONTRAST * np.median(power):
+    if power[row, column] < MIN_CONTRAST * np.median(power):
         return None
     cuts = ((along_m, power[:, column], row), (across_m, power[row], column))
     if any(cut.argmax() != peak for _, cut, peak in cuts):

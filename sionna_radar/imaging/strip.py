@@ -101,7 +101,7 @@ def _half_power(response: Callable[[float], float], step: float) -> float:
 STEEPEST_RAD, FLATTEST_RAD = np.deg2rad(1.0), np.deg2rad(85.0)
 # Pixels per half-power width of a focused point.
 PIXELS_PER_WIDTH = 2
-MOST_PIXELS = 10_000_000
+MAX_PIXELS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,10 +201,10 @@ def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: 
     along = azimuth_resolution_m(aperture, chirp.wavelength_m) / PIXELS_PER_WIDTH
     across = ground_range_resolution_m(chirp, window_name, flattest) / PIXELS_PER_WIDTH
     pixels = (strip.length_m - 2 * margin) / along * (strip.far_m - strip.near_m) / across
-    if pixels > MOST_PIXELS:
+    if pixels > MAX_PIXELS:
         message = (
             f"a track of {strip.length_m:.0f} m needs {pixels:,.0f} pixels of {1e3 * along:.0f} mm x "
-            f"{1e3 * across:.0f} mm, more than {MOST_PIXELS:,}; shorten it"
+            f"{1e3 * across:.0f} mm, more than {MAX_PIXELS:,}; shorten it"
         )
         raise ScenarioError([Problem("platform.length_m", message)])
     return strip.pixels(np.arange(margin, strip.length_m - margin, along), np.arange(strip.near_m, strip.far_m, across))

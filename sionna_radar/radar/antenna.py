@@ -25,7 +25,7 @@ from sionna_radar.scenario.registry import PACKAGE, require
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
 # Of the cuts of a pattern, on either side.
-MOST_CUT_SAMPLES = 50_000
+MAX_CUT_SAMPLES = 50_000
 
 
 @runtime_checkable
@@ -291,7 +291,7 @@ def antenna_of(
 
     """
     step = min(p.step_rad for p in (transmit, receive) if p is not None)
-    samples = 2 * int(np.clip(np.ceil(8 / step), 500, MOST_CUT_SAMPLES)) + 1
+    samples = 2 * int(np.clip(np.ceil(8 / step), 500, MAX_CUT_SAMPLES)) + 1
     cosine = np.linspace(-1.0, 1.0, samples)
     ahead, none = np.sqrt(1 - cosine**2), np.zeros(samples)
     whole = Antenna(

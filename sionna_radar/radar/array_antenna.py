@@ -23,7 +23,7 @@ from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable
 KEY = "radar.antenna.path"
 COLUMNS = ("left_wavelengths", "up_wavelengths")
 EXTRAS = {"amplitude_db": 0.0, "phase_deg": 0.0}
-MOST_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
+MAX_ELEMENTS, LARGEST_WAVELENGTHS = 1_048_576, 300.0
 REMEDY = f"give a CSV with the columns {','.join(COLUMNS)} and, if wanted, {','.join(EXTRAS)}"
 
 
@@ -119,7 +119,7 @@ def read_elements(path: Path) -> tuple[Float[np.ndarray, "element 2"], Complex[n
             values += [float(row[column]) if column in header else usual for column, usual in EXTRAS.items()]
         except (ValueError, TypeError):
             values = [np.nan]
-        if not np.isfinite(values).all() or len(found) >= MOST_ELEMENTS or max(map(abs, values)) > 1e6:
+        if not np.isfinite(values).all() or len(found) >= MAX_ELEMENTS or max(map(abs, values)) > 1e6:
             message = f"{name}: line {rows.line_num} is no element, or one too many; give numbers, one for each column"
             raise InputFileError(message)
         found.append(values)

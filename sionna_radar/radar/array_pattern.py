@@ -17,7 +17,7 @@ from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
 
 # Samples of the array factor over the width of a beam, one over the array's size in wavelengths; and at most, a side.
-SAMPLES_PER_BEAM, MOST_SAMPLES = 16, 6000
+SAMPLES_PER_BEAM, MAX_SAMPLES = 16, 6000
 # A difference of two direction cosines, and a margin for the last sample.
 REACH = 2.02
 
@@ -75,7 +75,7 @@ def array_factor(
     """Return the array factor of elements at places (left, up) in wavelengths."""
     centred = place_wavelengths - (place_wavelengths.min(axis=0) + place_wavelengths.max(axis=0)) / 2
     size = np.ptp(place_wavelengths, axis=0) + 0.5
-    columns, rows = (int(min(MOST_SAMPLES, np.ceil(2 * REACH * SAMPLES_PER_BEAM * s))) | 1 for s in size)
+    columns, rows = (int(min(MAX_SAMPLES, np.ceil(2 * REACH * SAMPLES_PER_BEAM * s))) | 1 for s in size)
     # Sums over elements of w exp(2 pi i (x u + y v)) on the grid: a non-uniform Fourier transform of type 1.
     step = [2 * REACH / (n - 1) for n in (columns, rows)]
     angle = [np.ascontiguousarray(2 * np.pi * centred[:, axis] * step[axis]) for axis in (0, 1)]

@@ -11,7 +11,7 @@ from sionna_radar.surfaces.backscatter import Backscatter
 
 NODES = 256
 # Nearer to the horizon the plane is too far to count.
-LEAST_DOWN = 1e-3
+MIN_DOWN = 1e-3
 
 
 def plane_echo(
@@ -95,12 +95,12 @@ def _parts_of_beam(
     if not antenna.separable:
         grid = antenna.two_way
         down, power_sr = grid.direction @ to_nadir, grid.power_sr.ravel()
-        seen = (down > LEAST_DOWN) & (power_sr > 0)
+        seen = (down > MIN_DOWN) & (power_sr > 0)
         return down[seen], power_sr[seen]
     u, v = np.meshgrid(_equal_shares(antenna.azimuth), _equal_shares(antenna.elevation))
     cos = np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)).ravel()
     down = to_nadir @ np.array([cos, u.ravel(), v.ravel()])
-    seen = (down > LEAST_DOWN) & (cos > 0)
+    seen = (down > MIN_DOWN) & (cos > 0)
     return down[seen], cos[seen]
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.integrate import trapezoid
 
 # Samples of a whole sphere, 0.05 deg apart; finer ones would take gigabytes.
-MOST_SAMPLES = 30_000_000
+MAX_SAMPLES = 30_000_000
 
 
 @dataclass(frozen=True)
@@ -120,11 +120,11 @@ class SphericalPattern:
 
 
 def check_samples(step_rad: float) -> int:
-    """Return the number of elevation rows of a sphere sampled every `step_rad`; ValueError above `MOST_SAMPLES`."""
+    """Return the number of elevation rows of a sphere sampled every `step_rad`; ValueError above `MAX_SAMPLES`."""
     rows = int(np.ceil(np.pi / step_rad)) + 1
-    if rows * (2 * rows - 1) > MOST_SAMPLES:
+    if rows * (2 * rows - 1) > MAX_SAMPLES:
         message = (
-            f"samples every {np.rad2deg(step_rad):.3g} deg over the sphere are more than {MOST_SAMPLES:,}; "
+            f"samples every {np.rad2deg(step_rad):.3g} deg over the sphere are more than {MAX_SAMPLES:,}; "
             "thin the pattern out to 0.05 deg"
         )
         raise ValueError(message)

@@ -16,9 +16,9 @@ Relative = Callable[[Float[np.ndarray, "k 3"]], Float[np.ndarray, " k"]]
 # Edges of either kind along each axis.
 EDGES = 200
 # Samples along each axis that find where the power is: one for a step of the pattern, but no fewer and no more.
-LEAST_SEARCHED, MOST_SEARCHED = 400, 2000
+MIN_SEARCHED, MAX_SEARCHED = 400, 2000
 # Cells at the rim of the half sphere have no bound on their solid angle.
-LEAST_COSINE = 0.02
+MIN_COSINE = 0.02
 CELLS_AT_ONCE = 50_000
 
 
@@ -73,7 +73,7 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
         See `TwoWayGrid`.
 
     """
-    count = int(np.clip(2 / step_rad, LEAST_SEARCHED, MOST_SEARCHED))
+    count = int(np.clip(2 / step_rad, MIN_SEARCHED, MAX_SEARCHED))
     place, width = (np.arange(count) + 0.5) * (2 / count) - 1, np.full(count, 2 / count)
 
     def facing(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
@@ -110,7 +110,7 @@ def _power(
     for first in range(0, len(up), step):
         rows = slice(first, first + step)
         direction = _directions(left, up[rows])
-        inside = direction[:, 0] > LEAST_COSINE
+        inside = direction[:, 0] > MIN_COSINE
         found = np.zeros(len(direction))
         found[inside] = gain(direction[inside]) ** 2 / direction[inside, 0]
         power[rows] = found.reshape(-1, len(left)) * np.outer(height[rows], width)

@@ -176,7 +176,7 @@ class ScanTable(ScanParameters):
 
 
 # Of a filter, over the highest beat.
-LEAST_CORNER = 1e-9
+MIN_CORNER = 1e-9
 
 
 def _published(name: str) -> str:
@@ -274,7 +274,7 @@ class RadarTable(Table):
         receiver = self.receiver
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")
-            if 0 < corner_hz < LEAST_CORNER * highest_hz:
+            if 0 < corner_hz < MIN_CORNER * highest_hz:
                 message = f"{corner_hz:g} is nothing beside the highest beat, {highest_hz:g}; raise it, or set 0"
                 raise refuse(f"receiver.{kind}_corner_hz", message)
         if receiver.anti_alias_corner_hz > 4 * highest_hz:

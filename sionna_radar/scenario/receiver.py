@@ -58,9 +58,9 @@ Order = Annotated[int, Field(strict=True, ge=1, le=4)]
 # An offset from the carrier, and the level there in one sideband.
 Offset = tuple[Annotated[Real, Field(gt=0, le=1e12)], Annotated[Real, Field(ge=-250, le=0)]]
 # Of the reference, over its own; more is another radar.
-MOST_DRIFT = 0.1
+MAX_DRIFT = 0.1
 # Of all amplifiers up to any of them, either way.
-MOST_GAIN_DB = 300
+MAX_GAIN_DB = 300
 Place = Literal["leakage", "mixer", "interference", "noise", "filters", "converter"]
 Stage = Annotated[StageParameters, ChosenBy("stage", RECEIVER_STAGES, by_name=True)]
 
@@ -117,7 +117,7 @@ class OscillatorTable(Table):
             raise refuse("phase_noise_preset", "contradicts phase_noise_dbc_hz; give one of them")
         if (self.settling_hz != 0) != (self.settling_time_s is not None):
             raise refuse("settling_time_s", "goes with settling_hz; give both or none")
-        if abs(self.scale - 1) > MOST_DRIFT:
+        if abs(self.scale - 1) > MAX_DRIFT:
             message = f"{self.drift_ppm_per_k:g} over {self.warmer_k:g} K scale ranges by {self.scale:g}; lower it"
             raise refuse("drift_ppm_per_k", message)
         first, last = self.used_window
@@ -272,9 +272,9 @@ class ReceiverTable(Table):
                 message = f"{order} has no effect without {kind}_corner_hz; give it"
                 raise refuse(f"{kind}_order", message)
         gains_db = accumulate(stage.gain_db for stage in self.amplifiers)
-        beyond = next((gain_db for gain_db in gains_db if abs(gain_db) > MOST_GAIN_DB), None)
+        beyond = next((gain_db for gain_db in gains_db if abs(gain_db) > MAX_GAIN_DB), None)
         if beyond is not None:
-            message = f"their gains come to {beyond:g} dB, beyond {MOST_GAIN_DB} either way; give fewer, or lower ones"
+            message = f"their gains come to {beyond:g} dB, beyond {MAX_GAIN_DB} either way; give fewer, or lower ones"
             raise refuse("amplifiers", message)
         for place, stage in self.stages.items():
             if stage.stage != place and stage.stage in get_args(Place):

@@ -11,7 +11,7 @@ from sionna_radar.scenario.choice import ParametersOf, name_in
 from sionna_radar.scenario.parts import ENGINES
 from sionna_radar.scenario.table import Real, Table, refuse
 
-MOST_PATHS_PER_PULSE = 100_000
+MAX_PATHS_PER_PULSE = 100_000
 
 
 class TracingTable(Table):
@@ -58,10 +58,10 @@ class TracingTable(Table):
             raise refuse("speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'")
         if self.bounces == 2 and self.engine != "sionna":
             raise refuse("bounces", f"engine = {self.engine!r} knows single bounces alone; set engine = 'sionna'")
-        if self.engine == "sionna" and self.paths_per_pulse > MOST_PATHS_PER_PULSE:
+        if self.engine == "sionna" and self.paths_per_pulse > MAX_PATHS_PER_PULSE:
             raise refuse(
                 "paths_per_pulse",
                 f"{self.paths_per_pulse:,} of a block of pulses do not fit into memory; give at most "
-                f"{MOST_PATHS_PER_PULSE:,} (the rays of engine = 'path_solver', most of which miss, may be more)",
+                f"{MAX_PATHS_PER_PULSE:,} (the rays of engine = 'path_solver', most of which miss, may be more)",
             )
         return self

@@ -16,7 +16,7 @@ from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.terrains.points import Unstated
 
-MOST_CELLS = 50_000_000
+MAX_CELLS = 50_000_000
 
 Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
@@ -67,10 +67,10 @@ def _of_cloud(
     assert stand.path is not None
     frame = frame_of(georeference)
     grid = _grid(point_m, stand.cloud_spacing_m)
-    if grid.rows * grid.columns > MOST_CELLS:
+    if grid.rows * grid.columns > MAX_CELLS:
         message = (
             f"{stand.cloud_spacing_m:g} makes {grid.rows * grid.columns:,} cells of the stand, more than "
-            f"{MOST_CELLS:,}; raise it, or give a smaller polygon_m"
+            f"{MAX_CELLS:,}; raise it, or give a smaller polygon_m"
         )
         raise ScenarioError([Problem(f"{key}.cloud_spacing_m", message)])
     with open_cloud(stand.path, f"{key}.path") as cloud:

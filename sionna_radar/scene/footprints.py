@@ -19,7 +19,7 @@ logger = logging.getLogger("sionna_radar")
 
 # The ground is looked up at least this often along an outline.
 GROUND_STEP_M = 5.0
-MOST_STEPS = 2000  # but no more often
+MAX_STEPS = 2000  # but no more often
 # Higher than any building, and lower than any.
 HIGHEST_M, LOWEST_M = 2000.0, 0.01
 FOOT_M, INCH_M = 0.3048, 0.0254
@@ -152,7 +152,7 @@ def _lowest_ground(
     """Return the lowest ground along each outline, NaN where part of it has none; one look-up for all outlines."""
     import shapely
 
-    step_m = np.maximum(GROUND_STEP_M, shapely.length(shape) / MOST_STEPS)
+    step_m = np.maximum(GROUND_STEP_M, shapely.length(shape) / MAX_STEPS)
     place, owner = shapely.get_coordinates(shapely.segmentize(shape, step_m), return_index=True)
     height = ground_m(place)
     lowest = np.full(len(shape), np.inf)

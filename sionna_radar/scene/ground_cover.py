@@ -32,7 +32,7 @@ from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
 from sionna_radar.scene.vector_file import read_polygons
 
 NO_CLASS = -(2**31)
-MOST_CELLS_READ = 100_000_000
+MAX_CELLS_READ = 100_000_000
 
 
 def cover_ground(
@@ -196,10 +196,10 @@ def raster_at(
         column, row = (c[inside].astype(np.int64) for c in (column, row))
         # Only the part of the file that covers the ground is read.
         window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
-        if window.width * window.height > MOST_CELLS_READ:
+        if window.width * window.height > MAX_CELLS_READ:
             message = (
                 f"{path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
-                f"{MOST_CELLS_READ:,}; coarsen it with gdal_translate -tr"
+                f"{MAX_CELLS_READ:,}; coarsen it with gdal_translate -tr"
             )
             raise InputFileError(message)
         cells = source.read(1, window=window, masked=True)
@@ -215,15 +215,15 @@ def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, " n"]:
 
 
 # Air less high than this is a gap between things that stand on one another.
-LEAST_AIR_M = 0.1
+MIN_AIR_M = 0.1
 # A ray goes on from this far behind the last surface; the ray tracer counts in float32.
 STEP_M = 0.002
-MOST_LAYERS = 32
+MAX_LAYERS = 32
 RAYS_AT_ONCE = 1_000_000
 
 
 # Of the places with an overhang, so many are named.
-MOST_PLACES = 20
+MAX_PLACES = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +238,7 @@ class OverhungPlace:
 class Overhang:
     """Cells of a DEM above which there is more than one surface.
 
-    cells: how many. share: of all cells that have a surface. places: where, the largest first, at most `MOST_PLACES`.
+    cells: how many. share: of all cells that have a surface. places: where, the largest first, at most `MAX_PLACES`.
     """
 
     cells: int
@@ -263,7 +263,7 @@ def _lowest_top(
     found = np.full(len(point_m), np.nan)
     height = np.full(len(point_m), bottom_m)
     going = np.arange(len(point_m))
-    for _ in range(MOST_LAYERS):
+    for _ in range(MAX_LAYERS):
         if len(going) == 0:
             break
         met, up = _next_above(caster, point_m[going], height[going])
@@ -293,7 +293,7 @@ def _places(over: Bool[np.ndarray, "row column"], grid: Grid) -> tuple[OverhungP
     for own, (rows, columns) in enumerate(find_objects(number)):
         west, east, south, north = grid.cut(rows, columns).extent_m
         found.append(OverhungPlace(cells=int(count[own]), extent_m=(west, south, east, north)))
-    return tuple(sorted(found, key=lambda place: -place.cells)[:MOST_PLACES])
+    return tuple(sorted(found, key=lambda place: -place.cells)[:MAX_PLACES])
 
 
 def _air_below(
@@ -304,13 +304,13 @@ def _air_below(
     height = np.full(len(point_m), bottom_m)
     top = np.full(len(point_m), np.nan)  # the last surface met, if it faces up
     going = np.arange(len(point_m))
-    for _ in range(MOST_LAYERS):
+    for _ in range(MAX_LAYERS):
         if len(going) == 0:
             break
         met, up = _next_above(caster, point_m[going], height[going])
         hit = np.isfinite(met)
         met_any[going] |= hit
-        airy[going] |= hit & ~up & (met - top[going] > LEAST_AIR_M)
+        airy[going] |= hit & ~up & (met - top[going] > MIN_AIR_M)
         top[going] = np.where(up, met, np.nan)
         height[going] = met + STEP_M
         going = going[hit & ~airy[going]]

@@ -20,7 +20,7 @@ NUDGE = 1e-9
 # How much faster than the steepest ground a ray must climb to be sure of leaving it behind, for rounding.
 STEEPER = 1.0 + 1e-6
 # Steps along a ray for each row and column, more than any takes.
-MOST_STEPS = 20
+MAX_STEPS = 20
 
 
 class Relief:
@@ -209,7 +209,7 @@ def _meet(ground, x0, y0, z0, dx, dy, dz, near, far, level):
     if side < 0:
         level = 0
     t = near
-    for _ in range(MOST_STEPS * (rows + columns) + 1000):
+    for _ in range(MAX_STEPS * (rows + columns) + 1000):
         if t >= far:
             break
         if side > 0 and dz >= 0.0 and z0 + t * dz > top:

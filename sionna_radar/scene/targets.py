@@ -18,7 +18,7 @@ from sionna_radar.scene.objects import upright
 
 AZIMUTH, ELEVATION, RCS = "azimuth_deg", "elevation_deg", "rcs_dbsm"
 REMEDY = f"give a CSV file with the columns {AZIMUTH},{RCS}, and {ELEVATION} if it depends on that"
-MOST_ROWS = 1_000_000
+MAX_ROWS = 1_000_000
 
 
 def read_rcs(path: Path) -> RcsTable:
@@ -39,8 +39,8 @@ def _check(header: list[str], numbers: list[list[float]]) -> None:
     if set(header) not in ({AZIMUTH, RCS}, {AZIMUTH, ELEVATION, RCS}) or len(set(header)) != len(header):
         message = f"its header is {shown(','.join(header))}"
         raise ValueError(message)
-    if not 1 <= len(numbers) <= MOST_ROWS or any(len(row) != len(header) for row in numbers):
-        message = f"its rows are not from 1 to {MOST_ROWS:,} of {len(header)} numbers each"
+    if not 1 <= len(numbers) <= MAX_ROWS or any(len(row) != len(header) for row in numbers):
+        message = f"its rows are not from 1 to {MAX_ROWS:,} of {len(header)} numbers each"
         raise ValueError(message)
     if not np.all(np.isfinite(numbers)):
         message = "not all of its numbers are finite"
@@ -66,7 +66,7 @@ def _table(header: list[str], values: Float[np.ndarray, "row column"]) -> RcsTab
 # Over a face of the side s at the range r a plane wave is wrong by pi s^2 / (2 wavelength r) in phase, both ways and at
 # its corners: by pi / 8 for this range.
 NEAREST_M = 10.0
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 
 
 def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
@@ -87,9 +87,9 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
     # Halving all sides makes four of a face.
     halvings = np.ceil(np.log2(np.maximum(side_m / longest_m, 1.0)))
     needed = float((4.0**halvings).sum())
-    if needed > MOST_FACES:
+    if needed > MAX_FACES:
         message = (
-            f"is of {needed:,.0f} faces of at most {100 * longest_m:.0f} cm, more than {MOST_FACES:,}; give a smaller "
+            f"is of {needed:,.0f} faces of at most {100 * longest_m:.0f} cm, more than {MAX_FACES:,}; give a smaller "
             "or simpler mesh, or set units"
         )
         raise ScenarioError([Problem(f"{key}.path", message)])
@@ -108,7 +108,7 @@ def body_of(table: TargetMesh, key: str, wavelength_m: float) -> Body:
 
 AXES = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}
 # A way follows the ground in steps no longer than this, and in no more of them.
-STEP_M, MOST_STEPS = 2.0, 20_000
+STEP_M, MAX_STEPS = 2.0, 20_000
 
 
 def target_of(
@@ -161,7 +161,7 @@ def _way(
         return None
     places = np.array([table.position_m, *table.waypoints_m, *([table.position_m] if table.closed else [])])
     length_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    step_m = max(STEP_M, float(length_m.sum()) / MOST_STEPS)
+    step_m = max(STEP_M, float(length_m.sum()) / MAX_STEPS)
     pieces = [
         np.linspace(a, b, max(1, int(np.ceil(leg / step_m))), endpoint=False)
         for a, b, leg in zip(places, places[1:], length_m, strict=False)

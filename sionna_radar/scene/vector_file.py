@@ -23,10 +23,10 @@ from sionna_radar.elevation.placed_raster import horizontal_part, reproject
 from sionna_radar.foundation.errors import InputFileError, Problem, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
 
-MOST_BYTES = 20_000_000_000
-MOST_GEOJSON_BYTES = 200_000_000
-MOST_FEATURES = 2_000_000
-MOST_VERTICES = 50_000_000
+MAX_BYTES = 20_000_000_000
+MAX_GEOJSON_BYTES = 200_000_000
+MAX_FEATURES = 2_000_000
+MAX_VERTICES = 50_000_000
 REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.shp), or convert it with ogr2ogr"
 SHAPE_MAGIC, SQLITE_MAGIC, GPKG_IDS = b"\0\0\x27\x0a", b"SQLite format 3\0", (b"GPKG", b"GP10", b"GP11")
 SIDE_CARS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".sbn", ".sbx")
@@ -127,14 +127,14 @@ def read_polygons(
 
 def _kind(path: Path, name: str) -> str:
     """Return the format of a file by its name and its first bytes, which must agree."""
-    size = regular_file(path, name, REMEDY, MOST_BYTES)
+    size = regular_file(path, name, REMEDY, MAX_BYTES)
     with path.open("rb") as file:
         head = file.read(4096)
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json") and head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
-        if size > MOST_GEOJSON_BYTES:
+        if size > MAX_GEOJSON_BYTES:
             message = (
-                f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MOST_GEOJSON_BYTES:,}; convert it to "
+                f"{name} {shown(path)} has {size:,} bytes of GeoJSON, more than {MAX_GEOJSON_BYTES:,}; convert it to "
                 "a GeoPackage with ogr2ogr"
             )
             raise InputFileError(message)
@@ -145,7 +145,7 @@ def _kind(path: Path, name: str) -> str:
         stem = path.stem.lower()
         for beside in path.parent.iterdir():
             if beside.stem.lower() == stem and beside.suffix.lower() in SIDE_CARS:
-                regular_file(beside, name, "remove it", MOST_BYTES)
+                regular_file(beside, name, "remove it", MAX_BYTES)
         return "shp"
     message = f"{name} {shown(path)} is no GeoJSON, GeoPackage or Shapefile by its name and content; {REMEDY}"
     raise InputFileError(message)
@@ -219,7 +219,7 @@ def _read_by_gdal(
     crs = CRS.from_user_input(info["crs"]) if info["crs"] else None
     bounds = _window_in(crs, frame, window_m)
     _, _, blobs, columns = pyogrio.raw.read(
-        source, layer=layer, columns=list(attributes), bbox=bounds, force_2d=True, max_features=MOST_FEATURES + 1
+        source, layer=layer, columns=list(attributes), bbox=bounds, force_2d=True, max_features=MAX_FEATURES + 1
     )
     _check_count(len(blobs), name)
     geometry = shapely.from_wkb(blobs, on_invalid="ignore")
@@ -267,8 +267,8 @@ def _local(
     shape, number = shapely.get_parts(flat[solid], return_index=True)
     number = np.flatnonzero(solid)[number]
     vertices = int(shapely.get_num_coordinates(shape).sum())
-    if vertices > MOST_VERTICES:
-        message = f"{name} has {vertices:,} vertices over the survey, more than {MOST_VERTICES:,}; simplify it"
+    if vertices > MAX_VERTICES:
+        message = f"{name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
         raise InputFileError(message)
     place, owner = shapely.get_coordinates(shape, return_index=True)
     local = _transformed(place, features, frame, name, key)
@@ -329,8 +329,8 @@ def _transformed(
 
 
 def _check_count(count: int, name: str) -> None:
-    if count > MOST_FEATURES:
-        message = f"{name} has {count:,} features, more than {MOST_FEATURES:,}; cut out the part that is flown"
+    if count > MAX_FEATURES:
+        message = f"{name} has {count:,} features, more than {MAX_FEATURES:,}; cut out the part that is flown"
         raise InputFileError(message)
 
 

@@ -18,7 +18,7 @@ from sionna_radar.scenario.cover import VegetationTable
 logger = logging.getLogger("sionna_radar")
 
 # Borders of stands follow the cells of this grid: so fine, unless it would have too many.
-SPACING_M, MOST_CELLS = 0.25, 4_000_000
+SPACING_M, MAX_CELLS = 0.25, 4_000_000
 # A decibel of power is so many nepers of it.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
@@ -142,10 +142,10 @@ def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, 
     """Return cells that hold some outlines, or of those that would take too many what a window holds of them."""
     corner_m = np.vstack(corners_m)
     width_m, height_m = np.ptp(corner_m, axis=0)
-    if (width_m / SPACING_M + 2) * (height_m / SPACING_M + 2) > MOST_CELLS:
+    if (width_m / SPACING_M + 2) * (height_m / SPACING_M + 2) > MAX_CELLS:
         corner_m = np.clip(corner_m, window_m[:2], window_m[2:])
     (west, south), (east, north) = corner_m.min(axis=0), corner_m.max(axis=0)
-    spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MOST_CELLS))
+    spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MAX_CELLS))
     return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
 
 

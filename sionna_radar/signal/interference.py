@@ -26,9 +26,9 @@ from sionna_radar.signal.stages import Received, ReceiverStage, StageInputs, reg
 # Bursts fade out over this share of the grid's band next to its ends, which filters take away.
 FADED = 0.25
 # Points that a crossing of the grid's band takes at least: from there on frequencies at its points tell the burst.
-LEAST_POINTS = 100.0
+MIN_POINTS = 100.0
 # Of one sweep on the finer grid.
-MOST_POINTS = 2**23
+MAX_POINTS = 2**23
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +103,11 @@ def _band_limited(
     """
     wide = grid.wide
     crossing = wide.sampling_rate_hz**2 / max(abs(wide.slope_hz_s - radar.slope_hz_s), 1e-300)
-    finer = max(1, int(np.ceil(np.sqrt(LEAST_POINTS / crossing))))
+    finer = max(1, int(np.ceil(np.sqrt(MIN_POINTS / crossing))))
     if finer == 1:
         return _beat(radar, pulses, grid, range_m, rate_mps)
-    if finer * wide.samples > MOST_POINTS:
-        message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MOST_POINTS:,} points; lower bandwidth_hz"
+    if finer * wide.samples > MAX_POINTS:
+        message = f"a slope of {radar.slope_hz_s:.3g} Hz/s takes over {MAX_POINTS:,} points; lower bandwidth_hz"
         raise ScenarioError([Problem("interferers", message)])
     fine, points = replace(grid, oversampling=finer * grid.oversampling), wide.samples
     # The lowest frequency of the coarser band, in steps of the transform.

@@ -24,7 +24,7 @@ from sionna_radar.tracing.paths import Paths
 
 STEP_RAD = 0.5
 # A sweep that errs by more of its bandwidth is another one.
-MOST_SHIFTED = 0.1
+MAX_SHIFTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ def build_mixer(_: StageParameters, given: StageInputs) -> Mixer:
     rate_hz = chirp.sampling_rate_hz
     oscillator = build_oscillator(radar.receiver.oscillator, whole / rate_hz, middle / rate_hz)
     shift_hz = oscillator.shift_hz(chirp)
-    if shift_hz > MOST_SHIFTED * radar.bandwidth_hz:
+    if shift_hz > MAX_SHIFTED * radar.bandwidth_hz:
         message = (
-            f"shifts the frequency by {shift_hz:.3g} Hz, more than {MOST_SHIFTED:g} of radar.bandwidth_hz; lower the "
+            f"shifts the frequency by {shift_hz:.3g} Hz, more than {MAX_SHIFTED:g} of radar.bandwidth_hz; lower the "
             "errors of its sweep, or its phase noise"
         )
         raise ScenarioError([Problem("radar.receiver.oscillator", message)])

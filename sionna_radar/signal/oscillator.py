@@ -22,7 +22,7 @@ COLUMNS = ("time_s", "error_hz")
 # Over which a spectrum is summed.
 FREQUENCIES = 512
 # A level that no oscillator has: steep tables go on beyond it below their first offset.
-MOST_DBC_HZ = 300.0
+MAX_DBC_HZ = 300.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class PhaseNoise:
         if len(at) > 1:
             slope = (level[1] - level[0]) / (at[1] - at[0])
             found += np.where(asked < at[0], slope * (asked - at[0]), 0.0)
-        density: Float[np.ndarray, " f"] = np.where(offset_hz > 0, 10.0 ** (np.minimum(found, MOST_DBC_HZ) / 10), 0.0)
+        density: Float[np.ndarray, " f"] = np.where(offset_hz > 0, 10.0 ** (np.minimum(found, MAX_DBC_HZ) / 10), 0.0)
         return density
 
     def waves(

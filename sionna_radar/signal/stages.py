@@ -25,7 +25,7 @@ from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.tracing.paths import Paths
 
 # On the grids of all pulses that are received at once.
-MOST_POINTS = 2**22
+MAX_POINTS = 2**22
 # In the order in which a wave passes them.
 ORDER: tuple[Place, ...] = ("leakage", "mixer", "interference", "noise", "filters", "converter")
 
@@ -121,7 +121,7 @@ class Chain:
 
     def receive(self, received: Received) -> Received:
         """Return one sweep behind all stages; of many pulses at once no more than memory is meant for."""
-        most = max(1, MOST_POINTS // received.grid.wide.samples)
+        most = max(1, MAX_POINTS // received.grid.wide.samples)
         pulses = received.pulses
         if len(pulses) <= most:
             return self._staged(received)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from sionna_radar.flight.navigation import GRADES, Grade
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import Progress, silent
 from sionna_radar.foundation.workers import (
@@ -33,8 +33,8 @@ from sionna_radar.survey.remapping import RecordedSurvey, record_survey, recorde
 GROWTH = 0.1
 # The search ends this close to the growth asked for.
 TOLERANCE = 0.003
-MOST_STEPS = 20
-LEAST_RMS_M = 1e-6
+MAX_STEPS = 20
+MIN_RMS_M = 1e-6
 
 Kind = Literal["constant", "white", "markov"]
 
@@ -146,7 +146,7 @@ def navigation_budget(
     errors: tuple[NavigationError, ...] | None = None,
     grades: Mapping[str, Grade] = GRADES,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
     workers: Workers | None = None,
 ) -> Budget:
     """Fly a survey once and find how large each error of its navigation may be.
@@ -188,7 +188,7 @@ def navigation_budget(
     survey = record_survey(scenario, progress=progress, parts=parts, workers=workers)
     progress("mapping", 0, len(errors) + len(grades))
     exact = survey.lit_error(None).rms_m
-    if not exact > LEAST_RMS_M:
+    if not exact > MIN_RMS_M:
         message = (
             "no echo is detected, so that there is no DEM whose error could grow; raise it, or lower the flight"
             if math.isnan(exact)
@@ -210,7 +210,7 @@ def navigation_budget(
 
 
 def _mapped(
-    survey: RecordedSurvey, tasks: Mapping[str, Task], workers: Workers, parts: KeptParts | None, progress: Progress
+    survey: RecordedSurvey, tasks: Mapping[str, Task], workers: Workers, parts: Checkpoints | None, progress: Progress
 ) -> dict[str, Any]:
     """Return the result of each task by its key."""
     found: dict[str, Any] = {}
@@ -265,7 +265,7 @@ def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, gro
         return math.inf if math.isnan(rms) else rms / exact - 1
 
     size, low, high = error.first, (0.0, 0.0), (math.inf, math.inf)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         found = grown(size)
         if abs(found - growth) < TOLERANCE * (1 + growth):
             return size

@@ -12,7 +12,7 @@ from sionna_radar.foundation.raster import Raster
 
 # Named when a setting has no such key.
 ABSENT = "-"
-MOST_RESULTS = 12
+MAX_RESULTS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +51,10 @@ class Comparison:
 def compare_results(results: Sequence[FlownResult]) -> Comparison:
     """Return results side by side.
 
-    Raises ScenarioError for fewer than two or more than `MOST_RESULTS`.
+    Raises ScenarioError for fewer than two or more than `MAX_RESULTS`.
     """
-    if not 2 <= len(results) <= MOST_RESULTS:
-        message = f"{len(results)} folders; give 2 to {MOST_RESULTS} of them"
+    if not 2 <= len(results) <= MAX_RESULTS:
+        message = f"{len(results)} folders; give 2 to {MAX_RESULTS} of them"
         raise ScenarioError([Problem("DIR", message)], "command line")
     return Comparison(
         results=tuple(results),

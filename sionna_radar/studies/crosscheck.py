@@ -27,7 +27,7 @@ from scipy.special import ndtri
 
 from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
@@ -302,7 +302,7 @@ def crosscheck(
     tolerances: Tolerances | None = None,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
     workers: Workers | None = None,
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare what they find.
@@ -357,7 +357,7 @@ def _correlation_m(prepared: Prepared) -> float:
 
 
 def _fly_all(
-    prepared: Prepared, block_size: int, progress: Progress, parts: KeptParts | None, workers: Workers
+    prepared: Prepared, block_size: int, progress: Progress, parts: Checkpoints | None, workers: Workers
 ) -> dict[str, EngineResult]:
     """Return the result of each engine with each of its two seeds."""
     first = prepared.scenario.seed

@@ -48,7 +48,7 @@ from sionna_radar.survey.sensors.radar import Radar
 BINS_PER_CELL = 4
 STRETCHES_PER_WIDTH = 8
 # Pulses in a stretch, at least, so that none is without.
-LEAST_PULSES = 2
+MIN_PULSES = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,4 +276,4 @@ def _stretch_m(prepared: Prepared, strip: Strip) -> float:
     """Return the length of track that the slant-range image averages over."""
     width = real_aperture_resolution_m(prepared.antenna.azimuth, strip.slant_range_m(strip.near_m))
     spacing = prepared.flown.speed_mps / prepared.local.radar.chirp_rate_hz
-    return max(width / STRETCHES_PER_WIDTH, LEAST_PULSES * spacing)
+    return max(width / STRETCHES_PER_WIDTH, MIN_PULSES * spacing)

@@ -51,7 +51,7 @@ from sionna_radar.weather.volume import volume_of
 # Powers at frequencies, which are counted in bins.
 Spectrum = Callable[[Int[np.ndarray, " bin"]], Float[np.ndarray, " bin"]]
 # Of what the high-pass leaves in a bin, by which the calibration divides.
-LEAST_PASSED = 1e-12
+MIN_PASSED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class BuiltReceiver:
                 (beat_hz >= lowest_hz) & (beat_hz < end_hz), np.abs(anti_alias.response(beat_hz)) ** 2, 0.0
             )
             if turn and high_pass is not None:
-                share *= high_pass.power_response(beat_hz) / np.maximum(analyser.passed_power, LEAST_PASSED)
+                share *= high_pass.power_response(beat_hz) / np.maximum(analyser.passed_power, MIN_PASSED)
             found.append(Alias(np.abs(number) if chirp.sampling == "real" else number, share))
         return tuple(found)
 
@@ -107,7 +107,7 @@ class BuiltReceiver:
             read += alias.share * power(alias.number)
         if self.imbalance is None:
             return read
-        passed = np.maximum(self.analyser.passed_power, LEAST_PASSED)
+        passed = np.maximum(self.analyser.passed_power, MIN_PASSED)
         # The image of the n-th bin is the n-th from the end of the band, which is that of zero.
         image = np.roll((read * passed)[::-1], 1) / passed
         return abs(self.imbalance.own) ** 2 * read + abs(self.imbalance.image) ** 2 * image
@@ -156,7 +156,7 @@ def floors_of(
     if step is not None:
         parts = 1 if receiver.chirp.sampling == "real" else 2
         # It comes behind the high-pass, whose response the calibration divides out.
-        found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / np.maximum(analyser.passed_power, LEAST_PASSED)
+        found[ROUNDING] = parts * step**2 / 12 * in_cell(analyser) / np.maximum(analyser.passed_power, MIN_PASSED)
     ways = radar.receiver.leakage
     if ways and "leakage" not in radar.receiver.stages:
         found[LEAKAGE] = _still(ways, radar, built)

@@ -19,7 +19,7 @@ from sionna_radar.scene.landscape import TerrainInputs, build_landscape, map_fra
 
 # A terrain is looked at on so many places a side.
 PLACES = 300
-LEAST_MARGIN_M = 50.0
+MIN_MARGIN_M = 50.0
 GAP_S = 2.0
 
 
@@ -127,7 +127,7 @@ def _ground(
     if terrain is None:
         return None, None, None
     low, high = place[:, :2].min(axis=0), place[:, :2].max(axis=0)
-    margin = max(0.15 * float(np.max(high - low)), LEAST_MARGIN_M)
+    margin = max(0.15 * float(np.max(high - low)), MIN_MARGIN_M)
     west, south, east, north = (float(v) for v in (*(low - margin), *(high + margin)))
     land = build_landscape(terrain, TerrainInputs(window_m=(west, south, east, north), carrier_hz=77e9, channel="VV"))
     grid = Grid.covering(west, south, east, north, max(east - west, north - south) / PLACES)

@@ -30,7 +30,7 @@ from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
 from sionna_radar.scenario.terrain import FlatTerrain
 from sionna_radar.scene.map_positions import in_local_frame
-from sionna_radar.survey.checks import MOST_CHIRPS
+from sionna_radar.survey.checks import MAX_CHIRPS
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import trace_boresights
 
@@ -41,10 +41,10 @@ RESERVE = 0.9
 SHADOW_MARGIN_RAD = math.radians(5.0)
 # Ground may lie this share of the altitude lower than the plan's level ground.
 RELIEF = 0.15
-LEAST_INCIDENCE_RAD = math.radians(5.0)
+MIN_INCIDENCE_RAD = math.radians(5.0)
 # Cruise beyond each end of a line, in ground samples.
 RUN_OUT_SAMPLES = 2.0
-MOST_LINES = 10_000
+MAX_LINES = 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,20 +212,20 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
 
 def _check_lines(wanted: Wanted, altitude: float, half_swath: float) -> None:
     lines = min(wanted.size_m) / (2 * altitude * math.tan(half_swath) * (1 - wanted.overlap))
-    if lines > MOST_LINES:
-        message = f"{wanted.sampling_m:g} m takes {lines:.3g} lines, more than {MOST_LINES:,}; raise it"
+    if lines > MAX_LINES:
+        message = f"{wanted.sampling_m:g} m takes {lines:.3g} lines, more than {MAX_LINES:,}; raise it"
         raise ScenarioError([Problem("sampling", message)], "plan")
 
 
 def _check_chirps(plan: FlightPlan) -> None:
     """Refuse a flight of more chirps than can be flown over the terrain to check it."""
     chirps = plan.flight_s * plan.chirp_rate_hz
-    if chirps > MOST_CHIRPS:
+    if chirps > MAX_CHIRPS:
         wanted = plan.wanted
-        enough_m = 1.1 * wanted.sampling_m * math.sqrt(chirps / MOST_CHIRPS)
+        enough_m = 1.1 * wanted.sampling_m * math.sqrt(chirps / MAX_CHIRPS)
         message = (
             f"{wanted.sampling_m:g} m over {wanted.size_m[0]:g} x {wanted.size_m[1]:g} m takes {chirps:.3g} chirps, "
-            f"more than {MOST_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
+            f"more than {MAX_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
             "a part of the area at a time"
         )
         raise ScenarioError([Problem("sampling", message)], "plan")
@@ -261,7 +261,7 @@ def _angles(wanted: Wanted) -> tuple[float, float]:
     # The ray at the edge lies arccos(cos a cos b) from nadir.
     if math.cos(incidence) * math.cos(half_swath) >= math.cos(steepest):
         return incidence, half_swath
-    half_swath = min(half_swath, math.acos(math.cos(steepest) / math.cos(min(LEAST_INCIDENCE_RAD, steepest / 2))))
+    half_swath = min(half_swath, math.acos(math.cos(steepest) / math.cos(min(MIN_INCIDENCE_RAD, steepest / 2))))
     return min(incidence, math.acos(min(math.cos(steepest) / math.cos(half_swath), 1.0))), half_swath
 
 
@@ -318,7 +318,7 @@ def _default_base() -> Scenario:
 
 # Places that the area is looked at, per sampling and in all.
 PLACES_PER_SAMPLE = 4
-MOST_PLACES = 1_000_000
+MAX_PLACES = 1_000_000
 PULSES_AT_ONCE = 4096
 
 
@@ -384,7 +384,7 @@ def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent
 def places(plan: FlightPlan) -> Float[np.ndarray, "row column 2"]:
     """Return places all over the area of a plan, east and north."""
     right, along = plan.wanted.size_m
-    step = max(plan.wanted.sampling_m / PLACES_PER_SAMPLE, math.sqrt(right * along / MOST_PLACES))
+    step = max(plan.wanted.sampling_m / PLACES_PER_SAMPLE, math.sqrt(right * along / MAX_PLACES))
     columns, rows = (max(2, math.ceil(side / step) + 1) for side in (right, along))
     x, y = np.meshgrid(np.linspace(-right / 2, right / 2, columns), np.linspace(-along / 2, along / 2, rows))
     return plan.wanted.to_world(np.column_stack([x.ravel(), y.ravel()])).reshape(rows, columns, 2)

@@ -22,7 +22,7 @@ GUARD, TRAINING = 3, 6
 # Of the latest map in the levels of a clutter map.
 WEIGHT = 0.25
 # Share of the beam by which the antenna may turn during a frame.
-MOST_TURN = 0.5
+MAX_TURN = 0.5
 # A mover this many cells away from where a target is, in either direction, is that target.
 NEAR_CELLS = 1.0
 
@@ -189,7 +189,7 @@ def _check_turn(prepared: Prepared, frame: Int[np.ndarray, " chirp"]) -> None:
     """Refuse a frame within which the beam looks elsewhere, if only to come back."""
     boresight = prepared.flight.pulses(frame).true.boresight
     turned = float(np.arccos(np.clip(boresight @ boresight[0], -1.0, 1.0)).max())
-    if turned > MOST_TURN * min(prepared.antenna.beamwidths_rad):
+    if turned > MAX_TURN * min(prepared.antenna.beamwidths_rad):
         message = (
             f"{len(frame)} turn the beam by {np.rad2deg(turned):.3g} deg, more than half of its width; take fewer, "
             "raise radar.chirp_rate_hz, or set radar.scan.mode = 'fixed'"

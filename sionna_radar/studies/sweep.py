@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import Progress, silent
@@ -349,7 +349,7 @@ def fly_sweep(
     *,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
     shard: Shard | None = None,
     workers: Workers | None = None,
 ) -> Sweep:

@@ -12,7 +12,7 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.scan import Scan
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import Problem, ScenarioError, named_after
 from sionna_radar.foundation.numerics import on_one_thread, to_db
 from sionna_radar.foundation.progress import (
@@ -78,7 +78,7 @@ def run(
     dem_method: DemMethod | None = None,
     recordings: Mapping[str, str | Path] | None = None,
     sample_type: SampleType = "float64",
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
     workers: Workers | None = None,
     progress: Progress | None = None,
 ) -> Survey:
@@ -189,7 +189,7 @@ def _run(
     custom: CustomParts,
     block_size: int,
     recordings: _Recordings,
-    parts: KeptParts | None,
+    parts: Checkpoints | None,
     workers: Workers | None,
     progress: Progress,
 ) -> Survey:

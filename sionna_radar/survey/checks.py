@@ -19,16 +19,16 @@ from sionna_radar.mapping.mapper import Extent
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.tracing import MOST_PATHS_PER_PULSE
+from sionna_radar.scenario.tracing import MAX_PATHS_PER_PULSE
 from sionna_radar.scene.build import BuiltScene
 from sionna_radar.surfaces.radar_material import as_radar_material
 
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
 # Of the phase of a point over a chirp, beyond what even motion gives.
-MOST_BEND_RAD = 0.5
+MAX_BEND_RAD = 0.5
 # Backscatter that no receiver knows from none.
-LEAST_SIGMA0 = 1e-20
+MIN_SIGMA0 = 1e-20
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ def check_rotors(scenario: Scenario, chirp: Chirp) -> None:
         for index, rotor in enumerate(target.rotors):
             acceleration = (2 * np.pi * rotor.rotation_rpm / 60) ** 2 * rotor.radius_m
             bend_rad = np.pi / (2 * chirp.wavelength_m) * acceleration * chirp.duration_s**2
-            if bend_rad > MOST_BEND_RAD:
-                needed_hz = chirp.rate_hz * np.sqrt(bend_rad / MOST_BEND_RAD)
+            if bend_rad > MAX_BEND_RAD:
+                needed_hz = chirp.rate_hz * np.sqrt(bend_rad / MAX_BEND_RAD)
                 message = (
                     f"{rotor.rotation_rpm:g} bends the echo of its tips by {bend_rad:.3g} rad in a chirp; lower it, or "
                     f"raise radar.chirp_rate_hz to {needed_hz:.3g} or more"
@@ -140,7 +140,7 @@ def check_reference(scenario: Scenario, built: BuiltScene, incidence_rad: float)
         return
     name = built.scene.ground_material
     sigma0 = float(as_radar_material(built.scene.materials[name]).co_polar.sigma0(np.array([incidence_rad]))[0])
-    if sigma0 < LEAST_SIGMA0:
+    if sigma0 < MIN_SIGMA0:
         message = (
             f"counts from the echo of {name!r} at {np.rad2deg(incidence_rad):.0f} deg of incidence, which returns "
             "nothing there; give radar.transmit_power_dbm and radar.noise_figure_db instead"
@@ -215,12 +215,12 @@ def _over_hole(
     return np.all((foot > low[:2]) & (foot < high[:2]), axis=1)
 
 
-MOST_CHIRPS = 10_000_000
+MAX_CHIRPS = 10_000_000
 # Samples times zero-padding: the length of the Fourier transform of a chirp.
-MOST_SPECTRUM = 2**18
+MAX_SPECTRUM = 2**18
 # Powers that an ordered-statistic CFAR sorts at once, for each row of a spectrum.
-MOST_RANKED = 4_000_000
-MOST_FOLLOWING_STEPS = 1_000_000
+MAX_RANKED = 4_000_000
+MAX_FOLLOWING_STEPS = 1_000_000
 # Farther, float32 rays and the millimetres of a point cloud lose their meaning.
 FARTHEST_M = 100_000.0
 
@@ -262,17 +262,17 @@ def check_limits(
 def _chirps(scenario: Scenario, route: Route) -> Problem | None:
     rate_hz, track_m = scenario.radar.chirp_rate_hz, route.length_m
     chirps = route.duration_s * rate_hz
-    if chirps <= MOST_CHIRPS:
+    if chirps <= MAX_CHIRPS:
         return None
     if scenario.platform.log is not None:
         message = (
             f"{route.duration_s:.0f} s of the log take {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
-            f"{MOST_CHIRPS:,}; choose a shorter part, or lower radar.chirp_rate_hz"
+            f"{MAX_CHIRPS:,}; choose a shorter part, or lower radar.chirp_rate_hz"
         )
         return Problem("platform.log_stop_s", message)
     message = (
         f"{route.speed_mps:g} m/s over {track_m:g} m takes {chirps:.3g} chirps at {rate_hz:g} Hz, more than "
-        f"{MOST_CHIRPS:,}; raise it to {1.01 * track_m * rate_hz / MOST_CHIRPS:.3g}, shorten the track, or lower "
+        f"{MAX_CHIRPS:,}; raise it to {1.01 * track_m * rate_hz / MAX_CHIRPS:.3g}, shorten the track, or lower "
         "radar.chirp_rate_hz"
     )
     return Problem("platform.speed_mps", message)
@@ -280,11 +280,11 @@ def _chirps(scenario: Scenario, route: Route) -> Problem | None:
 
 def _spectrum(scenario: Scenario) -> Problem | None:
     samples, padding = scenario.radar.samples_per_chirp, scenario.processing.zero_padding
-    if samples * padding <= MOST_SPECTRUM:
+    if samples * padding <= MAX_SPECTRUM:
         return None
     message = (
         f"{padding} times {samples:,} samples make spectra of {samples * padding:,} bins, more than "
-        f"{MOST_SPECTRUM:,}; lower it to {MOST_SPECTRUM // samples}, or radar.samples_per_chirp"
+        f"{MAX_SPECTRUM:,}; lower it to {MAX_SPECTRUM // samples}, or radar.samples_per_chirp"
     )
     return Problem("processing.zero_padding", message)
 
@@ -292,11 +292,11 @@ def _spectrum(scenario: Scenario) -> Problem | None:
 def _ranked(scenario: Scenario) -> Problem | None:
     cfar, radar = scenario.processing.cfar, scenario.radar
     bins = radar.samples_per_chirp * scenario.processing.zero_padding // (2 if radar.sampling == "real" else 1)
-    if cfar.kind != "OS" or 2 * cfar.training * bins <= MOST_RANKED:
+    if cfar.kind != "OS" or 2 * cfar.training * bins <= MAX_RANKED:
         return None
     message = (
         f"{cfar.training} cells on each side of {bins:,} bins are too many to sort; "
-        f"lower it to {max(1, MOST_RANKED // (2 * bins))}, or set processing.cfar.kind = 'CA'"
+        f"lower it to {max(1, MAX_RANKED // (2 * bins))}, or set processing.cfar.kind = 'CA'"
     )
     return Problem("processing.cfar.training", message)
 
@@ -313,11 +313,11 @@ def check_paths(
 def _steps(scenario: Scenario, track_m: float) -> Problem | None:
     platform = scenario.platform
     steps = 10 * track_m / platform.follow_length_m
-    if platform.height != "terrain_following" or steps <= MOST_FOLLOWING_STEPS:
+    if platform.height != "terrain_following" or steps <= MAX_FOLLOWING_STEPS:
         return None
     message = (
         f"{platform.follow_length_m:g} m divides a track of {track_m:g} m into {steps:.3g} steps, more than "
-        f"{MOST_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / MOST_FOLLOWING_STEPS:.3g}"
+        f"{MAX_FOLLOWING_STEPS:,}; raise it to {10.1 * track_m / MAX_FOLLOWING_STEPS:.3g}"
     )
     return Problem("platform.follow_length_m", message)
 
@@ -359,11 +359,11 @@ def _paths(scenario: Scenario, area_m2: float) -> Problem | None:
     if tracing.engine != "sionna" or tracing.speckle != "persistent" or tracing.scatterers_per_m2 is None:
         return None
     paths = tracing.scatterers_per_m2 * area_m2
-    if paths <= MOST_PATHS_PER_PULSE:
+    if paths <= MAX_PATHS_PER_PULSE:
         return None
     message = (
-        f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than {MOST_PATHS_PER_PULSE:,}; "
-        f"lower it to {0.99 * MOST_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's beam"
+        f"{tracing.scatterers_per_m2:g} puts {paths:.3g} scatterers into the beam, more than {MAX_PATHS_PER_PULSE:,}; "
+        f"lower it to {0.99 * MAX_PATHS_PER_PULSE / area_m2:.3g}, or narrow the antenna's beam"
     )
     return Problem("tracing.scatterers_per_m2", message)
 

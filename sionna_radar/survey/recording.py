@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from sionna_radar.accuracy.truth import Comparison, Counted, Tally
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.flight.pulses import Pulses, PulseSchedule
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import Progress, Stopwatch, silent
@@ -85,7 +85,7 @@ def stretch_of(columns: dict[str, Any]) -> Stretch:
 
 BLOCK_SIZE = 256
 # Blocks that are kept together, so that a long survey has not too many parts, and a short one enough to share them.
-STRETCH_BLOCKS, FEWEST_STRETCHES = 8, 16
+STRETCH_BLOCKS, MIN_STRETCHES = 8, 16
 # How recorders keep the samples of beat signals.
 SampleType = Literal["float64", "float32", "int16"]
 
@@ -199,7 +199,7 @@ def record(
     progress: Progress = silent,
     watch: Stopwatch | None = None,
     recorders: Sequence[Recorder] = (),
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
 ) -> Recording:
     """Fly a prepared survey and return what the sensor observed, block by block.
 
@@ -255,7 +255,7 @@ def stretches_of(prepared: Prepared, block_size: int) -> list[list[tuple[int, in
     """Return the blocks of each stretch of a survey, by their first pulses and their ends."""
     chirps = 1 if prepared.bursts is None else prepared.bursts.chirps
     bounds = list(prepared.flight.line_bounds(max(1, block_size // chirps)))
-    count = min(STRETCH_BLOCKS, -(-len(bounds) // FEWEST_STRETCHES))
+    count = min(STRETCH_BLOCKS, -(-len(bounds) // MIN_STRETCHES))
     return [bounds[first : first + count] for first in range(0, len(bounds), count)]
 
 

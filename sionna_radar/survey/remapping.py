@@ -13,7 +13,7 @@ from functools import lru_cache
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.truth import GroundTruth
 from sionna_radar.flight.pulses import Navigation, build_navigation
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import Progress, Step, silent
 from sionna_radar.foundation.threads import several_at_once
@@ -73,7 +73,7 @@ def record_survey(
     custom: CustomParts | None = None,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
     workers: Workers | None = None,
 ) -> RecordedSurvey:
     """Fly a survey and keep what is needed to map it again.
@@ -115,7 +115,7 @@ def map_with(
     recording: Recording,
     points: Points,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
 ) -> Estimate:
     """Return the DEM of a survey, bit for bit what its mapper makes alone.
 
@@ -137,7 +137,7 @@ def map_with(
     return prepared.mapper.map(points, recording.profiles, prepared.measured, progress, each)
 
 
-def _kept_in(parts: KeptParts) -> EachPiece:
+def _kept_in(parts: Checkpoints) -> EachPiece:
     """Return an iterator function that makes the pieces in this process and stores them."""
 
     def each(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
@@ -155,7 +155,7 @@ def _kept_in(parts: KeptParts) -> EachPiece:
 
 
 def _made_by(
-    workers: Workers, prepared: Prepared, recording: Recording, parts: KeptParts | None, alone: EachPiece
+    workers: Workers, prepared: Prepared, recording: Recording, parts: Checkpoints | None, alone: EachPiece
 ) -> EachPiece:
     """Return an iterator function that makes the pieces on workers; a single one here, by `alone`, on all cores."""
 

@@ -31,7 +31,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.analog_filters import build_high_pass
-from sionna_radar.survey.checks import MOST_SPECTRUM
+from sionna_radar.survey.checks import MAX_SPECTRUM
 from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.recordings.signal_file import SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
@@ -227,8 +227,8 @@ def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: st
             "the recording; lower processing.cfar.guard and processing.cfar.training"
         )
         raise ScenarioError([Problem("processing.cfar.guard", message)], source)
-    if chirp.samples * processing.zero_padding > MOST_SPECTRUM:
-        message = f"{processing.zero_padding} times {chirp.samples:,} samples are more than {MOST_SPECTRUM:,}; lower it"
+    if chirp.samples * processing.zero_padding > MAX_SPECTRUM:
+        message = f"{processing.zero_padding} times {chirp.samples:,} samples are more than {MAX_SPECTRUM:,}; lower it"
         raise ScenarioError([Problem("processing.zero_padding", message)], source)
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 from sionna_radar.accuracy.truth import Tally
-from sionna_radar.foundation.checkpoints import KeptParts
+from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.progress import Progress, Stopwatch, silent
 from sionna_radar.foundation.threads import beside
@@ -33,7 +33,7 @@ def record_with(
     progress: Progress = silent,
     watch: Stopwatch | None = None,
     recorders: Sequence[Recorder] = (),
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
 ) -> tuple[Sensor, Recording]:
     """Return a sensor and what it observed, flown by workers if there are any; with recorders by this process.
 
@@ -74,7 +74,7 @@ def record_on_workers(
     *,
     block_size: int = BLOCK_SIZE,
     progress: Progress = silent,
-    parts: KeptParts | None = None,
+    parts: Checkpoints | None = None,
 ) -> Recording:
     """Have workers fly a prepared survey, and return what `record` does, bit for bit.
 

@@ -20,7 +20,7 @@ from sionna_radar.scenario.receiver import SecondReceiverTable
 logger = logging.getLogger("sionna_radar")
 
 # A map of less than this share of the cells that the main beam reached, and more pulses without an echo, are told.
-LEAST_COVERAGE, MOST_SILENT = 0.2, 0.5
+MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
 # Echoes on a strip narrower than these cells of the DEM are those of a line.
 NARROWEST_CELLS = 3
 # Echoes of rain lie tens of metres above the ground, so that a few of them ruin a DEM.
@@ -113,7 +113,7 @@ def map_warnings(
         return ()
     silent = pulses - len(np.unique(points.pulse))
     warnings: tuple[str, ...] = ()
-    if silent > MOST_SILENT * pulses:
+    if silent > MAX_SILENT * pulses:
         share = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
         warnings = (f"{share} have no echo; raise {louder}, or fly lower",)
     width_m = _strip_m(points)
@@ -122,7 +122,7 @@ def map_warnings(
             f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
             "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side",
         )
-    elif coverage < LEAST_COVERAGE:
+    elif coverage < MIN_COVERAGE:
         share = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
         remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
         warnings += (f"{share} filled: echoes lie farther apart than dem.max_gap_m; {remedy}",)

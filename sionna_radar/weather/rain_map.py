@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 # Rain below this gets no echo; P.838 and Marshall-Palmer are valid far above it.
-LEAST_MM_PER_H = 0.01
-MOST_MM_PER_H = 300.0
+MIN_MM_PER_H = 0.01
+MAX_MM_PER_H = 300.0
 NEPERS_PER_DB = math.log(10.0) / 10.0
 
 
@@ -100,4 +100,4 @@ class RainTogether:
         rate = np.full(position_m.shape[:-1], self.everywhere_mm_per_h)
         for part in self.parts:
             rate = rate + part.rate_mm_per_h(position_m)
-        return np.minimum(rate, MOST_MM_PER_H)
+        return np.minimum(rate, MAX_MM_PER_H)

@@ -92,7 +92,7 @@ def _coefficients(
 # Nodes from pole to pole for each degree of the waves.
 NODES_PER_DEGREE = 2
 # Degrees beyond those of a sphere: a non-spherical shape needs some however small it is.
-LEAST_DEGREES = 5.0
+MIN_DEGREES = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +127,7 @@ def spheroid_echo(
         Angles between the line of sight and the axis, above 0 and below pi.
 
     """
-    degree = int(np.ceil(size + 4.0 * np.cbrt(size) + LEAST_DEGREES))
+    degree = int(np.ceil(size + 4.0 * np.cbrt(size) + MIN_DEGREES))
     cosine, weight = np.polynomial.legendre.leggauss(NODES_PER_DEGREE * degree)
     boundary = _Boundary.of(size, axis_ratio, cosine, weight)
     turn = 2 * np.pi * np.arange(4 * degree) / (4 * degree)

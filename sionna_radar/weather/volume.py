@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import SpeedMixture
-from sionna_radar.weather.rain_map import LEAST_MM_PER_H, MOST_MM_PER_H, RainMap
+from sionna_radar.weather.rain_map import MAX_MM_PER_H, MIN_MM_PER_H, RainMap
 
 # Numbers of rates and of fall-speed quantiles at which non-uniform rain is computed, interpolated in between.
 RATES = 21
@@ -61,12 +61,12 @@ class UnevenVolume:
 
     def __init__(self, weather: Weather, rain: RainMap) -> None:
         self._weather, self._rain = weather, rain
-        self._log_rate = np.linspace(np.log(LEAST_MM_PER_H), np.log(MOST_MM_PER_H), RATES)
+        self._log_rate = np.linspace(np.log(MIN_MM_PER_H), np.log(MAX_MM_PER_H), RATES)
         still = weather.still_echoes
         self._still_per_m = float(sum(reflectivity for reflectivity, _ in still))
         share = tuple(reflectivity / self._still_per_m for reflectivity, _ in still)
         self._still_speeds = SpeedMixture(share=share, kinds=[speeds for _, speeds in still]) if still else None
-        self.reflectivity_per_m = weather.rain_echo(MOST_MM_PER_H)[0] + self._still_per_m
+        self.reflectivity_per_m = weather.rain_echo(MAX_MM_PER_H)[0] + self._still_per_m
 
     @cached_property
     def _tables(self) -> tuple[Float[np.ndarray, " rate"], Float[np.ndarray, "rate quantile"]]:
@@ -77,8 +77,8 @@ class UnevenVolume:
         return reflectivity, np.stack([speeds.at(quantile) for _, speeds in echoes])
 
     def _rain_per_m(self, rate_mm_per_h: Float[np.ndarray, " tone"]) -> Float[np.ndarray, " tone"]:
-        some = rate_mm_per_h >= LEAST_MM_PER_H
-        log_rate = np.log(np.maximum(rate_mm_per_h, LEAST_MM_PER_H))
+        some = rate_mm_per_h >= MIN_MM_PER_H
+        log_rate = np.log(np.maximum(rate_mm_per_h, MIN_MM_PER_H))
         return np.where(some, np.exp(np.interp(log_rate, self._log_rate, self._tables[0])), 0.0)
 
     def relative(self, position_m: Float[np.ndarray, "tone 2"]) -> Float[np.ndarray, " tone"]:
@@ -106,7 +106,7 @@ class UnevenVolume:
         self, rate_mm_per_h: Float[np.ndarray, " tone"], quantile: Float[np.ndarray, " tone"]
     ) -> Float[np.ndarray, " tone"]:
         low, high = self._log_rate[0], self._log_rate[-1]
-        row = (np.log(np.maximum(rate_mm_per_h, LEAST_MM_PER_H)) - low) / (high - low) * (RATES - 1)
+        row = (np.log(np.maximum(rate_mm_per_h, MIN_MM_PER_H)) - low) / (high - low) * (RATES - 1)
         column = quantile * (QUANTILES - 1)
         i, j = np.minimum(row.astype(np.int64), RATES - 2), np.minimum(column.astype(np.int64), QUANTILES - 2)
         u, v = row - i, column - j

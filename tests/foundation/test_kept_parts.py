@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from sionna_radar.foundation.checkpoints import FOLDER, KeptParts, kept_parts
+from sionna_radar.foundation.checkpoints import FOLDER, Checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import OutputError
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}
@@ -17,7 +17,7 @@ def leave(directory, count, run=RUN):
     """An interrupted run; returns what it says."""
 
     def interrupted():
-        with kept_parts(directory, run, resume=True) as parts:
+        with open_checkpoints(directory, run, resume=True) as parts:
             for number in range(count):
                 parts.put(f"part {number}", b"x" * number)
             raise KeyboardInterrupt
@@ -30,7 +30,7 @@ def leave(directory, count, run=RUN):
 def test_parts_stay_after_an_interrupt_and_go_at_the_end(tmp_path):
     out = tmp_path / "deep" / "out"
     leave(out, 3)
-    with kept_parts(out, RUN, resume=True) as parts:
+    with open_checkpoints(out, RUN, resume=True) as parts:
         assert len(parts) == 3
         assert [parts.get(f"part {n}") for n in range(4)] == [b"", b"x", b"xx", None]
         (out / "mine.txt").write_text("mine")
@@ -50,27 +50,27 @@ def test_parts_of_another_run_are_refused(tmp_path, key):
     with pytest.raises(OutputError, match=rf"2 finished parts of a run with another {key};") as refused:
         leave(tmp_path / "out", 0, RUN | {key: "other"})
     assert not hasattr(refused.value, "__notes__")
-    assert len(KeptParts(tmp_path / "out" / FOLDER)) == 2
+    assert len(Checkpoints(tmp_path / "out" / FOLDER)) == 2
 
 
 def test_parts_are_gone_on_from_only_if_that_is_asked(tmp_path):
     leave(tmp_path / "out", 2)
-    with pytest.raises(OutputError, match="go on with --resume"), kept_parts(tmp_path / "out", RUN, resume=False):
+    with pytest.raises(OutputError, match="go on with --resume"), open_checkpoints(tmp_path / "out", RUN, resume=False):
         pass
-    assert len(KeptParts(tmp_path / "out" / FOLDER)) == 2
+    assert len(Checkpoints(tmp_path / "out" / FOLDER)) == 2
 
 
 def test_a_second_run_is_refused_while_the_first_lives(tmp_path):
     with (
-        kept_parts(tmp_path / "out", RUN, resume=False),
+        open_checkpoints(tmp_path / "out", RUN, resume=False),
         pytest.raises(OutputError, match="is being written by another run"),
-        kept_parts(tmp_path / "out", RUN, resume=True),
+        open_checkpoints(tmp_path / "out", RUN, resume=True),
     ):
         pass
 
 
 def _die(directory, held):
-    with kept_parts(directory, RUN, resume=False) as parts:
+    with open_checkpoints(directory, RUN, resume=False) as parts:
         parts.put("done", b"whole")
         (parts.folder / "half.unfinished").write_bytes(b"ha")
         held.set()
@@ -86,7 +86,7 @@ def test_a_killed_run_holds_no_lock_and_leaves_no_half_of_a_part(tmp_path):
     assert held.wait(60)
     os.kill(process.pid, signal.SIGKILL)
     process.join()
-    with kept_parts(tmp_path / "out", RUN, resume=True) as parts:
+    with open_checkpoints(tmp_path / "out", RUN, resume=True) as parts:
         assert parts.get("done") == b"whole"
         assert not list(parts.folder.glob("*.unfinished"))
 
@@ -98,7 +98,7 @@ def test_a_part_without_room_is_one_clear_error(tmp_path, monkeypatch):
     monkeypatch.setattr("os.fsync", full)
     with (
         pytest.raises(OutputError, match=r"No space left on device\); free some space"),
-        kept_parts(tmp_path / "out", RUN, resume=False) as parts,
+        open_checkpoints(tmp_path / "out", RUN, resume=False) as parts,
     ):
         parts.put("a", b"a")
     assert not (tmp_path / "out").exists()
@@ -110,7 +110,7 @@ def test_an_output_folder_that_is_removed_meanwhile_is_one_clear_error(tmp_path,
     removed = [out / FOLDER, out, out.parent][above]
 
     def run():
-        with kept_parts(out, RUN, resume=False) as parts:
+        with open_checkpoints(out, RUN, resume=False) as parts:
             parts.put("a", b"a")
             shutil.rmtree(removed)
             assert parts.get("a") is None
@@ -125,7 +125,7 @@ def test_an_output_folder_that_is_removed_meanwhile_is_one_clear_error(tmp_path,
 
 
 def test_a_result_whose_parts_are_removed_at_the_end_is_written_all_the_same(tmp_path):
-    with kept_parts(tmp_path / "out", RUN, resume=False) as parts:
+    with open_checkpoints(tmp_path / "out", RUN, resume=False) as parts:
         parts.put("a", b"a")
         shutil.rmtree(tmp_path / "out")
     assert not (tmp_path / "out").exists()

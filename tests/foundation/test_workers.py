@@ -15,7 +15,7 @@ import pytest
 import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
-from sionna_radar.foundation.checkpoints import kept_parts
+from sionna_radar.foundation.checkpoints import open_checkpoints
 from sionna_radar.foundation.cluster import open_workers
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network
@@ -99,7 +99,7 @@ def test_warnings_and_the_leave_to_reach_the_network_travel(pair, caplog):
 def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_done(pair, tmp_path):
     deadly = {"do": "die", "deaths": str(tmp_path / "deaths")}
     tasks = {f"{n}": {"do": "look", "x": n} for n in range(5)} | {"deadly": deadly}
-    with kept_parts(tmp_path / "out", {}, resume=False) as parts:
+    with open_checkpoints(tmp_path / "out", {}, resume=False) as parts:
         found = dict(each_kept(pair, look, dict(reversed(tasks.items())), parts))
         assert len(parts) == 5
         assert parts.get("deadly") is None
@@ -151,12 +151,13 @@ from cluster_tasks import look
 from processes import all_ended
 from sionna_radar.foundation.cluster import open_workers
 from sionna_radar.foundation.interrupts import interrupts_reported
-from sionna_radar.foundation.checkpoints import kept_parts
+from sionna_radar.foundation.checkpoints import open_checkpoints
 from sionna_radar.foundation.workers import each_kept
 
 if __name__ == "__main__":
     tasks = {str(n): {"do": "look", "x": n} for n in range(2)} | {f"slow {n}": {"do": "sleep"} for n in range(9)}
-    with interrupts_reported(), open_workers(2) as workers, kept_parts(Path(sys.argv[1]), {}, resume=False) as parts:
+    checkpoints = open_checkpoints(Path(sys.argv[1]), {}, resume=False)
+    with interrupts_reported(), open_workers(2) as workers, checkpoints as parts:
         for _ in each_kept(workers, look, tasks, parts):
             print("done", flush=True)
 """

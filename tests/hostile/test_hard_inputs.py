@@ -19,7 +19,7 @@ from hard_inputs import KINDS, HardInput
 
 WITHIN_S = 90.0
 # Everything loaded, and a survey of the greatest size that is let through.
-MOST_MB = 4000.0
+MAX_MB = 4000.0
 # Commands that end with 1 where the result is bad news: settings that failed, engines that disagree.
 WRITE_NOTHING = ("validate", "fit")
 MAY_END_WITH_1 = ("sweep", "merge", "crosscheck")
@@ -61,7 +61,7 @@ def check(server: CommandServer, hard: HardInput) -> None:
 def assert_ended_well(ended: Ended, hard: HardInput) -> None:
     assert ended.code in (0, 1, 2), ended
     assert "Traceback" not in ended.stderr
-    assert ended.peak_mb < MOST_MB
+    assert ended.peak_mb < MAX_MB
     if ended.code == 1:
         assert hard.arguments[0] in MAY_END_WITH_1, ended
     if ended.code == 2:

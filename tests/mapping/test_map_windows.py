@@ -61,7 +61,7 @@ def test_a_map_in_windows_is_the_map_of_all_points(seed, turn, monkeypatch):
     low, high = points.position_m[:, :2].min(axis=0), points.position_m[:, :2].max(axis=0)
     grid = Grid.covering(*low, *high, 1.0)
     whole = grid_points(points, grid, 2.5, SHADOW_RAD)
-    monkeypatch.setattr(gridding, "MOST_POINTS", 200)
+    monkeypatch.setattr(gridding, "MAX_POINTS", 200)
     assert len(windows_of(grid, points.position_m[:, :2], 200, 4 * 3 * 2.5)) >= 4
     parts = grid_points(points, grid, 2.5, SHADOW_RAD)
     np.testing.assert_array_equal(parts.dem.filled, whole.dem.filled)
@@ -83,7 +83,7 @@ def test_what_farther_points_forbid_is_not_filled(monkeypatch):
     points.position_m[:, :2], points.position_m[:, 2] = place, 0.0
     grid = Grid.covering(0.0, -60.0, 60.0, 80.0, 0.25)
     whole = grid_points(points, grid, 2.2, SHADOW_RAD)
-    monkeypatch.setattr(gridding, "MOST_POINTS", len(place) - 1)
+    monkeypatch.setattr(gridding, "MAX_POINTS", len(place) - 1)
     low, high = windows_of(grid, place, len(place) - 1, 4 * 3 * 2.2)
     parts = grid_points(points, grid, 2.2, SHADOW_RAD)
     assert 0.0 < low.high_m[1] < 4.9 < high.high_m[1]

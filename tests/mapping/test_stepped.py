@@ -15,7 +15,7 @@ from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.coarse_map import AS_GOOD, CHANGE, JUMP, choose_levels, lowest_in_view_m
 from sionna_radar.mapping.stepped.evidence import (
-    LEAST_SHARE,
+    MIN_SHARE,
     _reflectivities,
     evidence_against,
     levels_between,
@@ -119,7 +119,7 @@ def test_evidence_of_empty_air_is_the_likelihood_ratio(level):
     for pulse in range(len(sightings)):
         above = np.maximum(profiles.values(pulse) - 30 * profiles.noise[pulse], 0.0)
         whole.append(above @ above / above.sum() / 2)
-    weakest = LEAST_SHARE * np.percentile(whole, 5)
+    weakest = MIN_SHARE * np.percentile(whole, 5)
     expected = 0.0
     away = np.array([50.0, 0.0, 12.0]) - sightings.pose.position_m
     range_m = np.linalg.norm(away, axis=1)

@@ -11,7 +11,7 @@ from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
 from sionna_radar.scenario.loading import shipped_scenarios, to_toml
 from sionna_radar.scenario.recorded import recorded_settings
 
-LEAST = {
+MIN = {
     "terrain": {"kind": "flat"},
     "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
     "radar": {"snr_db": 30.0},
@@ -20,7 +20,7 @@ LEAST = {
 
 def changed(**keys: object) -> dict:
     """The least scenario with dotted keys (written with __) set; None removes one."""
-    data = {name: dict(table) for name, table in LEAST.items()}
+    data = {name: dict(table) for name, table in MIN.items()}
     for key, value in keys.items():
         *tables, last = key.split("__")
         node = data
@@ -58,7 +58,7 @@ def test_shipped_scenarios_say_what_they_show(name):
 
 
 def test_the_least_scenario_takes_the_papers_radar():
-    scenario = parse_scenario(LEAST)
+    scenario = parse_scenario(MIN)
     radar = scenario.radar
     assert (radar.carrier_hz, radar.bandwidth_hz, radar.chirp_rate_hz) == (77e9, 500e6, 360.0)
     assert (radar.antenna.beamwidth_deg, radar.antenna.side_lobe_db) == (2.0, -20.0)
@@ -198,7 +198,7 @@ def test_whole_numbers_are_numbers():
 
 
 def test_a_scenario_is_frozen():
-    scenario = parse_scenario(LEAST)
+    scenario = parse_scenario(MIN)
     with pytest.raises(ValidationError):
         scenario.seed = 3
     with pytest.raises(ValidationError):
@@ -206,10 +206,10 @@ def test_a_scenario_is_frozen():
 
 
 def test_the_resolved_scenario_holds_the_defaults():
-    written = tomllib.loads(to_toml(parse_scenario(LEAST)))
+    written = tomllib.loads(to_toml(parse_scenario(MIN)))
     assert written["radar"]["antenna"]["beamwidth_deg"] == 2.0
-    assert written["processing"]["cfar"]["kind"] == parse_scenario(LEAST).processing.cfar.kind
-    assert Scenario.model_validate(written) == parse_scenario(LEAST)
+    assert written["processing"]["cfar"]["kind"] == parse_scenario(MIN).processing.cfar.kind
+    assert Scenario.model_validate(written) == parse_scenario(MIN)
 
 
 @pytest.mark.parametrize(

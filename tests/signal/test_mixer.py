@@ -203,7 +203,7 @@ def test_a_pulse_is_the_same_in_any_block(kind, sweep, monkeypatch):
     alone = receiver.beats(paths.rows(paths.pulse == 5), make_pulses(1, first=5))
     for a, b in zip(whole, alone, strict=True):
         np.testing.assert_array_equal(a[5], b[0])
-    monkeypatch.setattr(stages, "MOST_POINTS", 3 * receiver.chain.grid(receiver.chirp).wide.samples)
+    monkeypatch.setattr(stages, "MAX_POINTS", 3 * receiver.chain.grid(receiver.chirp).wide.samples)
     for a, b in zip(whole, receiver.beats(paths, make_pulses(8)), strict=True):
         np.testing.assert_array_equal(a, b)
 

@@ -13,7 +13,7 @@ import pytest
 import cluster_tasks
 import processes
 from sionna_radar.flight.navigation import GRADES
-from sionna_radar.foundation.checkpoints import FOLDER, kept_parts
+from sionna_radar.foundation.checkpoints import FOLDER, open_checkpoints
 from sionna_radar.foundation.cluster import DaskWorkers, open_workers
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
@@ -55,7 +55,7 @@ def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
         counts.append((done, total))
         kept.append(len(list((tmp_path / FOLDER).glob("*.part"))))
 
-    with kept_parts(tmp_path, plan.identity(), resume=False) as parts:
+    with open_checkpoints(tmp_path, plan.identity(), resume=False) as parts:
         there = fly_sweep(plan, workers=pair, progress=progress, parts=parts)
     assert strict_json(summary(there)) == strict_json(summary(here))
     assert counts == [(done, 2) for done in range(3)]
@@ -66,7 +66,7 @@ def test_a_survey_is_the_same_on_workers(pair, tmp_path):
     """Though it is flown in blocks of one line of the scan and of two, and what was kept is not flown again."""
     scenario = load_scenario("hills", SHORT)
     here = everything(run(scenario))
-    with kept_parts(tmp_path / "kept", {}, resume=False) as parts:
+    with open_checkpoints(tmp_path / "kept", {}, resume=False) as parts:
         there = everything(run(scenario, block_size=30, workers=pair, parts=parts))
         again = everything(run(scenario, block_size=30, workers=Nobody(), parts=parts))
         assert len(parts) == 3
@@ -85,7 +85,7 @@ def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_pa
     asked = {"errors": navigation_errors()[6:8], "grades": {"rtk": GRADES["rtk"]}, "repeat": 2}
     scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
     here = navigation_budget(scenario, **asked)
-    with kept_parts(tmp_path, {}, resume=False) as parts:
+    with open_checkpoints(tmp_path, {}, resume=False) as parts:
         assert navigation_budget(scenario, **asked, workers=workers, parts=parts) == here
         assert navigation_budget(scenario, **asked, workers=Nobody(), parts=parts) == here
         # A stretch of the flight, two limits and a grade.
@@ -96,7 +96,7 @@ def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_pa
 def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
     scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
     here = crosscheck(scenario, block_size=30)
-    with kept_parts(tmp_path, {}, resume=False) as parts:
+    with open_checkpoints(tmp_path, {}, resume=False) as parts:
         assert bits(crosscheck(scenario, block_size=60, workers=workers, parts=parts)) == bits(here)
         assert bits(crosscheck(scenario, block_size=60, workers=Nobody(), parts=parts)) == bits(here)
         assert len(parts) >= 8

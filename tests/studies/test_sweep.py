@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drawn_texts import texts_outside
-from sionna_radar.foundation.checkpoints import FOLDER, KeptParts, kept_parts
+from sionna_radar.foundation.checkpoints import FOLDER, Checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.report.files.folder import lasting_columns, strict_json
@@ -289,13 +289,13 @@ def test_a_study_goes_on_where_it_was_interrupted(flown, small, tmp_path):
     while True:
         before = len(surveys)
         try:
-            with kept_parts(tmp_path / "out", plan.identity(), resume=True) as parts:
+            with open_checkpoints(tmp_path / "out", plan.identity(), resume=True) as parts:
                 there = len(parts)
                 result = fly_sweep(plan, progress=until(next(moments)), parts=parts)
                 break
         except Interrupted:
             interrupts += 1
-            kept = KeptParts(tmp_path / "out" / FOLDER)
+            kept = Checkpoints(tmp_path / "out" / FOLDER)
             # What was begun and is not there is the one survey that was interrupted.
             assert len(surveys) - before <= max(len(kept) - there, 0) + 1
     assert interrupts > 3

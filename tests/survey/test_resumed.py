@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.checkpoints import FOLDER, kept_parts
+from sionna_radar.foundation.checkpoints import FOLDER, open_checkpoints
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.loading import identity
 from sionna_radar.survey import recording
@@ -53,7 +53,7 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
     interrupts = 0
     while True:
         try:
-            with kept_parts(tmp_path / "out", identity(scenario, BLOCK), resume=True) as parts:
+            with open_checkpoints(tmp_path / "out", identity(scenario, BLOCK), resume=True) as parts:
                 again = run(prepared, block_size=BLOCK, parts=parts)
                 break
         except Stop:
@@ -72,7 +72,7 @@ def test_a_stretch_is_its_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "STRETCH_BLOCKS", 100)
     scenario = load_scenario("rain", SHORT | {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth"})
     prepared, kept = prepare(scenario), []
-    with kept_parts(tmp_path / "out", {}, resume=False) as parts:
+    with open_checkpoints(tmp_path / "out", {}, resume=False) as parts:
         monkeypatch.setattr(type(parts), "put", lambda self, key, content: kept.append(content))
         recording.record(prepared, prepared.build_sensor(), parts=parts)
     finished = FinishedStretch.unpacked(kept[0])

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from sionna_radar.foundation.checkpoints import kept_parts
+from sionna_radar.foundation.checkpoints import open_checkpoints
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.workers import SHARED, Failure, attempt, name_of, named
 from sionna_radar.mapping.refined.refinement import Smooth
@@ -81,9 +81,9 @@ def test_finished_tiles_are_not_made_again(scenario, alone, tmp_path, monkeypatc
     monkeypatch.setattr(Tiles, "piece", counted)
     monkeypatch.setenv("SIONNA_RADAR_THREADS", "1")
     told = []
-    with pytest.raises(KeyboardInterrupt), kept_parts(tmp_path, {}, resume=False) as parts:
+    with pytest.raises(KeyboardInterrupt), open_checkpoints(tmp_path, {}, resume=False) as parts:
         run(scenario, parts=parts)
-    with kept_parts(tmp_path, {}, resume=True) as parts:
+    with open_checkpoints(tmp_path, {}, resume=True) as parts:
         again = run(scenario, parts=parts, progress=lambda *done: told.append(done))
     assert made == [0, 1, 1]
     assert known(again) == known(alone)
@@ -93,7 +93,7 @@ def test_finished_tiles_are_not_made_again(scenario, alone, tmp_path, monkeypatc
 
 def test_workers_take_tiles_that_are_kept(scenario, alone, tmp_path):
     first, second = Next(), Next()
-    with kept_parts(tmp_path, {}, resume=False) as parts:
+    with open_checkpoints(tmp_path, {}, resume=False) as parts:
         run(scenario, parts=parts, workers=first)
         again = run(scenario, parts=parts, workers=second)
     assert first.made == [1, 0]

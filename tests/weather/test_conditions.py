@@ -26,7 +26,7 @@ from sionna_radar.weather.scattering import mie_efficiencies
 from sionna_radar.weather.validity import Obscurant, Precipitation
 
 CARRIER_HZ = 77e9
-LEAST = {
+MIN = {
     "terrain": {"kind": "flat"},
     "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
     "radar": {"snr_db": 30.0},
@@ -171,5 +171,5 @@ def test_a_scenario_gives_its_weather():
 )
 def test_weather_that_cannot_be_is_refused(changes, field):
     with pytest.raises(ScenarioError) as caught:
-        parse_scenario(LEAST | changes)
+        parse_scenario(MIN | changes)
     assert [problem.field for problem in caught.value.problems] == [field]

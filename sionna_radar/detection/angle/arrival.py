@@ -110,9 +110,9 @@ def ratio_covariance(
 
 
 # Least mean power over the noise; below it the phase has more noise than the bound says.
-LEAST_SNR = 10.0
+MIN_SNR = 10.0
 # By how many standard deviations the coherence may be below that of one surface.
-LEAST_COHERENCE_SIGMAS = 3.0
+MIN_COHERENCE_SIGMAS = 3.0
 # Direction that is known no better than by this share of the beam's own spread is not known.
 LARGEST_SIGMA = 0.5
 # Places along a strip (Gauss-Hermite).
@@ -209,7 +209,7 @@ class AngleEstimator:
             within = np.hypot(along, ramp * np.sqrt(stretches.range_variance_m2))
             expected = coherence(within, stretches.snr)
             scatter = (1 - expected**2) / np.sqrt(2 * stretches.looks)
-            alike &= level >= expected - LEAST_COHERENCE_SIGMAS * scatter
+            alike &= level >= expected - MIN_COHERENCE_SIGMAS * scatter
             turn.append(per_cosine)
         per_receiver = np.array(turn)
         axes = [receiver.axis - 1 for receiver in self.receivers]
@@ -257,7 +257,7 @@ class AngleEstimator:
         sigma = np.sqrt(np.einsum("pi,pij,pj->p", across, covariance, across))
         beam = np.sqrt(np.sum(strips.climb**2 * np.array(self.spread) ** 2, axis=1))
         inside = np.sum((up / np.array(self.half_power)) ** 2, axis=1) <= 1
-        known = (stretches.snr >= LEAST_SNR) & (sigma <= LARGEST_SIGMA * beam)
+        known = (stretches.snr >= MIN_SNR) & (sigma <= LARGEST_SIGMA * beam)
         return Directions(cosines=up, sigma_rad=sigma, usable=inside & known & alike)
 
     @staticmethod

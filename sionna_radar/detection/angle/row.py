@@ -148,7 +148,7 @@ def _form(
 
 
 # Scatter of a phase from receiver to receiver up to which one surface is followed, and steps of it.
-MOST_SCATTER_RAD, SCATTERS = 1.5, 61
+MAX_SCATTER_RAD, SCATTERS = 1.5, 61
 # Half-power widths that are looked through: to where the two-way beam has fallen by more than 20 dB.
 SCANNED = 2.0
 # Standard deviations of an eigenvalue of L looks, 1 / sqrt(L) of it, by which one surface is exceeded.
@@ -289,7 +289,7 @@ class RowEstimator(AngleEstimator):
 
 def _second_eigenvalue(count: int, scatter_rad: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
     """Return the second over the first eigenvalue of one surface whose phase scatters from receiver to receiver."""
-    steps = np.linspace(0.0, MOST_SCATTER_RAD, SCATTERS)
+    steps = np.linspace(0.0, MAX_SCATTER_RAD, SCATTERS)
     apart = np.subtract.outer(np.arange(count), np.arange(count))
     value = np.linalg.eigvalsh(np.exp(-(steps[:, None, None] ** 2) * apart**2 / 2))
     found: Float[np.ndarray, " point"] = np.interp(scatter_rad, steps, value[:, -2] / value[:, -1])

@@ -87,7 +87,7 @@ def stretches_of(
 
 
 # A stretch has at least so many independent looks, or is as long as its echo.
-FEWEST_LOOKS = 2.0
+MIN_LOOKS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +124,7 @@ class Stretches:
     ) -> "Stretches":
         """Divide echoes into stretches of about some lengths."""
         cell_row, cell_bin, start = span_cells(spans.row, spans.start, spans.stop)
-        bins = np.maximum(length_m / spans.bin_m, FEWEST_LOOKS / spans.looks_per_bin)
+        bins = np.maximum(length_m / spans.bin_m, MIN_LOOKS / spans.looks_per_bin)
         echo, first = stretches_of(spans.stop - spans.start, bins)
         begin = start[echo] + first
         value = signal[cell_row, cell_bin]

@@ -33,7 +33,7 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 # Largest correlation of the noise of a cell with that of the nearest of its ring, and between cells of an ordered one.
 SHARED_NOISE = 0.1
 NO_NOISE_SHARED = 0.02
-MOST_CELLS = 2000
+MAX_CELLS = 2000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +76,8 @@ class RingCfar:
             if guard < shared:
                 message = f"{guard} cells of {name}; the window needs at least {shared}; raise it"
                 raise ScenarioError([Problem("guard", message)])
-        if not 1 <= self.cells <= MOST_CELLS:
-            message = f"{self.training} cells around {self.guard} are {self.cells}; give 1 to {MOST_CELLS} in all"
+        if not 1 <= self.cells <= MAX_CELLS:
+            message = f"{self.training} cells around {self.guard} are {self.cells}; give 1 to {MAX_CELLS} in all"
             raise ScenarioError([Problem("training", message)])
 
     @property
@@ -157,7 +157,7 @@ def _independent(correlation: Float[np.ndarray, " lag"]) -> int:
 
 
 # Weights of earlier maps below this are left out of the factor.
-LEAST_SHARE = 1e-9
+MIN_SHARE = 1e-9
 
 
 @dataclass(kw_only=True)
@@ -198,7 +198,7 @@ class ClutterMap:
 
     def _shares(self) -> Float[np.ndarray, " map"]:
         """Return the shares of earlier maps in the level, the latest first."""
-        enough = int(np.ceil(np.log(LEAST_SHARE) / np.log(1 - self.weight)))
+        enough = int(np.ceil(np.log(MIN_SHARE) / np.log(1 - self.weight)))
         kept = (1 - self.weight) ** np.arange(min(self._maps, enough))
         shares = self.weight * kept
         if self._maps <= enough:

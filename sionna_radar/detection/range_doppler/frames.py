@@ -21,7 +21,7 @@ from sionna_radar.foundation.numerics import window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
-FEWEST_CHIRPS = 4
+MIN_CHIRPS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +76,8 @@ class RangeDoppler:
     high_pass: HighPass | None = None
 
     def __post_init__(self) -> None:
-        if self.chirps < FEWEST_CHIRPS:
-            message = f"{self.chirps} do not resolve a range rate; give at least {FEWEST_CHIRPS}"
+        if self.chirps < MIN_CHIRPS:
+            message = f"{self.chirps} do not resolve a range rate; give at least {MIN_CHIRPS}"
             raise ScenarioError([Problem("chirps", message)])
 
     @property

@@ -80,8 +80,8 @@ def _vertex(
 
 
 # Of a turn, between any two of the rates that are told apart: 4 standard deviations at 17 dB.
-LEAST_TURN = 0.1
-MOST_FOLDINGS = 64
+MIN_TURN = 0.1
+MAX_FOLDINGS = 64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +117,11 @@ class StaggeredRangeDoppler:
 
     @property
     def foldings(self) -> int:
-        """Range rates that the phase tells apart where a map does not: as many as lie `LEAST_TURN` from each other."""
+        """Range rates that the phase tells apart where a map does not: as many as lie `MIN_TURN` from each other."""
         assert self.half.interval_s is not None
-        turn = self.first_s / self.half.interval_s * np.arange(1, MOST_FOLDINGS)
-        close = np.flatnonzero(np.abs(turn - np.round(turn)) < LEAST_TURN - 1e-9)
-        return int(close[0]) + 1 if len(close) else MOST_FOLDINGS
+        turn = self.first_s / self.half.interval_s * np.arange(1, MAX_FOLDINGS)
+        close = np.flatnonzero(np.abs(turn - np.round(turn)) < MIN_TURN - 1e-9)
+        return int(close[0]) + 1 if len(close) else MAX_FOLDINGS
 
     @property
     def highest_rate_mps(self) -> float:
@@ -169,7 +169,7 @@ class StaggeredRangeDoppler:
         bin_ = self._nearest(self.half.range_m, read_m)
         first, second = (self.half.amplitude(beat[start::2])[row, bin_] for start in (0, 1))
         # All rates that a mover's may be, and how far the phase between the frames is from what each would leave.
-        fold = np.arange(-MOST_FOLDINGS, MOST_FOLDINGS + 1)
+        fold = np.arange(-MAX_FOLDINGS, MAX_FOLDINGS + 1)
         rate_mps = movers.range_rate_mps[:, None] + fold * self.span_mps
         turned = 4 * np.pi * chirp.direction * self.first_s / chirp.wavelength_m * rate_mps
         likeness = np.cos(np.angle(second * np.conj(first))[:, None] - turned)

@@ -86,14 +86,14 @@ def fit_echo(
     return EchoFit(centre, sigma)
 
 
-LEAST_CLOSING = 0.2
-LEAST_SHAPE = 1e-6
+MIN_CLOSING = 0.2
+MIN_SHAPE = 1e-6
 LEVEL_STEPS = 6
 # Steps over which the echo's shape is differentiated: range in bins, and logarithm of the slope.
 RANGE_STEP, SLOPE_STEP = 0.05, 0.02
-MOST_RANGE, MOST_SLOPE = 3.0, 0.7
+MAX_RANGE, MAX_SLOPE = 3.0, 0.7
 DONE = 1e-4
-LEAST_VARIANCE = 1e-4
+MIN_VARIANCE = 1e-4
 
 
 @compiled
@@ -103,7 +103,7 @@ def _shape(sine, share, across, response, first, boresight, log_slope, place, ed
     samples, slope, mean = len(sine), np.exp(log_slope), 0.0
     for k in range(samples):
         closing = np.sqrt(max(1 - sine[k] ** 2 - across, 0.0)) - sine[k] * slope
-        range_of = boresight / max(closing, LEAST_CLOSING)
+        range_of = boresight / max(closing, MIN_CLOSING)
         mean += share[k] * range_of
         place[k] = range_of - first
     # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
@@ -147,7 +147,7 @@ def _loss(shape, power, background, mean):
     for b in range(bins):
         level += power[b]
         unit += shape[b]
-    level /= max(unit, LEAST_SHAPE)
+    level /= max(unit, MIN_SHAPE)
     for _ in range(LEVEL_STEPS):
         total, pull = 0.0, 0.0
         for b in range(bins):
@@ -241,8 +241,8 @@ def fit_planes(
             m, n = a + damping * (a + 1e-12), d + damping * (d + 1e-12)
             determinant = m * n - c * c
             step_r, step_s = (n * pull_r - c * pull_s) / determinant, (m * pull_s - c * pull_r) / determinant
-            to_r = boresight + min(max(step_r, -MOST_RANGE), MOST_RANGE)
-            to_s = log_slope + min(max(step_s, -MOST_SLOPE), MOST_SLOPE)
+            to_r = boresight + min(max(step_r, -MAX_RANGE), MAX_RANGE)
+            to_s = log_slope + min(max(step_s, -MAX_SLOPE), MAX_SLOPE)
             to_s = min(max(to_s, np.log(slopes[0])), np.log(slopes[-1]))
             _shape(sine, share, across, response, first, to_r, to_s, place, edge, below, spread, trial_shape)
             found, its_level = _loss(trial_shape, power, background, trial_mean)
@@ -257,4 +257,4 @@ def fit_planes(
         if empty:
             centre[i], sigma[i] = centroids[i], float(bins)
         else:
-            centre[i], sigma[i] = boresight, np.sqrt(max(_centre_variance(a, c, d), LEAST_VARIANCE))
+            centre[i], sigma[i] = boresight, np.sqrt(max(_centre_variance(a, c, d), MIN_VARIANCE))

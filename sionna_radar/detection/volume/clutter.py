@@ -28,25 +28,25 @@ from sionna_radar.weather.rain import echo_speeds
 
 # Cells next to the radar in which a volume is searched, and its least power there over the noise.
 NEAR_CELLS = 24
-LEAST_OVER_NOISE = 2.0
+MIN_OVER_NOISE = 2.0
 # In a volume, power times r^2 is the same in the nearer and the farther half of these cells, up to this factor.
-MOST_UNEVEN = 3.0
+MAX_UNEVEN = 3.0
 # Share of cells that certainly hold noise only.
 QUIET_SHARE = 0.05
 # Cells over which the estimate is smoothed, each way, and the weight of the law in looks.
 SMOOTHED_CELLS = 8
 LOOKS_OF_LAW = 200.0
 # How far the law may differ from the first guess, in nepers, and its two-way loss in nepers per metre (110 dB/km).
-MOST_NEPERS, MOST_LOSS = 6.0, 0.05
+MAX_NEPERS, MAX_LOSS = 6.0, 0.05
 # Estimates of a volume far below the noise are random: the mean is at least this share of the law.
-LEAST_OF_LAW = 0.05
+MIN_OF_LAW = 0.05
 # One in 3000 exponential powers exceeds 8 means: anything stronger is not the volume.
-MOST_OVER_MEAN = 8.0
+MAX_OVER_MEAN = 8.0
 # Strength of the volume around a pulse: pulses on each side that enter the estimate, and its limits.
 NEIGHBOURS = 12
 STRENGTH_LIMITS = (0.01, 100.0)
 # Variance between pulses must exceed that of speckle by this factor to be ascribed to the volume.
-LEAST_UNEVEN = 1.5
+MIN_UNEVEN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,12 +98,12 @@ class VolumeClutter:
         mean = self._near_mean(power)
         chance = float(np.mean(mean**2)) / (looks * cells + 1)
         variance = float(mean.var())
-        return variance - chance if variance > LEAST_UNEVEN * chance else 0.0
+        return variance - chance if variance > MIN_UNEVEN * chance else 0.0
 
     def _near_mean(self, power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, " pulse"]:
         near = slice(*self.near)
         ratio = power[:, near] / self.background[near]
-        return np.minimum(ratio, MOST_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
+        return np.minimum(ratio, MAX_OVER_MEAN * max(1.0, float(np.median(ratio)))).mean(axis=1)
 
 
 def first_guess(
@@ -144,8 +144,8 @@ def _volume_at(
         nearest = float(np.median(compensated[first : first + NEAR_CELLS // 2]))
         ratio = float(np.median(compensated[near]) / max(np.median(compensated[far]), np.finfo(float).tiny))
         over = float(np.median(level[near]) / max(noise, np.finfo(float).tiny))
-        filled = over >= LEAST_OVER_NOISE and strength > 0 and nearest * MOST_UNEVEN > strength
-        if filled and 1 / MOST_UNEVEN < ratio < MOST_UNEVEN:
+        filled = over >= MIN_OVER_NOISE and strength > 0 and nearest * MAX_UNEVEN > strength
+        if filled and 1 / MAX_UNEVEN < ratio < MAX_UNEVEN:
             return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
 
@@ -157,13 +157,13 @@ def measured_mean(
     range_m: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
     """Return the volume's mean from the cells that hold only volume; the law fitted to them where these are few."""
-    clipped = np.minimum(power, MOST_OVER_MEAN * guess.background) - guess.noise
+    clipped = np.minimum(power, MAX_OVER_MEAN * guess.background) - guess.noise
     count = volume_only.sum(axis=0).astype(float)
     total = np.where(volume_only, clipped, 0.0).sum(axis=0)
     law = _law(guess, total, count, range_m)
     kernel = np.ones(2 * SMOOTHED_CELLS + 1)
     seen = np.convolve(total / law, kernel, "same") + LOOKS_OF_LAW
-    return law * np.maximum(seen / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), LEAST_OF_LAW)
+    return law * np.maximum(seen / (np.convolve(count, kernel, "same") + LOOKS_OF_LAW), MIN_OF_LAW)
 
 
 def _law(
@@ -185,7 +185,7 @@ def _law(
         design = np.column_stack([np.ones(len(reach)), -reach])
         normal = design.T @ (weight[:, None] * design) + np.diag([1e-9, 1e-9])
         step = np.clip(np.linalg.solve(normal, design.T @ (weight * excess)), [-1.0, -0.05], [1.0, 0.05])
-        k, loss = float(np.clip(k + step[0], -MOST_NEPERS, MOST_NEPERS)), float(np.clip(loss + step[1], 0, MOST_LOSS))
+        k, loss = float(np.clip(k + step[0], -MAX_NEPERS, MAX_NEPERS)), float(np.clip(loss + step[1], 0, MAX_LOSS))
     return guess.mean * np.exp(k - loss * reach)
 
 
@@ -197,7 +197,7 @@ SNOW_FALL_MPS = 1.1
 # Another motion must be likelier than rain in still air by more than this error in radial speed costs,
 # and by more nepers per pulse than weak ground causes at random.
 MODEL_ERROR_MPS = 1.4
-LEAST_GAIN = 0.1
+MIN_GAIN = 0.1
 # Standard deviations of the fall about the expected one, and of each horizontal component of the wind.
 FALL_SIGMA_MPS = 0.5
 WIND_SIGMA_MPS = 5.0
@@ -271,7 +271,7 @@ def estimated_motion(
 
     falls = (_rain_fall_mps(carrier_hz), SNOW_FALL_MPS, 0.0)
     chosen = falling(falls[0])
-    most = cost(chosen.velocity_mps, falls[0]) - max(_loss_by_error(by_speed.sum(axis=1)), LEAST_GAIN * len(boresight))
+    most = cost(chosen.velocity_mps, falls[0]) - max(_loss_by_error(by_speed.sum(axis=1)), MIN_GAIN * len(boresight))
     still_air = [(cost(falling(fall).velocity_mps, fall), falling(fall)) for fall in falls[1:]]
     for value, motion in still_air + [fitted(fall) for fall in falls]:
         if value < most:

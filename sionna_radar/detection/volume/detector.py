@@ -16,7 +16,7 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimator import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import (
-    MOST_OVER_MEAN,
+    MAX_OVER_MEAN,
     NEIGHBOURS,
     VolumeClutter,
     VolumeMotion,
@@ -32,7 +32,7 @@ from sionna_radar.foundation.numerics import from_db
 from sionna_radar.radar.chirp import Chirp
 
 # Least probability that the echo lies on the chosen surface, and that there is any ground at all.
-LEAST_PROBABILITY = 0.99
+MIN_PROBABILITY = 0.99
 WIDTHS_OF_SPAN = 3.0
 # Half-length of the window's response that spreads the shapes, in range cells.
 RESPONSE_CELLS = 4
@@ -49,7 +49,7 @@ STRONGER = 2.0
 # Largest approach speed of drops blown by a storm.
 FASTEST_DROPS_MPS = 25.0
 # Log-likelihood penalty of ground outside the expected ranges, in nepers.
-UNEXPECTED = float(-np.log(1 - LEAST_PROBABILITY))
+UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 # Pulses used to estimate the volume's motion.
 MOTION_PULSES = 128
 
@@ -115,7 +115,7 @@ class ThroughVolume:
         ratio = end.over_volume(cells, views.strength)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground is not where it is expected, and no echo is reported.
-        ratio = np.where(expected, ratio, np.minimum(ratio, MOST_OVER_MEAN))
+        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_OVER_MEAN))
         evidence = end.evidence(ratio, views) - np.where(expected, 0.0, UNEXPECTED)
         tracked = track(evidence, _heights(pulses, sweep), end.cell_m, pulses.line, end.ground.mean_slope)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
@@ -227,7 +227,7 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     processing = detector.processing
     margin = STRONGER if processing.echoes == "strongest" else from_db(processing.dynamic_range_db)
     strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), RARELY_GROUND)
-    return None if strongest > margin * MOST_OVER_MEAN * guess.mean[first] else guess
+    return None if strongest > margin * MAX_OVER_MEAN * guess.mean[first] else guess
 
 
 def _first_cell(detector: Detector) -> int:
@@ -361,5 +361,5 @@ def _heights(pulses: Pulses, sweep: Chirp) -> AxisHeights:
 
 def _accepted(tracked: Tracked, false_alarm_probability: float) -> Bool[np.ndarray, " pulse"]:
     strong = tracked.evidence > -np.log(false_alarm_probability)
-    accepted: Bool[np.ndarray, " pulse"] = strong & (tracked.probability >= LEAST_PROBABILITY)
+    accepted: Bool[np.ndarray, " pulse"] = strong & (tracked.probability >= MIN_PROBABILITY)
     return accepted

@@ -115,7 +115,7 @@ WIDTHS_CELLS = np.geomspace(1.0, 14.0, 8)
 SILENCE = 0.01
 LARGEST_LOSS = 3.0
 # Cells that must be sampled behind the ground: rain that continues to the last range cell shows no end.
-FEWEST_BEHIND = 8
+MIN_BEHIND = 8
 # Largest shift of the end of a volume from its ground, in half cells.
 LARGEST_STEP = 40
 ROWS_AT_ONCE = 32
@@ -123,14 +123,14 @@ FINE = 4
 # Uncertainty of an echo's width for a known slope, in nepers, and the least effective slope: the beam is as
 # wide across the plane of incidence, and ground is curved.
 WIDTH_SPREAD = 0.25
-LEAST_SLOPE = 0.15
+MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
 DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
 # Ranges at which width probabilities are computed; they are interpolated in between.
 WIDTH_NODES = 24
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
-MOST_OVER_VOLUME = 1e8
+MAX_OVER_VOLUME = 1e8
 # Steps of the volume's strength around a pulse (2 dB).
 STRENGTH_STEP = 10.0**0.2
 
@@ -177,7 +177,7 @@ class VolumeEnd:
         background = strength[:, None] * self.volume.mean + self.volume.noise
         ratio = power / background + np.maximum(SILENCE - self.volume.noise / background, 0.0)
         ratio[:, : self.first] = 1.0
-        return np.minimum(ratio, MOST_OVER_VOLUME)
+        return np.minimum(ratio, MAX_OVER_VOLUME)
 
     def evidence(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse cell"]:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out."""
@@ -262,7 +262,7 @@ class VolumeEnd:
     @cached_property
     def _columns(self) -> Int[np.ndarray, " column"]:
         """Cells that the ground may lie in."""
-        return np.arange(self.first, self.cells - FEWEST_BEHIND)
+        return np.arange(self.first, self.cells - MIN_BEHIND)
 
     @property
     def _log_level_share(self) -> Float32[np.ndarray, " level"]:
@@ -314,7 +314,7 @@ class VolumeEnd:
     ) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
         incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - np.arctan(slope * DEVIATES)
-        tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), LEAST_SLOPE)
+        tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
         spread = np.sqrt(self.beam.share @ self.beam.sine**2)
         width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])

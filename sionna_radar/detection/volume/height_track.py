@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 # Probability that the height jumps from pulse to pulse.
 JUMP_PROBABILITY = 0.03
 # Least downward cosine of a beam whose range determines a height.
-LEAST_DOWN = 0.1
+MIN_DOWN = 0.1
 HEIGHT_STEPS_PER_CELL = 1.0
 # Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
@@ -130,11 +130,11 @@ def _neighbours(
     """Return the log-probability of each cell given the other pulses of the line; uniform where they give none."""
     count, cells = evidence.shape
     top, down = heights.top_m[rows], heights.down[rows]
-    looks_down = down >= LEAST_DOWN
+    looks_down = down >= MIN_DOWN
     if looks_down.sum() < 2:
         return np.full(evidence.shape, -np.log(cells))
     range_m = np.arange(cells) * cell_m
-    low = float(np.min(top - np.maximum(down, LEAST_DOWN) * range_m[-1]))
+    low = float(np.min(top - np.maximum(down, MIN_DOWN) * range_m[-1]))
     step_m = cell_m * HEIGHT_STEPS_PER_CELL
     height = np.arange(low, float(top.max()) + step_m, step_m)
     likelihood = np.zeros((count, len(height)))
@@ -162,7 +162,7 @@ def _distances(
     evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
 ) -> Float[np.ndarray, " step"]:
     """Return the distances between where consecutive beams meet level ground at the line's median height."""
-    down = np.maximum(heights.down[rows], LEAST_DOWN)
+    down = np.maximum(heights.down[rows], MIN_DOWN)
     clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
     place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
     distance: Float[np.ndarray, " step"] = np.linalg.norm(np.diff(place, axis=0), axis=1)

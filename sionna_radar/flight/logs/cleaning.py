@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.flight.logs.log import Attitudes, MetricLog, Positions, Spreads
 
 # Rows of a log are written in blocks, a little out of order at times.
-MOST_OUT_OF_ORDER_S = 1.0
+MAX_OUT_OF_ORDER_S = 1.0
 # A step beyond what twice the reported velocity explains, by this much, is a jump: of the receiver or the filter.
 JUMP_MPS, JUMP_M = 20.0, 3.0
 # Without velocities: a step this many times as fast as the flight usually is.
@@ -24,8 +24,8 @@ JUMP_RATIO = 10.0
 TURN_RAD_S, TURN_RAD = np.deg2rad(1500.0), np.deg2rad(20.0)
 # What GPS at rest wanders over.
 STANDSTILL_M = 5.0
-LEAST_ROWS = 4
-MOST_STRETCHES = 10
+MIN_ROWS = 4
+MAX_STRETCHES = 10
 Stream = TypeVar("Stream", Positions, Attitudes, Spreads)
 
 
@@ -83,12 +83,12 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
     if log.spreads is not None:
         wanted = np.isfinite(log.spreads.time_s)
         spreads = _in_order(log.spreads.rows(wanted), -np.inf, np.inf, "", [], [])
-    if len(positions.time_s) < LEAST_ROWS:
+    if len(positions.time_s) < MIN_ROWS:
         message = f"has {len(positions.time_s)} positions between {start_s:.3g} and {stop_s:.6g} s; widen log_start_s "
         findings.append(Finding(time_s=max(start_s, 0.0), message=f"{message}and log_stop_s"))
     else:
         findings += _gaps(positions.time_s, "position", longest_gap_s) + _jumps(positions) + _standstill(positions)
-    if attitudes is not None and len(positions.time_s) >= LEAST_ROWS:
+    if attitudes is not None and len(positions.time_s) >= MIN_ROWS:
         findings += _attitude_findings(attitudes, positions.time_s, longest_gap_s)
     ordered = tuple(sorted(findings, key=lambda finding: finding.time_s))
     return CleanLog(positions=positions, attitudes=attitudes, spreads=spreads, findings=ordered, notes=tuple(notes))
@@ -107,8 +107,8 @@ def stretches(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: floa
                 max(np.searchsorted(time_s, at_s[row], side="right") - 1, 0) : np.searchsorted(time_s, at_s[row + 1])
             ] = True
     edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(time_s)]])
-    parts = [(float(time_s[a]), float(time_s[b - 1])) for a, b in pairwise(edges) if b - a >= LEAST_ROWS]
-    longest = sorted(parts, key=lambda ends: ends[0] - ends[1])[:MOST_STRETCHES]
+    parts = [(float(time_s[a]), float(time_s[b - 1])) for a, b in pairwise(edges) if b - a >= MIN_ROWS]
+    longest = sorted(parts, key=lambda ends: ends[0] - ends[1])[:MAX_STRETCHES]
     return tuple(sorted(ends for ends in longest if not clean(log, *ends, longest_gap_s).findings))
 
 
@@ -119,8 +119,8 @@ def _in_order(
     stream = stream.rows((stream.time_s >= start_s) & (stream.time_s <= stop_s))
     time_s = stream.time_s
     back = np.maximum.accumulate(time_s) - time_s if len(time_s) else time_s
-    if np.any(back > MOST_OUT_OF_ORDER_S):
-        row = int(np.argmax(back > MOST_OUT_OF_ORDER_S))
+    if np.any(back > MAX_OUT_OF_ORDER_S):
+        row = int(np.argmax(back > MAX_OUT_OF_ORDER_S))
         message = (
             f"time runs back by {back[row]:.3g} s in row {row + 1} of the {name}; begin behind it with log_start_s = "
             f"{time_s[row] + back[row] + 0.01:.2f}, or keep one flight in the file"

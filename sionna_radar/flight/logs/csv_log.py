@@ -58,9 +58,9 @@ ALIASES = {
 }
 UNITS = {"(millisecond)": 1e-3, "(ms)": 1e-3, "(feet)": 0.3048, "(ft)": 0.3048}
 # Seconds since 1970 have ten digits; more are milliseconds.
-MOST_SECONDS = 1e11
+MAX_SECONDS = 1e11
 NOTHING = {"", "nan", "--", "--.--", "n/a", "null"}
-MOST_ROWS = 3_000_000
+MAX_ROWS = 3_000_000
 LONGEST_LINE = 100_000
 DELIMITERS = (",", ";", "\t")
 AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
@@ -195,8 +195,8 @@ def _numbers(
     for count, row in enumerate(rows):
         if not row or not any(cell.strip() for cell in row):
             continue
-        if count >= MOST_ROWS:
-            message = f"{where}: has more than {MOST_ROWS:,} rows; thin it, or cut it"
+        if count >= MAX_ROWS:
+            message = f"{where}: has more than {MAX_ROWS:,} rows; thin it, or cut it"
             raise InputFileError(message)
         if len(row) != len(header):
             message = f"{where}: line {count + 2} has {len(row)} cells and the header {len(header)}; correct the line"
@@ -207,7 +207,7 @@ def _numbers(
     unused = [key for key in header if key not in KNOWN]
     notes = (f"columns not used: {shown(', '.join(unused))[1:-1]}",) if unused else ()
     columns = {key: np.array(values) for key, values in found.items()}
-    if np.nanmax(np.abs(columns["time_s"]), initial=0.0) > MOST_SECONDS:
+    if np.nanmax(np.abs(columns["time_s"]), initial=0.0) > MAX_SECONDS:
         columns["time_s"] /= 1000.0
         notes = (*notes, "times since 1970 are taken for milliseconds")
     return columns, notes

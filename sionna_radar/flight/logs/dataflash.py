@@ -18,8 +18,8 @@ from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spread
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 
-MOST_BYTES = 1_000_000_000
-MOST_MESSAGES = 20_000_000
+MAX_BYTES = 1_000_000_000
+MAX_MESSAGES = 20_000_000
 MAGIC = b"\xa3\x95"
 FMT, FMT_LENGTH = 0x80, 89
 # Characters of a format: NumPy's type, and the factor to the unit (degrees for L).
@@ -31,7 +31,7 @@ CHARACTERS: dict[str, tuple[str, float]] = {
 }  # fmt: skip
 # Messages that are used, the first of each that is there.
 WANTED = ("POS", "GPS", "AHR2", "ATT", "XKF1", "NKF1", "EKF1", "XKF3", "NKF3", "EKF3", "GPA", "XKQ")
-LEAST_FIX = 3
+MIN_FIX = 3
 Columns = dict[str, Float[np.ndarray, " n"]]
 
 
@@ -49,7 +49,7 @@ def read_dataflash(path: Path, name: str) -> FlightLog:
     Raises InputFileError for a file that is none, or without positions.
     """
     where = f"{name} {shown(path)}"
-    content = read_bytes(path, name, "give a DataFlash log", MOST_BYTES)
+    content = read_bytes(path, name, "give a DataFlash log", MAX_BYTES)
     tables, skipped = _tables(content, where)
     positions = _positions(tables, where)
     attitudes, spreads = _attitudes(tables), _spreads(tables)
@@ -89,8 +89,8 @@ def _tables(content: bytes, where: str) -> tuple[dict[str, Columns], int]:
             starts.setdefault(kind, []).append(at)
         at += known.length
         found += 1
-        if found > MOST_MESSAGES:
-            message = f"{where}: has more than {MOST_MESSAGES:,} messages; cut it"
+        if found > MAX_MESSAGES:
+            message = f"{where}: has more than {MAX_MESSAGES:,} messages; cut it"
             raise InputFileError(message)
     if not found:
         message = f"{where}: holds no message of a DataFlash log; give a .bin of ArduPilot"
@@ -140,7 +140,7 @@ def _positions(tables: Mapping[str, Columns], where: str) -> Positions:
             continue
         valid = (table["Lat"] != 0) | (table["Lng"] != 0)
         if name == "GPS" and "Status" in table:
-            valid &= table["Status"] >= LEAST_FIX
+            valid &= table["Status"] >= MIN_FIX
         if valid.sum() < 2:
             continue
         time_s = table["TimeUS"][valid] * 1e-6

@@ -93,7 +93,7 @@ def _is_utf8(content: bytes) -> bool:
     return True
 
 
-MOST_BYTES = 1_000_000_000
+MAX_BYTES = 1_000_000_000
 FORMATS = "PX4 .ulg, ArduPilot .bin, MAVLink .tlog, .gpx or .csv"
 Reader = Callable[[Path, str], FlightLog]
 # The package that a format needs.
@@ -124,7 +124,7 @@ def read_log(path: Path, name: str = "log", columns: Mapping[str, str] = AS_THEY
         It is no log of a flight, is damaged beyond use, or its format needs a package that is not installed.
 
     """
-    regular_file(path, name, f"give a log of a flight: {FORMATS}", MOST_BYTES)
+    regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)
     read, package = READERS[kind]
     if package is not None and find_spec(package) is None:

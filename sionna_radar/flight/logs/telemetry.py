@@ -20,8 +20,8 @@ from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spread
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_bytes, shown
 
-MOST_BYTES = 500_000_000
-MOST_MESSAGES = 5_000_000
+MAX_BYTES = 500_000_000
+MAX_MESSAGES = 5_000_000
 # Numbers of the messages that are used.
 GPS_RAW, ATTITUDE, LOCAL, WORLD, ESTIMATOR = 24, 30, 32, 33, 230
 NAMES = {
@@ -41,7 +41,7 @@ FIELDS = {
 V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01
 # The vehicle's clock steps back by less where messages overtake each other.
-LEAST_RESTART_S = 1.0
+MIN_RESTART_S = 1.0
 Columns = Mapping[str, Float[np.ndarray, " n"]]
 
 
@@ -74,7 +74,7 @@ def read_telemetry(path: Path, name: str) -> FlightLog:
     Raises InputFileError for a file without MAVLink, and for one without positions.
     """
     where = f"{name} {shown(path)}"
-    content = read_bytes(path, name, "give a telemetry log", MOST_BYTES)
+    content = read_bytes(path, name, "give a telemetry log", MAX_BYTES)
     tables, notes = _tables(content, where)
     positions, on_map = _positions(tables, where)
     return FlightLog(
@@ -102,8 +102,8 @@ def _tables(content: bytes, where: str) -> tuple[dict[int, Columns], tuple[str, 
             if number not in NAMES:
                 continue
             count += 1
-            if count > MOST_MESSAGES:
-                message = f"{where}: has more than {MOST_MESSAGES:,} messages; cut it"
+            if count > MAX_MESSAGES:
+                message = f"{where}: has more than {MAX_MESSAGES:,} messages; cut it"
                 raise InputFileError(message)
             decoded = _decoded(decoder, frame, number)
             if decoded is None:
@@ -156,7 +156,7 @@ def _on_one_clock(tables: dict[int, Columns], notes: list[str]) -> tuple[dict[in
     )
     order = np.argsort(received_s, kind="stable")
     received_s, boot_s = received_s[order], boot_s[order]
-    again = np.flatnonzero(np.diff(boot_s) < -LEAST_RESTART_S) + 1
+    again = np.flatnonzero(np.diff(boot_s) < -MIN_RESTART_S) + 1
     if len(again):
         notes.append(f"the vehicle's clock began anew {len(again)} times; the time between is the station's")
     starts_s = np.concatenate([[-np.inf], received_s[again]])

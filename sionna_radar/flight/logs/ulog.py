@@ -18,7 +18,7 @@ from sionna_radar.flight.logs.log import Attitudes, FlightLog, Positions, Spread
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
 
-MOST_BYTES = 1_000_000_000
+MAX_BYTES = 1_000_000_000
 # Of the sphere that PX4 projects on (CONSTANTS_RADIUS_OF_EARTH).
 EARTH_RADIUS_M = 6_371_000.0
 TOPICS = (
@@ -32,11 +32,11 @@ TOPICS = (
     "ekf2_innovations",
 )
 # More elements than a message of 64 kB has bytes; pyulog names each of them before it looks at the data.
-MOST_ELEMENTS = 65_535
+MAX_ELEMENTS = 65_535
 # A sound file is read once; a read costs as much as some bytes.
-MOST_READINGS, MOST_EXTRA, READ_COST = 20, 1_000_000, 20
+MAX_READINGS, MAX_EXTRA, READ_COST = 20, 1_000_000, 20
 LARGE_ARRAY = re.compile(rb"\w\[(\d{5,})\] ?\w")
-LEAST_FIX = 3
+MIN_FIX = 3
 Columns = Mapping[str, Float[np.ndarray, " n"]]
 
 
@@ -46,7 +46,7 @@ def read_ulog(path: Path, name: str) -> FlightLog:
     Raises InputFileError for a file that pyulog cannot read, and for one without positions.
     """
     where = f"{name} {shown(path)}"
-    regular_file(path, name, "give a ULog", MOST_BYTES)
+    regular_file(path, name, "give a ULog", MAX_BYTES)
     tables, corrupt = _tables(path, where)
     positions, on_map, notes = _positions(tables, where)
     notes = (*notes, *(("the file is damaged in places; what can be read is used",) if corrupt else ()))
@@ -67,7 +67,7 @@ class _Patient(BytesIO):
 
     def __init__(self, content: bytes) -> None:
         super().__init__(content)
-        self._left = MOST_READINGS * len(content) + MOST_EXTRA
+        self._left = MAX_READINGS * len(content) + MAX_EXTRA
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return some of the bytes; RuntimeError once they have been read too often."""
@@ -84,7 +84,7 @@ def _tables(path: Path, where: str) -> tuple[dict[str, Columns], bool]:
 
     try:
         content = path.read_bytes()
-        large = [count for count in LARGE_ARRAY.findall(content) if int(count[:9]) > MOST_ELEMENTS]
+        large = [count for count in LARGE_ARRAY.findall(content) if int(count[:9]) > MAX_ELEMENTS]
         if large:
             count = shown(large[0].decode())
             message = f"{where}: declares an array of {count} elements, which no message holds; give a ULog of PX4"
@@ -147,7 +147,7 @@ def _receiver_positions(gps: Columns) -> Positions:
         place = np.column_stack([gps["longitude_deg"], gps["latitude_deg"], gps["altitude_msl_m"]])
     else:
         place = np.column_stack([gps["lon"] * 1e-7, gps["lat"] * 1e-7, gps["alt"] * 1e-3])
-    valid = np.isfinite(place).all(axis=1) & (gps.get("fix_type", np.full(len(place), LEAST_FIX)) >= LEAST_FIX)
+    valid = np.isfinite(place).all(axis=1) & (gps.get("fix_type", np.full(len(place), MIN_FIX)) >= MIN_FIX)
     velocity = _velocity(gps, ("vel_e_m_s", "vel_n_m_s", "vel_d_m_s"))
     return _of("vehicle_gps_position", gps, place, velocity, valid)
 

@@ -140,7 +140,7 @@ def _between(count: int, samples: int) -> tuple[Int[np.ndarray, " sample"], Floa
     return below, place - below
 
 
-LEAST_GAIN = 3e-3
+MIN_GAIN = 3e-3
 
 
 def beam_samples(beam: BeamNodes, count: int) -> tuple[Float[np.ndarray, "sample 3"], Float[np.ndarray, " sample"]]:
@@ -160,5 +160,5 @@ def beam_samples(beam: BeamNodes, count: int) -> tuple[Float[np.ndarray, "sample
     v = beam.elevation[0] + even[:, 1] * np.ptp(beam.elevation)
     direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
     gain = beam.two_way(direction)
-    seen = gain > LEAST_GAIN
+    seen = gain > MIN_GAIN
     return direction[seen], gain[seen] / gain.sum()

@@ -26,12 +26,12 @@ HIGHEST_RATIO = 8.0
 # Level, relative to the echo's, at which the weight of a cell is a quarter.
 FADING_LEVEL = 0.02
 PEDESTAL = 1e-4
-LEAST_WEIGHT = 1e-4
+MIN_WEIGHT = 1e-4
 # A level is found to so many nepers, so that the number of iterations, which rounding may decide, moves no surface.
 LEVEL_ITERATIONS, LEVEL_TOLERANCE = 30, 1e-7
 # A spread of the volume's drift below this has no effect.
-LEAST_SPREAD_CELLS = 0.05
-FEWEST_CELLS = 2
+MIN_SPREAD_CELLS = 0.05
+MIN_CELLS = 2
 # Cells beyond a profile, more than the response of the window reaches, from which samples still reach into it.
 BEYOND = 3
 
@@ -134,7 +134,7 @@ def _volume(power, share, before, cell, near, lattice, first, half, cell_m, resp
     _up_to_middle(both)
     for row in range(size):
         both[row, 0] -= 1 - before
-    if sigma > LEAST_SPREAD_CELLS:
+    if sigma > MIN_SPREAD_CELLS:
         both = _filtered(both, _gaussian(sigma), 0, size)
     both = _filtered(both, response, pad, pad + cells)
     total = 0.0
@@ -206,13 +206,13 @@ def _changes(echo, onto, nearest, farthest, response, scale, in_front, jacobian,
     level, shape, mean, weight = echo
     rows = 0
     for c in range(len(shape)):
-        rows += weight[c] > LEAST_WEIGHT
-    if rows < FEWEST_CELLS:
+        rows += weight[c] > MIN_WEIGHT
+    if rows < MIN_CELLS:
         return 0
     row = 0
     own[:] = 0.0
     for c in range(len(shape)):
-        if weight[c] <= LEAST_WEIGHT:
+        if weight[c] <= MIN_WEIGHT:
             continue
         _jacobian(onto, nearest, farthest, response, scale, c, jacobian[row])
         by_level = weight[c] * level * shape[c] / mean[c]
@@ -236,11 +236,11 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
     together, offset = one_of
     of_level = 0.0
     for c in range(len(shape)):
-        if weight[c] > LEAST_WEIGHT:
+        if weight[c] > MIN_WEIGHT:
             of_level += weight[c] * (level * shape[c] / mean[c]) ** 2
     row, scale = 0, np.sqrt(together)
     for c in range(len(shape)):
-        if weight[c] <= LEAST_WEIGHT:
+        if weight[c] <= MIN_WEIGHT:
             continue
         # The part of the change that a change of the echo's level explains is projected out.
         part = level * shape[c] / mean[c] / of_level
@@ -359,7 +359,7 @@ def _gain_of_cells(power, echo, looks, gain):
     rows, of_level, pulled = 0, 0.0, 0.0
     for c in range(len(shape)):
         gain[c] = 0.0
-        if weight[c] > LEAST_WEIGHT:
+        if weight[c] > MIN_WEIGHT:
             rows += 1
             share = level * shape[c] / mean[c]
             rest = looks * weight[c] * (min(power[c] / mean[c], HIGHEST_RATIO) - 1)
@@ -367,7 +367,7 @@ def _gain_of_cells(power, echo, looks, gain):
             pulled += rest * share
             gain[c] = rest * level / mean[c]
     for c in range(len(shape)):
-        if weight[c] > LEAST_WEIGHT:
+        if weight[c] > MIN_WEIGHT:
             gain[c] -= pulled / of_level * weight[c] * shape[c] * (level / mean[c]) ** 2
     return rows
 
@@ -405,7 +405,7 @@ def scores(low, high, data, geometry, antenna, score):
             continue
         noise = profile_noise[pulse] + PEDESTAL * top
         level = fit_level(power, shape, volume[:cells], noise, top, mean, weight)
-        if _gain_of_cells(power, (level, shape, mean, weight), looks[pulse], gain) < FEWEST_CELLS:
+        if _gain_of_cells(power, (level, shape, mean, weight), looks[pulse], gain) < MIN_CELLS:
             continue
         # Power that leaves a cell arrives in the one beyond it; both are spread by the window.
         gained[:] = 0.0

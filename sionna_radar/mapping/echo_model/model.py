@@ -34,7 +34,7 @@ from sionna_radar.radar.chirp import Chirp
 # Handled by one core at a time.
 PULSES_AT_ONCE = 64
 # Of the largest: what is left of the response of a window where samples leave off.
-LEAST_TAP = 1e-3
+MIN_TAP = 1e-3
 # How far rays are followed, relative to the unambiguous range.
 FOLLOWED = 1.15
 
@@ -134,7 +134,7 @@ def spline_taps(response: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " tap
     padded = np.pad(response, ends)
     bands = np.outer([1 / 6, 2 / 3, 1 / 6], np.ones(len(padded)))
     factor = solve_banded((1, 1), bands, padded)
-    counts = np.flatnonzero(np.abs(factor) > LEAST_TAP * factor.max())
+    counts = np.flatnonzero(np.abs(factor) > MIN_TAP * factor.max())
     half = max(len(padded) // 2 - int(counts[0]), int(counts[-1]) - len(padded) // 2)
     kept = factor[len(padded) // 2 - half : len(padded) // 2 + half + 1]
     return kept * (response.sum() / kept.sum())
@@ -265,7 +265,7 @@ class EchoModel:
 
 
 CELLS_BELOW_PEAK = 1e-2
-LEAST_SIGMA_CELLS = 0.05
+MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,5 +290,5 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
     mean, sigma = np.empty(len(profiles)), np.empty(len(profiles))
     looks = float(sightings.looks_per_cell)
     mean_cells(profiles.start, profiles.power, profiles.noise, looks, CELLS_BELOW_PEAK, mean, sigma)
-    sigma = np.maximum(sigma, LEAST_SIGMA_CELLS) * profiles.cell_m
+    sigma = np.maximum(sigma, MIN_SIGMA_CELLS) * profiles.cell_m
     return MeanRanges(range_m=(profiles.first + mean) * profiles.cell_m - shift_m, sigma_m=sigma)

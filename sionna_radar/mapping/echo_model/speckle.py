@@ -33,7 +33,7 @@ from sionna_radar.surfaces.motion import Windblown
 DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
 # The lag is doubled while the speckle of so many pulses is still correlated by more than this.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
-LEAST_CORRELATION = 1e-2
+MIN_CORRELATION = 1e-2
 SHALLOWEST = 0.02
 LONG_REACH = 4.0
 # Pulses whose poses are held at once: it bounds the memory.
@@ -114,14 +114,14 @@ def speckle_reach(
         found = _alike(pulse, pose_of, range_m, beam, chirp, rest, np.full(len(rest), tried))
         found *= memory.correlation(np.full(len(rest), tried / chirp.rate_hz))
         # A lag at which nothing is left says less than the one before it.
-        better = np.isfinite(found) & ((found > LEAST_CORRELATION) | (tried == 1))
+        better = np.isfinite(found) & ((found > MIN_CORRELATION) | (tried == 1))
         lag[rest[better]], alike[rest[better]] = tried, found[better]
         rest, tried = rest[better & (found > STILL_ALIKE)], 2 * tried
     known = sampled[np.isfinite(alike[sampled])]
     if len(known) == 0:
         return reach
     squared = -(lag[known] ** 2) / np.log(np.clip(alike[known], 1e-300, 1 - 1e-9))
-    of_known = np.where(alike[known] < LEAST_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
+    of_known = np.where(alike[known] < MIN_CORRELATION, 0.0, np.minimum(np.sqrt(squared), LONGEST_LAG))
     return of_known[KDTree(feature[known]).query(feature)[1]]
 
 

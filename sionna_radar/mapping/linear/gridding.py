@@ -87,7 +87,7 @@ def _halves(window: Window, cell: np.ndarray, most: int, least: int) -> Iterator
 
 LONGEST_SIDE_GAPS = 3.0
 # Points that are triangulated at once, and the least width of their windows, relative to the longest side.
-MOST_POINTS, LEAST_SIDES = 25_000, 4.0
+MAX_POINTS, MIN_SIDES = 25_000, 4.0
 # Triangles whose shadows are looked for at once: it bounds the memory.
 AT_ONCE = 10_000
 
@@ -127,7 +127,7 @@ def grid_points(points: Points, grid: Grid, max_gap_m: float, shadow_incidence_r
     highest = _highest(points)
     known = _Known(row=highest, point_m=points.position_m[highest], sigma_m=points.range_sigma_m[highest])
     longest_m = LONGEST_SIDE_GAPS * max_gap_m
-    windows = windows_of(grid, known.place, MOST_POINTS, LEAST_SIDES * longest_m)
+    windows = windows_of(grid, known.place, MAX_POINTS, MIN_SIDES * longest_m)
 
     def part(number: int, _: int) -> Filled:
         near = windows[number].around(known.place, longest_m) if len(windows) > 1 else np.ones(len(known), dtype=bool)

@@ -33,7 +33,7 @@ Floats = Float[np.ndarray, "..."]
 LongAndShort = tuple[CovarianceTable, CovarianceTable]
 # Standard deviation of the logarithm of the noise factor: the estimators of ranges know their errors to a factor.
 NOISE_FACTOR_SPREAD = 1.0
-FEWEST_POINTS = 20
+MIN_POINTS = 20
 # Cells that are worked on at once: it bounds the memory.
 AT_ONCE = 50_000
 
@@ -110,7 +110,7 @@ def linear_uncertainty(
 
     noise_factor_spread: how well the errors of the heights are known beforehand; see `fit_covariance`.
     """
-    if len(heights) < FEWEST_POINTS or len(interpolated.cell) == 0:
+    if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
     measured = heights.above(heights.trend())
     fitted = fit_covariance(measured.rows(calm(measured)), 1, noise_factor_spread)

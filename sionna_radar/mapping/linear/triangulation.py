@@ -24,7 +24,7 @@ from sionna_radar.foundation.threads import in_threads
 # Points of a piece, and the width of what is triangulated around it, relative to the mean distance of points.
 PIECE_POINTS, AROUND = 12_500, 8.0
 # The width is doubled while more points than this share lack some of their triangles.
-MOST_MISSING = 0.1
+MAX_MISSING = 0.1
 # A point this near to a circle, relative to its radius, is on it.
 ON_CIRCLE = 1e-9
 
@@ -44,7 +44,7 @@ def delaunay_triangles(place: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, "tria
 
         found = list(in_threads(of_piece, [(number, number + 1) for number in range(len(pieces))]))
         missing = np.concatenate([piece.missing for piece in found])
-        if len(missing) <= MOST_MISSING * len(place):
+        if len(missing) <= MAX_MISSING * len(place):
             break
         around *= 2
         if around > np.sqrt(len(place)):

@@ -25,7 +25,7 @@ from sionna_radar.mapping.echo_model.model import EchoModel, Linearised, MeanRan
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.linear.linear import NOISE_FACTOR_SPREAD
 from sionna_radar.mapping.mapper import Estimate, MapInputs, register_dem_method
-from sionna_radar.mapping.refined.scoring import MOST_SCORING_STEPS, most_probable
+from sionna_radar.mapping.refined.scoring import MAX_SCORING_STEPS, most_probable
 from sionna_radar.mapping.seen import empty, seen_part
 from sionna_radar.mapping.terrain.covariance import fit_covariance
 from sionna_radar.mapping.terrain.echo_heights import ROUGH, SURFACES, echo_surface
@@ -33,7 +33,7 @@ from sionna_radar.mapping.terrain.kriging import Kriging
 from sionna_radar.mapping.terrain.local_relief import calm
 from sionna_radar.mapping.terrain.smoothing import smooth
 from sionna_radar.mapping.terrain.tiles import (
-    FEWEST_PULSES,
+    MIN_PULSES,
     EachPiece,
     Mapped,
     Tiles,
@@ -104,7 +104,7 @@ def _some_linearised(
 
 
 SMOOTHING = Tiling(_smoothed, SURFACES)
-REFINING = Tiling(_refined, SURFACES + MOST_SCORING_STEPS)
+REFINING = Tiling(_refined, SURFACES + MAX_SCORING_STEPS)
 
 
 @register_dem_method("refined")
@@ -117,7 +117,7 @@ class Refined:
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         assert given.sightings is not None
-        if len(given.sightings) < FEWEST_PULSES:
+        if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         step = Steps(given.progress, "mapping", refinement_steps(given.grid))
         mapped = refine(given.sightings, given.grid, step, given.each_piece)
@@ -141,7 +141,7 @@ class Smooth:
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         pulses = len(np.unique(given.points.pulse)) if given.sightings is None else len(given.sightings)
-        if pulses < FEWEST_PULSES:
+        if pulses < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         if given.sightings is not None:
             step = Steps(given.progress, "mapping", smoothing_steps(given.grid))

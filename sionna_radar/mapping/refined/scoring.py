@@ -22,10 +22,10 @@ from sionna_radar.foundation.progress import Step
 from sionna_radar.foundation.threads import equal_parts, in_threads
 from sionna_radar.mapping.echo_model.model import EchoModel, Footprints, Sightings
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
-from sionna_radar.mapping.terrain.smoothing import MOST_ITERATIONS, Smoothed, TerrainModel
+from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel
 
 # Steps that are mixed, and the part of the largest below which singular values count as none.
-DEPTH, LEAST_SINGULAR = 4, 1e-10
+DEPTH, MIN_SINGULAR = 4, 1e-10
 
 Vector = Float[np.ndarray, " n"]
 
@@ -46,7 +46,7 @@ class Mixing:
             by_seen = np.stack([seen - other for _, _, other in self._past])
             # By eigenvectors: of nearly equal steps, none tells much more than the other.
             value, vector = np.linalg.eigh(by_seen @ by_seen.T)
-            kept = value > LEAST_SINGULAR * value[-1]
+            kept = value > MIN_SINGULAR * value[-1]
             share = vector[:, kept] @ ((vector[:, kept].T @ (by_seen @ seen)) / value[kept])
             for part, (past_place, past_step, _) in zip(share, self._past, strict=True):
                 proposed -= part * (place + step - past_place - past_step)
@@ -59,7 +59,7 @@ class Mixing:
 SETTLED_M = 1e-3
 # Below this beams are looked for where they met the surface before.
 COARSE_M = 0.05
-MOST_SCORING_STEPS = 12
+MAX_SCORING_STEPS = 12
 # Of the residual of each step: what is left of it is taken by the next.
 STEP_TOLERANCE = 2e-2
 # Surfaces on which the curvature is computed.
@@ -87,13 +87,13 @@ def most_probable(
     place_m:
         Where the echoes come from: there the surface must settle.
     step:
-        Called `MOST_SCORING_STEPS` times.
+        Called `MAX_SCORING_STEPS` times.
 
     """
     fitted, mixing, middle = first, Mixing(), first.surface.weights(*place_m.T)
     near: Footprints | None = None
     nearest, least_m, settled = first, np.inf, False
-    for number in range(MOST_SCORING_STEPS):
+    for number in range(MAX_SCORING_STEPS):
         step()
         if settled:
             continue
@@ -103,7 +103,7 @@ def most_probable(
         if number < CURVED:
             times, curvature = _curvature(model, looks, fitted.model)
         score = fitted.model.adjoint(_on_cells(near, model.score(looks), fitted.surface)) - fitted.white
-        change = fitted.model.solve(curvature, score, MOST_ITERATIONS, STEP_TOLERANCE, times)
+        change = fitted.model.solve(curvature, score, MAX_ITERATIONS, STEP_TOLERANCE, times)
         seen_m = middle @ fitted.model.coloured(change)
         by_m = float(np.sqrt(np.mean(seen_m**2)))
         if by_m < least_m:

@@ -30,7 +30,7 @@ from sionna_radar.mapping.stepped.border_kernels import NOTHING, Columns, Echoes
 
 Result = TypeVar("Result")
 # Samples of the beam: so many for each map cell within the main lobe, but not fewer and not more than these.
-SAMPLES_PER_CELL, FEWEST_SAMPLES, MOST_SAMPLES = 12, 300, 1500
+SAMPLES_PER_CELL, MIN_SAMPLES, MAX_SAMPLES = 12, 300, 1500
 # Power in a pulse's cells that the map does not explain, relative to its strongest.
 PEDESTAL = 2e-2
 # Reflectivity is relative to this range.
@@ -41,7 +41,7 @@ SWEEPS, FIRST_UPDATES, UPDATES = 4, 25, 3
 # Expected echoes for which a reflectivity is taken as it was: parts that hardly any pulse sees keep theirs.
 PRIOR_ECHOES = 5.0
 # A cell that returns less than this share of what its part should, so many echoes at least, may be a hole in it.
-HOLLOW, FEWEST_EXPECTED = 0.5, 1.0
+HOLLOW, MIN_EXPECTED = 0.5, 1.0
 # Within so many cells of a border a top is doubtful of which less than a share of what is usual should be heard; or
 # that sends back less than a share of what it should, several echoes; or whose part is likelier than another by no more
 # than so many nepers, as the model of columns makes likelihoods too sure; by far more, if an echo is nearer that lies a
@@ -173,7 +173,7 @@ class _Block:
         """Return the map with the likeliest parts of the cells in the core."""
         part = self._columns.part
         found, expected = self._update(FIRST_UPDATES)
-        hollow = (found < HOLLOW * expected) & (expected > FEWEST_EXPECTED) & ~low
+        hollow = (found < HOLLOW * expected) & (expected > MIN_EXPECTED) & ~low
         ground, ground_m = self._ground(hollow, low)
         crossing = self._crossing()
         changed, margin = np.ones(part.shape, dtype=bool), np.full(part.shape, np.inf)
@@ -304,7 +304,7 @@ def _views(sightings: Sightings, spacing_m: float) -> Views:
     # Area of the main lobe on ground as far as the nearest half of all echoes, seen at 45 deg.
     range_m = float(np.median(mean_ranges(sightings).range_m))
     area_m2 = range_m**2 * float(np.ptp(beam.azimuth) * np.ptp(beam.elevation)) * np.sqrt(2)
-    count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, FEWEST_SAMPLES, MOST_SAMPLES))
+    count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, MIN_SAMPLES, MAX_SAMPLES))
     direction, share = beam_samples(beam, count)
     shape = len(pose), len(share)
     return Views(

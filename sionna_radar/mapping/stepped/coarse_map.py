@@ -56,8 +56,8 @@ BLOCK_CELLS, MARGIN_CELLS = 120, 24
 # Over the pulses of a block: from the echoes, and then also from visibility.
 PASSES = 2
 MARGIN_M = 3.0
-MOST_LEVELS = 128
-FEWEST_POINTS = 6
+MAX_LEVELS = 128
+MIN_POINTS = 6
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _blocks(sightings: Sightings, points: Points, grid: Grid) -> Iterator[_Block
             columns = slice(max(column - MARGIN_CELLS, 0), min(column + BLOCK_CELLS + MARGIN_CELLS, grid.columns))
             block = grid.cut(rows, columns)
             here = points.position_m[_within(points.position_m[:, :2], block, 0.0)]
-            if len(here) < FEWEST_POINTS:
+            if len(here) < MIN_POINTS:
                 continue
             base, level = _levels(here, block, sightings.profiles.cell_m)
             near = _looking_at(sightings, block, float(base.min() + level[0]), float(base.max() + level[-1]))
@@ -179,7 +179,7 @@ def _levels(
     plane = plane_through(point_m[:, :2], point_m[:, 2])
     above_m = point_m[:, 2] - plane[0] - point_m[:, :2] @ plane[1:]
     low, high = np.percentile(above_m, [0.5, 99.5]) + np.array([-MARGIN_M, MARGIN_M])
-    spacing = max(cell_m, (high - low) / MOST_LEVELS)
+    spacing = max(cell_m, (high - low) / MAX_LEVELS)
     return plane[0] + plane[1] * grid.x_m[None] + plane[2] * grid.y_m[:, None], np.arange(low, high + spacing, spacing)
 
 

@@ -33,7 +33,7 @@ from sionna_radar.mapping.echo_model.model import Sightings
 # A step of reflectivity: 6 dB, in nepers of power.
 STEP = float(np.log(4.0))
 # Least power of a patch of one map cell, relative to the level of a whole echo.
-LEAST_SHARE = 0.3
+MIN_SHARE = 0.3
 # Least two-way gain, relative to the axis, at which echoes count as evidence for a patch.
 WIDEST_FOR = 0.02
 # Cells over which the window leaks a strong power.
@@ -125,9 +125,9 @@ def _reflectivities(sightings: Sightings) -> _Reflectivities:
     if len(level) == 0:
         return _Reflectivities(np.zeros(0), 0.0, 0.0)
     low, typical, high = np.percentile(level, [5, 25, 99])
-    lowest, highest = np.log(LEAST_SHARE * low), np.log(high / LEAST_SHARE)
+    lowest, highest = np.log(MIN_SHARE * low), np.log(high / MIN_SHARE)
     span = float(np.log(profiles.power.max() / profiles.noise.min()))
-    return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), LEAST_SHARE * float(typical), span)
+    return _Reflectivities(np.exp(np.arange(lowest, highest + STEP, STEP)), MIN_SHARE * float(typical), span)
 
 
 def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> Int[np.ndarray, "pulse 4"]:
@@ -145,7 +145,7 @@ def _windows(sightings: Sightings, grid: Grid, span_m: tuple[float, float]) -> I
 
 # Beams whose directions are farther off the boresight than by this cosine are not bounded by planes, and planes that
 # are steeper than this slope, upright ones, bound no height.
-LEAST_BORESIGHT, LEAST_SLOPE = 0.1, 1e-6
+MIN_BORESIGHT, MIN_SLOPE = 0.1, 1e-6
 
 
 @compiled
@@ -202,14 +202,14 @@ def planes_around(R, axes, planes):
     """
     planes[:] = 0.0
     least = 1 - max(abs(axes[0]), abs(axes[4])) ** 2 - max(abs(axes[2]), abs(axes[5])) ** 2
-    widen = 1 / np.sqrt(least) if least > LEAST_BORESIGHT**2 else np.inf
+    widen = 1 / np.sqrt(least) if least > MIN_BORESIGHT**2 else np.inf
     planes[4] = -R[:, 0]
     for k, (axis, sign, bound) in enumerate(((1, 1, axes[4]), (1, -1, -axes[0]), (2, 1, axes[5]), (2, -1, -axes[2]))):
         if widen < np.inf:
             planes[k] = sign * R[:, axis] - bound * (widen if bound > 0 else 1.0) * R[:, 0]
     for k in range(len(planes)):
         steep = abs(planes[k, 2])
-        planes[k] = planes[k] / steep if steep > LEAST_SLOPE else np.zeros(3)
+        planes[k] = planes[k] / steep if steep > MIN_SLOPE else np.zeros(3)
 
 
 @compiled

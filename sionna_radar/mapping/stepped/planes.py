@@ -19,7 +19,7 @@ from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.stepped.segments import FEWEST_CELLS
+from sionna_radar.mapping.stepped.segments import MIN_CELLS
 from sionna_radar.mapping.terrain.echo_heights import OUTLIER_SIGMAS, heights_over, on_axis, reaching
 from sionna_radar.mapping.terrain.heights import Heights, supported_directions
 from sionna_radar.mapping.terrain.smoothing import TerrainModel
@@ -78,7 +78,7 @@ def plane_of_echoes(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> Pla
     trend = np.array([np.median(on_axis(sightings.pose, echoes.range_m)[:, 2]), 0.0, 0.0])
     for _ in range(ROUNDS):
         heights, fits = heights_over(TerrainModel.flat(grid, trend), sightings, echoes, reach)
-        if fits.sum() < FEWEST_CELLS:
+        if fits.sum() < MIN_CELLS:
             return None
         found = _robust(heights.rows(fits))
         plane, rough = found.plane, found.spread
@@ -118,13 +118,13 @@ def plane_of_points(
     """
     # Beyond the window is another part.
     deep = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1] > BESIDE_CELLS
-    cells = deep if deep.sum() >= FEWEST_CELLS else inside
+    cells = deep if deep.sum() >= MIN_CELLS else inside
     on_cells = Heights.at_places(grid.centres_m[cells.ravel()], coarse_m[cells], np.ones(int(cells.sum())))
     rough = _robust(on_cells, spread_m)
     row, column, on_grid = grid.cell_of(points.position_m)
     on = on_grid & cells[row, column]
     on &= np.abs(points.position_m[:, 2] - rough.plane.at(points.position_m[:, :2])) < step_m
-    if on.sum() < FEWEST_CELLS:
+    if on.sum() < MIN_CELLS:
         return rough.plane if rough.spread <= 2 * spread_m else None
     of = points.rows(np.flatnonzero(on))
     place, height = of.position_m[:, :2], of.position_m[:, 2]
@@ -211,9 +211,9 @@ def _curved(heights: Heights, plane: Plane, rough: float) -> bool:
 SAMPLES = 400
 # Of a beam that a part fills less of, its edges decide, and they are known to a cell. By trial of 0.3 to 0.9 on the
 # seeds 1-8 of `buildings`; on 9-24 it serves as well.
-MOST_OF_BEAM = 0.8
+MAX_OF_BEAM = 0.8
 FILLING_ROUNDS = 3
-LEAST_FALL = 1e-3
+MIN_FALL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ class FilledBeams:
         found = plane
         for _ in range(FILLING_ROUNDS):
             heights = self._heights(found, inside, grid, step_m)
-            if len(heights) < FEWEST_CELLS:
+            if len(heights) < MIN_CELLS:
                 return plane
             found = robust_plane(heights)
         return found
@@ -254,9 +254,9 @@ class FilledBeams:
         origin = pose.position_m
 
         def falls(direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
-            """Return the decrease of the height over the plane per unit range along rays, at least `LEAST_FALL`."""
+            """Return the decrease of the height over the plane per unit range along rays, at least `MIN_FALL`."""
             toward = east * direction[..., 0] + north * direction[..., 1] - direction[..., 2]
-            return np.asarray(np.maximum(toward, LEAST_FALL))
+            return np.asarray(np.maximum(toward, MIN_FALL))
 
         above = origin[:, 2] - height - east * (origin[:, 0] - x) - north * (origin[:, 1] - y)
         range_m = above[:, None] / falls(ray)
@@ -266,7 +266,7 @@ class FilledBeams:
         power = np.where(range_m > 0, share / range_m**2, 0.0)
         own = power * on.reshape(power.shape)
         total = own.sum(axis=1)
-        filled = total > MOST_OF_BEAM * power.sum(axis=1)
+        filled = total > MAX_OF_BEAM * power.sum(axis=1)
         own = own[filled] / total[filled, None]
         mean_m = np.sum(own * range_m[filled], axis=1)
         middle = np.einsum("pk,pki->pi", own, place[filled])

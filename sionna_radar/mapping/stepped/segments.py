@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, binary_erosion, distance_transform_edt, find_objects, label
 
-FEWEST_CELLS = 6
+MIN_CELLS = 6
 # A raised part is a step above this share of the cells beside it.
-BESIDE_CELLS, MOST_OF_RING = 2, 0.75
+BESIDE_CELLS, MAX_OF_RING = 2, 0.75
 AROUND = tuple((down, right) for down in (-1, 0, 1) for right in (-1, 0, 1))
 
 
@@ -47,7 +47,7 @@ def raised_cells(
         window = tuple(slice(max(side.start - BESIDE_CELLS, 0), side.stop + BESIDE_CELLS) for side in found)
         cells, height = part[window] == number, height_m[window]
         ring = binary_dilation(cells, iterations=BESIDE_CELLS) & ~cells
-        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MOST_OF_RING:
+        if ring.any() and np.mean(np.median(height[cells]) - height[ring] > step_m) > MAX_OF_RING:
             raised[window] |= cells
     return raised
 
@@ -92,8 +92,8 @@ def _with_touched(
 
 
 def _without_crumbs(part: Int[np.ndarray, "row column"]) -> Int[np.ndarray, "row column"]:
-    """Return parts numbered from zero; of no part, or of one of fewer than `FEWEST_CELLS`, join the nearest."""
-    crumb = (np.bincount(part.ravel() + 1)[part + 1] < FEWEST_CELLS) | (part < 0)
+    """Return parts numbered from zero; of no part, or of one of fewer than `MIN_CELLS`, join the nearest."""
+    crumb = (np.bincount(part.ravel() + 1)[part + 1] < MIN_CELLS) | (part < 0)
     if crumb.all():
         return np.zeros(part.shape, dtype=np.int64)
     row, column = distance_transform_edt(crumb, return_distances=False, return_indices=True)

@@ -37,7 +37,7 @@ from sionna_radar.mapping.stepped.coarse_map import CoarseMap, coarse_map
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.segments import parts_of, raised_cells, to_border_m, windows_of
 from sionna_radar.mapping.terrain.echo_heights import on_axis
-from sionna_radar.mapping.terrain.tiles import FEWEST_PULSES
+from sionna_radar.mapping.terrain.tiles import MIN_PULSES
 
 # Margin over which the chance of the other side falls by e. The columns of the model are not the walls of the world,
 # and echoes of overlapping pulses are not independent, so that it takes more than one neper.
@@ -184,7 +184,7 @@ class _Surfaces:
         height, sigma = self.coarse.height_m.copy(), np.full(grid.shape, np.nan)
         windows = windows_of(part)
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
-        alone = pulses >= FEWEST_PULSES
+        alone = pulses >= MIN_PULSES
         steps = [refinement_steps(grid.cut(*window)) for window in windows]
         step = Steps(progress, "mapping", sum(steps[number] for number in np.flatnonzero(alone)))
 
@@ -275,7 +275,7 @@ class Stepped:
     def __call__(self, given: MapInputs) -> Estimate:
         """Return the DEM and its uncertainty."""
         assert given.sightings is not None
-        if len(given.sightings) < FEWEST_PULSES:
+        if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
         seen = seen_part(stepped.surface, given)

@@ -60,7 +60,7 @@ class CovarianceTable:
 ROUGHEST, SMOOTHEST = 0.3, 12.0
 # Likelihoods are summed over groups of near neighbours: a large survey is too much to treat at once.
 GROUP, GROUPS = 260, 3
-LEAST_NOISE_M = 1e-3
+MIN_NOISE_M = 1e-3
 # Share of the noise that never repeats: of the receiver, and of scatterers that come into the beam.
 NEW_NOISE = 0.03
 # Standard deviation of the logarithm of the noise factor, beforehand: of drawn speckle, echoes of 1 to 8 deg scatter
@@ -191,7 +191,7 @@ def fit_covariance(
 
     """
     extent = float(np.ptp(measured.place_m, axis=0).max())
-    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
     near, bounds = neighbours(measured, groups), search_bounds(measured)
     start = np.log([0.1 * extent, variance, 1.0, FIRST_SMOOTHNESS])
     options = {"maxiter": ITERATIONS, "ftol": 1e-6}
@@ -217,7 +217,7 @@ def fit_covariance(
 def search_bounds(measured: Measured) -> list[tuple[float, float]]:
     """Return bounds of the logarithms of length, variance, noise factor and smoothness."""
     extent = float(np.ptp(measured.place_m, axis=0).max())
-    variance = max(float(np.var(measured.height_m)), LEAST_NOISE_M**2)
+    variance = max(float(np.var(measured.height_m)), MIN_NOISE_M**2)
     return [
         (np.log(3e-3 * extent), np.log(extent)),
         (np.log(1e-4 * variance), np.log(1e3 * variance)),
@@ -266,7 +266,7 @@ class Group:
         lower = np.tril_indices(len(rows))
         entry, share = np.empty(len(lower[0]), dtype=np.int32), np.empty(len(lower[0]))
         pairs(place, table[1], TABLE - 1, entry, share)
-        sigma = np.maximum(measured.sigma_m[rows], LEAST_NOISE_M)
+        sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
         noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
         spread = float(np.median(measured.spread_m[rows]))
         return cls(measured.height_m[rows], spread, table, entry, share, noise[lower])

@@ -25,7 +25,7 @@ SURFACES = 2
 ROUGH = 1e-4
 # Neighbouring pulses whose echoes are alike in shape.
 SIMILAR_PULSES = 9
-LEAST_SIGMA_M = 0.02
+MIN_SIGMA_M = 0.02
 OUTLIER_SIGMAS = 4.0
 # Speckle alone makes an outlier of a few echoes in a thousand, but none beyond this.
 OUTSTANDING_SIGMAS = 6.0
@@ -127,7 +127,7 @@ def _heights(
     return Heights(
         place_m=point[:, :2],
         height_m=point[:, 2],
-        sigma_m=np.maximum(sigma, LEAST_SIGMA_M),
+        sigma_m=np.maximum(sigma, MIN_SIGMA_M),
         footprint_m=footprint_axes(sightings.pose, echoes.range_m, sightings.beam),
         order=sightings.profiles.pulse.astype(float),
         reach=reach,

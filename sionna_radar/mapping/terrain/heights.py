@@ -20,14 +20,14 @@ from sionna_radar.foundation.threads import parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
 from sionna_radar.mapping.echo_model.speckle import AT_ONCE, SpeckleMemory, repeats, speckle_reach
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.covariance import LEAST_NOISE_M, Measured, repeated_pairs
+from sionna_radar.mapping.terrain.covariance import MIN_NOISE_M, Measured, repeated_pairs
 from sionna_radar.radar.chirp import Chirp
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
 FEW, MANY = 3, 5
 # Heights tell no slope across places that spread by less than this share of their length: echoes of a fixed beam lie on
 # a line but for centimetres. By choice: no swath, and no roof, is so narrow.
-LEAST_WIDTH_SHARE = 0.02
+MIN_WIDTH_SHARE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +70,13 @@ class Heights(Columns):
 
     def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
         """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""
-        return factor * repeats(self.reach) * np.maximum(self.sigma_m, LEAST_NOISE_M) ** 2
+        return factor * repeats(self.reach) * np.maximum(self.sigma_m, MIN_NOISE_M) ** 2
 
     def noise_m2(
         self, one: Int[np.ndarray, "..."], other: Int[np.ndarray, "..."], factor: float
     ) -> Float[np.ndarray, "..."]:
         """Return the covariance of the noise of pairs of heights; their variance where both are the same."""
-        sigma = np.maximum(self.sigma_m, LEAST_NOISE_M)
+        sigma = np.maximum(self.sigma_m, MIN_NOISE_M)
         repeated = repeated_pairs(self.order[one], self.order[other], self.reach[one], self.reach[other])
         shared: Float[np.ndarray, ...] = np.where(one == other, 1.0, repeated)
         return factor * sigma[one] * sigma[other] * shared
@@ -133,7 +133,7 @@ def supported_directions(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     East and north; or the one direction of places on a line; none for a single place.
     """
     _, width_m, direction = np.linalg.svd(place_m - place_m.mean(axis=0), full_matrices=False)
-    told = width_m > max(LEAST_WIDTH_SHARE * width_m[0], np.finfo(float).eps * np.abs(place_m).max() * len(place_m))
+    told = width_m > max(MIN_WIDTH_SHARE * width_m[0], np.finfo(float).eps * np.abs(place_m).max() * len(place_m))
     return np.eye(2) if told.all() and len(told) == 2 else direction[told].T
 
 
@@ -169,7 +169,7 @@ def _on_ground(pose: Pose, aside: Float[np.ndarray, "pulse 3"]) -> Float[np.ndar
     return met[:, :2]
 
 
-LEAST_DISTANCE_M = 1e-9
+MIN_DISTANCE_M = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +223,7 @@ def looks_at(
 def point_heights(points: Points, looks: Looks | None) -> Heights:
     """Return points as heights: over their footprints, or at single places if these are unknown."""
     away = points.position_m - points.origin_m
-    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), LEAST_DISTANCE_M)
+    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), MIN_DISTANCE_M)
     place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
     if points.across_sigma_m is not None:
         sigma = np.hypot(sigma, points.across_sigma_m * np.sqrt(1 - steep**2))

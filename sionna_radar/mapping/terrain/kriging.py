@@ -23,9 +23,9 @@ from sionna_radar.mapping.terrain.heights import Heights
 from sionna_radar.mapping.terrain.local_relief import LocalRelief
 
 # Blocks of cells, and how far around them echoes count, at least; the nearest so many.
-BLOCK_CELLS, MARGIN_M, MOST_ECHOES = 32, 20.0, 600
+BLOCK_CELLS, MARGIN_M, MAX_ECHOES = 32, 20.0, 600
 # Echoes that decide about a mean over a window.
-MOST_OF_A_WINDOW = 1500
+MAX_OF_A_WINDOW = 1500
 # Squares that a window is divided into, where it has more cells.
 SQUARES_OF_A_WINDOW = 300
 TABLE = 6000
@@ -66,7 +66,7 @@ class Kriging:
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
-        near = self._near(place_m, MOST_OF_A_WINDOW)
+        near = self._near(place_m, MAX_OF_A_WINDOW)
         place_m, share, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
         before = float(share @ self._between(place_m, place_m, spread) @ share)
@@ -78,7 +78,7 @@ class Kriging:
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         before = self._before(place_m)
-        near = self._near(place_m, MOST_ECHOES)
+        near = self._near(place_m, MAX_ECHOES)
         if len(near) == 0:
             return np.sqrt(before)
         root, between = self._known(near, place_m)

@@ -34,7 +34,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.terrain.covariance import (
-    LEAST_NOISE_M,
+    MIN_NOISE_M,
     Covariance,
     CovarianceTable,
     FittedCovariance,
@@ -203,7 +203,7 @@ def _log_likelihood(
     contrast = _contrast(away)
     spread, farthest = float(np.median(measured.spread_m[own])), 2 * float(np.hypot(*away.T).max()) + 1.0
     long, short = (table.between(place, place) for table in relief.divided(fitted.covariance, farthest, spread, TABLE))
-    sigma = np.maximum(measured.sigma_m[own], LEAST_NOISE_M)
+    sigma = np.maximum(measured.sigma_m[own], MIN_NOISE_M)
     noise = np.outer(sigma, sigma) * repeated(measured.order[own], measured.reach[own])
     rest = long + fitted.noise_factor * noise + JITTER * fitted.covariance.variance_m2 * np.eye(len(own))
     share, vector = eigh(contrast.T @ short @ contrast, contrast.T @ rest @ contrast, check_finite=False)

@@ -30,7 +30,7 @@ from sionna_radar.mapping.terrain.local_relief import LocalRelief, calm, local_r
 PADDING_LENGTHS = 1.0
 PADDING_M = 20.0
 # Tolerance at which one iteration more or less, which rounding may decide, has no visible effect.
-MOST_ITERATIONS = 1000
+MAX_ITERATIONS = 1000
 # Of the residual; heights are then within 0.1 mm of the exact solution.
 TOLERANCE = 1e-7
 
@@ -229,7 +229,7 @@ def smooth_with(
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.adjoint(transposed @ (precision * excess))
-    white = model.solve(information, right, MOST_ITERATIONS, tolerance)
+    white = model.solve(information, right, MAX_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
 
 

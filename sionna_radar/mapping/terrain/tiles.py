@@ -28,7 +28,7 @@ from sionna_radar.mapping.terrain.uncertainty import Information, Plausible, Til
 
 TILE_M = 160.0
 OVERLAP_M = 30.0
-FEWEST_PULSES = 20
+MIN_PULSES = 20
 
 # A tile's surface, what it was made of, and what whole echoes told beyond their mean ranges, if they were used.
 TileSurface = tuple[Smoothed, EchoSurface, Information | None]
@@ -130,7 +130,7 @@ class Tiles:
         west, east, south, north = bounds = self._bounds[number]
         x, y = self._place_m.T
         here = (x > west - OVERLAP_M) & (x < east + OVERLAP_M) & (y > south - OVERLAP_M) & (y < north + OVERLAP_M)
-        if here.sum() < FEWEST_PULSES:
+        if here.sum() < MIN_PULSES:
             return None
         across, along = _taper(self.grid.x_m, west, east), _taper(self.grid.y_m, south, north)
         window = _span(along > 0), _span(across > 0)

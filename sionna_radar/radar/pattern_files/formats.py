@@ -17,7 +17,7 @@ from jaxtyping import Float
 from sionna_radar.radar.pattern_files.contents import FLOOR_DB, PatternCuts, PatternGrid, grid_of
 
 SECTIONS = ("HORIZONTAL", "VERTICAL")
-MOST_ROWS = 100_000
+MAX_ROWS = 100_000
 
 
 def is_planet(text: str) -> bool:
@@ -51,10 +51,10 @@ def read_planet(text: str) -> PatternCuts:
 
 
 def _section(lines: list[str], first: int, words: list[str]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MOST_ROWS:
+    if len(words) != 2 or not words[1].isdecimal() or not 3 <= int(words[1]) <= MAX_ROWS:
         message = (
             f"line {first + 1} holds {lines[first].strip()[:60]!r}; expected {words[0].upper()} and how many rows "
-            f"follow, 3 to {MOST_ROWS:,}"
+            f"follow, 3 to {MAX_ROWS:,}"
         )
         raise ValueError(message)
     count = int(words[1])
@@ -93,7 +93,7 @@ GRID = ("theta_deg", "phi_deg", "gain_db")
 # A column of a report of HFSS: "dB(GainTotal) [] - Freq='77GHz' Phi='90deg'", with what it was varied by.
 VARIED = re.compile(r"phi\s*=\s*'?\s*(-?[\d.]+)\s*deg", re.IGNORECASE)
 FREQUENCY = re.compile(r"freq\s*=\s*'?\s*([\d.]+\s*\w*)", re.IGNORECASE)
-MOST_COLUMNS = 10_000
+MAX_COLUMNS = 10_000
 
 
 def is_delimited(text: str) -> bool:
@@ -114,8 +114,8 @@ def read_delimited(text: str) -> PatternCuts | PatternGrid:
     rows = csv.reader(text.splitlines())
     header = [name.strip().strip('"') for name in next(rows, [])]
     names = [name.lower().replace("_dbi", "_db") for name in header]
-    if len(names) > MOST_COLUMNS or len(set(names)) < len(names):
-        message = f"line 1 has {len(names):,} columns, or one of them twice; give each once, at most {MOST_COLUMNS:,}"
+    if len(names) > MAX_COLUMNS or len(set(names)) < len(names):
+        message = f"line 1 has {len(names):,} columns, or one of them twice; give each once, at most {MAX_COLUMNS:,}"
         raise ValueError(message)
     lines, values = _numbers(rows, header)
     if set(CUTS) <= set(names):
@@ -206,7 +206,7 @@ def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int
     return lines, np.array(found)
 
 
-MOST_SAMPLES = 20_000_000
+MAX_SAMPLES = 20_000_000
 
 
 def is_cst_table(text: str) -> bool:
@@ -275,9 +275,9 @@ def read_hfss_field(text: str) -> PatternGrid:
             raise ValueError(message)
         axes.append((float(start), float(stop), int(count)))
     size = axes[0][2] * axes[1][2]
-    if size > MOST_SAMPLES:
+    if size > MAX_SAMPLES:
         message = (
-            f"lines {1 + blank} and {2 + blank} announce {size:,} directions, more than {MOST_SAMPLES:,}; export a "
+            f"lines {1 + blank} and {2 + blank} announce {size:,} directions, more than {MAX_SAMPLES:,}; export a "
             "coarser grid"
         )
         raise ValueError(message)

@@ -25,12 +25,12 @@ from sionna_radar.scenario.radar import PatternAntennaTable
 
 logger = logging.getLogger("sionna_radar")
 
-MOST_BYTES = 200_000_000
+MAX_BYTES = 200_000_000
 REMEDY = "give a CSV of cuts or of a grid, an MSI/PLN file, or a far field of HFSS (.csv, .ffd) or CST (.txt, .ffs)"
 # A beam farther from the axis has its half-power width elsewhere: the file's axes are not those expected.
-LEAST_ON_AXIS_DB, WARNED_ON_AXIS_DB = -3.0, -0.5
+MIN_ON_AXIS_DB, WARNED_ON_AXIS_DB = -3.0, -0.5
 # Of a measurement that leaves out less than it shows.
-LEAST_REACH_DEG = 60.0
+MIN_REACH_DEG = 60.0
 FORMATS = (
     (is_cst_source, read_cst_source),
     (is_cst_table, read_cst_table),
@@ -58,7 +58,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
 
     """
     # Makers write their names and comments in any encoding; what counts is in ASCII.
-    text = read_bytes(path, f"{key} =", REMEDY, MOST_BYTES).decode("utf-8-sig", errors="replace")
+    text = read_bytes(path, f"{key} =", REMEDY, MAX_BYTES).decode("utf-8-sig", errors="replace")
     contents = _contents(text, f"{key} = {shown(path)}")
     try:
         pattern = contents.pattern(boresight)
@@ -66,7 +66,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
         message = f"{key} = {shown(path)}: {error}"
         raise InputFileError(message) from error
     reach_deg = contents.reach_deg
-    if reach_deg < LEAST_REACH_DEG:
+    if reach_deg < MIN_REACH_DEG:
         logger.warning(
             "%s: covers %.3g deg around boresight; nothing is sent beyond, and the directivity counts what is there "
             "(angles are in degrees)",
@@ -74,7 +74,7 @@ def read_pattern(path: Path, key: str, boresight: str = "z") -> ProductPattern |
             reach_deg,
         )
     on_axis_db = axis_gain_db(pattern)
-    if on_axis_db < LEAST_ON_AXIS_DB:
+    if on_axis_db < MIN_ON_AXIS_DB:
         message = (
             f"{key} = {shown(path)}: its boresight is {-on_axis_db:.1f} dB below its peak; set radar.antenna.boresight "
             f"= {'x' if boresight == 'z' else 'z'!r} if that is the axis along which it looks, or turn the pattern"

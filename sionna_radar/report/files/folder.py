@@ -144,7 +144,7 @@ def lasting_columns(table: bytes) -> bytes:
 
 # Inside a staging folder: the new result, the files of the earlier one, and the manifest of the new one.
 FRESH, RETIRED, COMING = "fresh", "retired", "coming.json"
-MOST_NAMED = 5
+MAX_NAMED = 5
 
 
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
@@ -358,9 +358,9 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
         return f"holds the result of another command ({earlier.kind}, not {marker}); name another folder"
     changed = earlier.changed(directory)
     if changed:
-        more = f" and {len(changed) - MOST_NAMED} more" if len(changed) > MOST_NAMED else ""
+        more = f" and {len(changed) - MAX_NAMED} more" if len(changed) > MAX_NAMED else ""
         return (
-            f"holds files of an earlier result that were changed since ({', '.join(changed[:MOST_NAMED])}{more}); "
+            f"holds files of an earlier result that were changed since ({', '.join(changed[:MAX_NAMED])}{more}); "
             "move them away or name another folder"
         )
     for name in filter(lambda name: (directory / name).exists(), (*earlier.names, MANIFEST)):

@@ -24,7 +24,7 @@ from sionna_radar.report.page.world import colour_scales
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.comparison import Comparison, FlownResult
 
-MOST_KEYS = 200
+MAX_KEYS = 200
 ERRORS = {
     "RMS": ("rms_m", ".3f"),
     "mean": ("mean_m", "+.3f"),
@@ -45,9 +45,9 @@ def error_rows(result: Comparison) -> dict[str, list[str]]:
 
 
 def setting_rows(result: Comparison) -> dict[str, list[str]]:
-    """Return the settings that differ by dotted key, one value for each folder; the first `MOST_KEYS` of many."""
+    """Return the settings that differ by dotted key, one value for each folder; the first `MAX_KEYS` of many."""
     rows = {
-        _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MOST_KEYS)
+        _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MAX_KEYS)
     }
     more = len(result.differing) - len(rows)
     return {**rows, **({f"and {more:,} more": [""] * len(result.results)} if more else {})}
@@ -85,7 +85,7 @@ def print_comparison(result: Comparison) -> None:
 
 MARKER = "compare.html"
 # All maps of a page together.
-MOST_CELLS = 1_600_000
+MAX_CELLS = 1_600_000
 LINES, LINE_POINTS = 41, 400
 BINS = 81
 LOCAL = {"east": "East (m)", "north": "North (m)", "height": "Height (m)"}
@@ -150,7 +150,7 @@ def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, A
     for one in result.results:
         low, high = _limits(dems if result.common else [one.dem.height_m])
         heights = {"low": low, "high": high, "scale": "height", "unit": height, "hover": "height"}
-        thin = thinned(one.dem.grid, MOST_CELLS // (2 * len(result.results)))
+        thin = thinned(one.dem.grid, MAX_CELLS // (2 * len(result.results)))
         for name, values, look in (("DEM", one.dem.height_m, heights), ("error", one.error.height_m, wrong)):
             placed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
             maps.append({"name": f"{one.name}: {name}", **look, **placed})

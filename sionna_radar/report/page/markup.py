@@ -163,7 +163,7 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; worker-src blob:"
 )
-MOST_BYTES = 15_000_000
+MAX_BYTES = 15_000_000
 
 
 def document(title: str, body: str, numbers: str, scripts: tuple[str, ...]) -> str:
@@ -183,7 +183,7 @@ def document(title: str, body: str, numbers: str, scripts: tuple[str, ...]) -> s
     Raises
     ------
     OutputError
-        The page is larger than `MOST_BYTES`; or plotly.js is not installed.
+        The page is larger than `MAX_BYTES`; or plotly.js is not installed.
 
     """
     code = "\n".join(_asset(name) for name in ("core.js", *scripts))
@@ -203,8 +203,8 @@ def document(title: str, body: str, numbers: str, scripts: tuple[str, ...]) -> s
             f"<script>{code}\nstart();</script></body></html>\n",
         ]
     )
-    if len(text) > MOST_BYTES:
-        message = f"the page has {len(text):,} bytes, more than {MOST_BYTES:,}; write it without (--no-report)"
+    if len(text) > MAX_BYTES:
+        message = f"the page has {len(text):,} bytes, more than {MAX_BYTES:,}; write it without (--no-report)"
         raise OutputError(message)
     return text
 

@@ -105,7 +105,7 @@ def _places(node: Any) -> list[dict[str, Any]]:
 
 
 # Cells of one map, and of one surface in three dimensions.
-MOST_MAP_CELLS, MOST_RELIEF_CELLS = 400_000, 60_000
+MAX_MAP_CELLS, MAX_RELIEF_CELLS = 400_000, 60_000
 HEIGHT_STEP_M = 0.001
 # How much lower surroundings are under the edge of a map: of itself, and of their cells.
 UNDER_M, UNDER_SHARE = 0.05, 0.1
@@ -217,7 +217,7 @@ def _lines(
 
 # A surface of which this share is steep stands on the ground rather than being it.
 STEEP_SHARE, STEEP_COSINE = 0.1, 0.2
-MOST_FACES = 60_000
+MAX_FACES = 60_000
 CITY = "sionna:"
 
 
@@ -269,9 +269,9 @@ def solids_within(scene: Scene, terrain: str, box: tuple[float, float, float, fl
         return None
     vertices_m, triangles = np.concatenate(vertices), np.concatenate(faces)
     total = len(triangles)
-    if total > MOST_FACES:
+    if total > MAX_FACES:
         area = np.linalg.norm(_normals(vertices_m, triangles), axis=1)
-        triangles = triangles[np.argsort(-area, kind="stable")[:MOST_FACES]]
+        triangles = triangles[np.argsort(-area, kind="stable")[:MAX_FACES]]
     return Solids(vertices_m=vertices_m, faces=triangles, total=total)
 
 

@@ -37,7 +37,7 @@ from sionna_radar.survey.checks import BoresightHits, boresight_hits
 from sionna_radar.survey.preparation import Prepared
 
 PULSES, FOOTPRINTS = 240, 60
-MOST_CELLS = 50_000
+MAX_CELLS = 50_000
 
 
 def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordinates.MAP) -> str:
@@ -79,8 +79,8 @@ def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
     built, box = prepared.scene, box_of(prepared)
     lying = [surface for surface in built.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
     if solids is None or not lying:
-        return surroundings(built.caster, built.scene, box, MOST_CELLS)
-    return surroundings(RayCaster(lying), built.scene, box, MOST_CELLS)
+        return surroundings(built.caster, built.scene, box, MAX_CELLS)
+    return surroundings(RayCaster(lying), built.scene, box, MAX_CELLS)
 
 
 def _world(

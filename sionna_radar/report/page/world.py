@@ -14,7 +14,7 @@ from sionna_radar.report.drawing import ERRORS, HEIGHTS, Frame
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, axes_of
 from sionna_radar.survey.preparation import Prepared
 
-MOST_TRACK, MOST_POINTS = 2_000, 15_000
+MAX_TRACK, MAX_POINTS = 2_000, 15_000
 # Around the map and the flight, as a share of the longer side.
 MARGIN = 0.08
 STOPS = 17
@@ -36,7 +36,7 @@ def frame_of_page(frame: Frame) -> dict[str, Any]:
 
 def track_of(schedule: PulseSchedule) -> Float[np.ndarray, "n 3"]:
     """Return places along a flight, evenly spread in time."""
-    return schedule.trajectory.position(np.linspace(0.0, schedule.trajectory.end_s, MOST_TRACK))
+    return schedule.trajectory.position(np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK))
 
 
 def box_of(prepared: Prepared) -> tuple[float, float, float, float]:
@@ -64,7 +64,7 @@ def packed_track(pack: Pack, schedule: PulseSchedule) -> dict[str, Any]:
     """Return a flight for a page: where it is, and when."""
     return {
         "position": pack.exact(track_of(schedule)),
-        "time_s": pack.exact(np.linspace(0.0, schedule.trajectory.end_s, MOST_TRACK)),
+        "time_s": pack.exact(np.linspace(0.0, schedule.trajectory.end_s, MAX_TRACK)),
     }
 
 

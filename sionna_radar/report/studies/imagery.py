@@ -35,7 +35,7 @@ WIDTH_IN = 8.0
 # Height of an image: that of equal axis scales, within these limits.
 HEIGHTS_IN = (1.8, 4.0)
 # Decibels around the median: speckle below, buildings and targets above, up to the level few pixels exceed (per cent).
-DARKEST_DB, LEAST_BRIGHTEST_DB, BRIGHTEST_SHARE = -12.0, 8.0, 1.0
+DARKEST_DB, MIN_BRIGHTEST_DB, BRIGHTEST_SHARE = -12.0, 8.0, 1.0
 LABEL = "Power over the median (dB)"
 
 
@@ -101,7 +101,7 @@ def _level_db(power: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row 
 
 
 def _brightest_db(level: Float[np.ndarray, "row column"]) -> float:
-    return max(float(np.nanpercentile(level, 100 - BRIGHTEST_SHARE)), LEAST_BRIGHTEST_DB)
+    return max(float(np.nanpercentile(level, 100 - BRIGHTEST_SHARE)), MIN_BRIGHTEST_DB)
 
 
 def _show(

@@ -22,7 +22,7 @@ from sionna_radar.studies.link_spectra import ROUNDING
 
 COLOURS = (BLUE, ORANGE, RED, "0.35", "tab:green", "tab:purple", "tab:brown", "tab:olive")
 LINES = ("-", "--", ":", "-.")
-LEAST_DB = -20.0
+MIN_DB = -20.0
 # What is shown under the floors.
 DEPTH_DB = 25.0
 
@@ -53,7 +53,7 @@ def draw_link(budget: LinkBudget) -> Figure:
             axes.set_xscale("log")
             axes.xaxis.set_major_formatter("{x:g}")
     panels[0, 0].set_ylabel("SNR of the ground in a range cell (dB)")
-    panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], LEAST_DB))
+    panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], MIN_DB))
     panels[1, 0].set_ylabel("Probability of detecting the ground")
     handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
     handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
@@ -209,7 +209,7 @@ def _finite(values: Float[np.ndarray, " n"]) -> list[float | None]:
 
 
 # Floors that take turns are all in the file.
-MOST_RULERS = 6
+MAX_RULERS = 6
 
 LEGEND = (
     "S/C: signal to clutter; Pd: that the ground is detected against noise and clutter; Pfa: that the cell passes",
@@ -233,7 +233,7 @@ def print_link(budget: LinkBudget) -> None:
         said = f"closed form and simulation {word}: at most {largest} apart (within {TOLERANCE_DB:g} dB)"
     out.print(said, soft_wrap=True)
     out.print(f"dynamic range of detected echoes: {number(budget.dynamic_range_db, '.0f', ' dB')}")
-    for name, start, end in budget.floors.rulers()[:MOST_RULERS]:
+    for name, start, end in budget.floors.rulers()[:MAX_RULERS]:
         out.print(f"highest floor from {start:.1f} to {end:.1f} m: {name}", soft_wrap=True)
     sound = budget.largest_difference_db <= TOLERANCE_DB  # false, too, where nothing was compared
     if not sound and any(name == ROUNDING for name, _, _ in budget.floors.rulers()):

@@ -33,7 +33,7 @@ from sionna_radar.report.files.folder import write_study
 from sionna_radar.report.terminal import console
 from sionna_radar.studies.log_inspection import LogInspection
 
-MOST_SHOWN = 5
+MAX_SHOWN = 5
 
 
 def log_summary(found: LogInspection) -> dict[str, Any]:
@@ -78,13 +78,13 @@ def print_log(found: LogInspection) -> None:
         table.add_row(name, value)
     out = console()
     out.print(table)
-    for note in numbers["notes"][:MOST_SHOWN]:
+    for note in numbers["notes"][:MAX_SHOWN]:
         out.print(f"note: {note}", soft_wrap=True)
     refused = numbers["refused"]
-    for refusal in refused[:MOST_SHOWN]:
+    for refusal in refused[:MAX_SHOWN]:
         out.print(f"would be refused {refusal}", soft_wrap=True)
-    if len(refused) > MOST_SHOWN:
-        out.print(f"... and {len(refused) - MOST_SHOWN:,} more")
+    if len(refused) > MAX_SHOWN:
+        out.print(f"... and {len(refused) - MAX_SHOWN:,} more")
     if not refused:
         out.print("nothing in it would be refused")
         return
@@ -120,7 +120,7 @@ def _rows(numbers: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-MOST_DRAWN = 5000
+MAX_DRAWN = 5000
 MAP_IN = (5.6, 5.2)
 
 
@@ -192,7 +192,7 @@ def _draw_heights(axes: Axes, found: LogInspection, frame: Frame) -> None:
 
 def _thin(count: int) -> np.ndarray:
     """Return rows to draw: all, or an even share."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_DRAWN)).round().astype(int))
+    return np.unique(np.linspace(0, count - 1, min(count, MAX_DRAWN)).round().astype(int))
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:

@@ -219,7 +219,7 @@ HEADINGS = {
     "all_cells_rms_m": "RMS all cells",
 }
 # Settings that a terminal shows; the files have all of them.
-MOST_ROWS = 60
+MAX_ROWS = 60
 SIGNED = ("min_m", "max_m", "mean_m")
 
 
@@ -230,10 +230,10 @@ def print_sweep(result: Sweep) -> None:
     # A table cut to a narrow terminal, or to the 80 columns of a pipe, would lose its numbers.
     needed = console(width=1000).measure(table).maximum
     console(width=max(out.width, needed)).print(table)
-    more = len(result.cases) - MOST_ROWS
+    more = len(result.cases) - MAX_ROWS
     if more > 0:
         out.print(f"and {more:,} more settings in table.csv")
-    for case in result.cases[:MOST_ROWS]:
+    for case in result.cases[:MAX_ROWS]:
         for note in ([case.reason] if case.reason else []) + _warnings(case):
             out.print(f"{label(case.setting)}: {note}", soft_wrap=True)
 
@@ -250,7 +250,7 @@ def sweep_table(result: Sweep, sign: str = "±") -> Table:
     columns = [s for s in STATISTICS if s != "off_wall_rms_m" or any(c.mean(s) == c.mean(s) for c in result.cases)]
     for statistic in columns:
         table.add_column(HEADINGS[statistic], justify="right")
-    for case in result.cases[:MOST_ROWS]:
+    for case in result.cases[:MAX_ROWS]:
         setting = (short(setting_text(case.setting, axis.key)) for axis in result.axes)
         table.add_row(*setting, *(_with_spread(case, s, sign) for s in columns))
     return table

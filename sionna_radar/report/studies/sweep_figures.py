@@ -35,12 +35,12 @@ HEADROOM = 1.06
 # Distance of the dots of the trials from their mean, in points, so that its bar does not hide them.
 BESIDE_PT = 7.0
 # A rank correlation of fewer settings says nothing.
-LEAST_RANKED = 8
+MIN_RANKED = 8
 MAX_LEGEND = 14
 # Letters of a name in half the width of the figure.
-MOST_IN_HALF = 50
+MAX_IN_HALF = 50
 # Number of label letters that fit side by side under one panel.
-MOST_LETTERS = 45
+MAX_LETTERS = 45
 
 
 def draw_all(sweep: Sweep, directory: Path) -> list[Path]:
@@ -78,8 +78,8 @@ def errors(sweep: Sweep, across: Axis | None = None) -> Figure:
     figure.suptitle(f"{sweep.source}: elevation error\n{trials}", fontsize="medium", parse_math=False)
     if 1 < len(lines) <= MAX_LEGEND:
         handles, names = panels[0].get_legend_handles_labels()
-        columns = 2 if max(map(len, names)) <= MOST_IN_HALF else 1
-        texts = [fill(name, MOST_IN_HALF * 2 // columns) for name in names]
+        columns = 2 if max(map(len, names)) <= MAX_IN_HALF else 1
+        texts = [fill(name, MAX_IN_HALF * 2 // columns) for name in names]
         figure.legend(handles, texts, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
@@ -145,7 +145,7 @@ def _joined(sweep: Sweep, across: Axis) -> bool:
 def _correlation(sweep: Sweep, across: Axis, statistic: str) -> str:
     """Return the rank correlation of a statistic with a key whose values are not listed; "" where there is none."""
     there = [case for case in sweep.cases if across.key in case.setting and np.isfinite(case.mean(statistic))]
-    if across.crossed or not _numeric(across) or len(there) < LEAST_RANKED:
+    if across.crossed or not _numeric(across) or len(there) < MIN_RANKED:
         return ""
     pairs = np.array([(case.setting[across.key], case.mean(statistic)) for case in there])
     ranks = [rankdata(values) for values in pairs.T]
@@ -214,6 +214,6 @@ def _apart(values: list[float], logarithmic: bool) -> bool:
 
 def _slanted(values: list[Any]) -> dict[str, Any]:
     """Return the rotation that keeps the labels of words apart."""
-    if sum(len(short(value)) + 2 for value in values) <= MOST_LETTERS:
+    if sum(len(short(value)) + 2 for value in values) <= MAX_LETTERS:
         return {}
     return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}

@@ -58,7 +58,7 @@ from sionna_radar.survey.result import Survey
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 # Width of a figure that takes three entries of the legend side by side.
-LEAST_WIDE_IN = 6.5
+MIN_WIDE_IN = 6.5
 
 
 def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figure:
@@ -80,7 +80,7 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     finish_map(plan, bounds, "True surface and flight", frame)
     colour_bar(plan, height_colours(limits, frame), frame.height, width)
     _draw_profile(profile, survey, flight, frame)
-    columns = 3 if width + 2.0 >= LEAST_WIDE_IN else 2
+    columns = 3 if width + 2.0 >= MIN_WIDE_IN else 2
     figure.legend(handles=_environment_legend(survey), loc="outside lower center", ncols=columns, frameon=False)
     return figure
 

@@ -22,8 +22,8 @@ from sionna_radar.report.page import markup
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     HEIGHT_STEP_M,
-    MOST_MAP_CELLS,
-    MOST_RELIEF_CELLS,
+    MAX_MAP_CELLS,
+    MAX_RELIEF_CELLS,
     Beams,
     Pack,
     cast_beams,
@@ -36,7 +36,7 @@ from sionna_radar.report.page.scene_data import (
 )
 from sionna_radar.report.page.scene_data import MEANING as SIGMA0_MEANING
 from sionna_radar.report.page.world import (
-    MOST_POINTS,
+    MAX_POINTS,
     box_of,
     colour_scales,
     frame_of_page,
@@ -175,10 +175,10 @@ def limit_of(values: Float[np.ndarray, "..."]) -> float:
 
 
 # Of a custom sensor, which records one at a time.
-MOST_ONE_BY_ONE = 40
+MAX_ONE_BY_ONE = 40
 # Numbers of a page, and paths traced again for it: of wide beams over fixed scatterers a pulse has tens of thousands.
-MOST_BYTES, MOST_PATHS = 3_500_000, 200_000
-LEAST_CHIRPS, AT_ONCE = 12, 256
+MAX_BYTES, MAX_PATHS = 3_500_000, 200_000
+MIN_CHIRPS, AT_ONCE = 12, 256
 LEVEL_STEP_DB = 0.1
 
 
@@ -188,8 +188,8 @@ def chirps_of(survey: Survey, index: Int[np.ndarray, " pulse"]) -> Int[np.ndarra
         return index[:0]
     beat, cells = survey.chirp.beat, len(survey.chirp.power)
     size = 2 * (len(beat) * (2 if np.iscomplexobj(beat) else 1) + 2 * cells)
-    fast = max(LEAST_CHIRPS, MOST_PATHS * survey.pulses // max(survey.paths, 1))
-    most = max(1, min(MOST_BYTES // size, fast))
+    fast = max(MIN_CHIRPS, MAX_PATHS * survey.pulses // max(survey.paths, 1))
+    most = max(1, min(MAX_BYTES // size, fast))
     return index[:: -(-len(index) // most)]
 
 
@@ -203,7 +203,7 @@ def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[Chir
     if together is not None:
         blocks = np.array_split(index, -(-len(index) // AT_ONCE))
         return [record for block in blocks for record in together(flight.pulses(block))]
-    every = -(-len(index) // MOST_ONE_BY_ONE)
+    every = -(-len(index) // MAX_ONE_BY_ONE)
     records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))
     return [record for record in records if record is not None]
 
@@ -253,7 +253,7 @@ def _levels(power: Float[np.ndarray, "pulse cell"]) -> Float[np.ndarray, "pulse 
 
 
 PULSES = 240
-MOST_ECHOES_OF_BEAMS = 4_000
+MAX_ECHOES_OF_BEAMS = 4_000
 AROUND_CELLS = 12_000
 
 
@@ -267,7 +267,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
     beams = cast_beams(survey.prepared, index)
     records = record_chirps(survey, chirps_of(survey, index))
     chirps = packed_chirps(pack, records, index, survey)
-    thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
+    thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth = Raster(grid=thin.cells, height_m=thin.of(survey.truth.height_m))
     sigma0 = None if survey.scenario.sensor == "lidar" else _backscatter(survey, truth.within(thin.of(survey.lit)))
     maps, notes = _maps(survey, pack, frame, sigma0)
@@ -298,7 +298,7 @@ def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
 
 def _maps(survey: Survey, pack: Pack, frame: Frame, sigma0: Raster | None) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the maps of a survey, and what was left out of them."""
-    thin = thinned(survey.dem.grid, MOST_MAP_CELLS)
+    thin = thinned(survey.dem.grid, MAX_MAP_CELLS)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
     limit = limit_of(survey.error.height_m)
     up = frame.origin_m[2]
@@ -339,7 +339,7 @@ def _echo_power(survey: Survey) -> tuple[Grid, Float[np.ndarray, "row column"]]:
     grid, points = survey.dem.grid, survey.points
     area = grid.columns * grid.rows * grid.spacing_m**2
     wide = float(np.sqrt(4.0 * area / max(len(points), 1)))
-    step = max(thinned(grid, MOST_MAP_CELLS).every, round(wide / grid.spacing_m), 1)
+    step = max(thinned(grid, MAX_MAP_CELLS).every, round(wide / grid.spacing_m), 1)
     west, _, south, _ = grid.extent_m
     size = grid.spacing_m * step
     coarse = Grid(
@@ -361,11 +361,11 @@ def _world(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the view in three dimensions, and what was left out of it."""
     prepared = survey.prepared
-    thin = thinned(survey.dem.grid, MOST_RELIEF_CELLS)
+    thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))
     outside = surroundings(prepared.scene.caster, prepared.scene.scene, box_of(prepared), AROUND_CELLS, thin.cells)
-    drawn = _thinned_rows(len(survey.points), MOST_POINTS)
-    echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MOST_ECHOES_OF_BEAMS]
+    drawn = _thinned_rows(len(survey.points), MAX_POINTS)
+    echoes = np.flatnonzero(np.isin(survey.points.pulse, beams.pulses.index))[:MAX_ECHOES_OF_BEAMS]
     track = track_of(prepared.flight)
     low, high = _span(survey.truth.height_m, survey.dem.height_m)
     limit = limit_of(survey.error.height_m)

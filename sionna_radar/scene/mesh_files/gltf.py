@@ -14,11 +14,11 @@ from typing import Any
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scene.mesh_files.part import (
-    MOST_BYTES,
-    MOST_FACES,
-    MOST_PARTS,
-    MOST_TEXT_BYTES,
-    MOST_VERTICES,
+    MAX_BYTES,
+    MAX_FACES,
+    MAX_PARTS,
+    MAX_TEXT_BYTES,
+    MAX_VERTICES,
     MeshError,
     MeshPart,
     beside,
@@ -29,7 +29,7 @@ from sionna_radar.scene.mesh_files.part import (
 MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", b"JSON", b"BIN\0"
 DEEPEST_NODES = 100
 # Accessors may share bytes: in sum they may be so many times those there are, and a few more.
-MOST_REUSE, SMALL_BYTES = 10, 1_000_000
+MAX_REUSE, SMALL_BYTES = 10, 1_000_000
 COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -56,7 +56,7 @@ def read_gltf(path: Path) -> tuple[MeshPart, ...]:
         uri = buffer.get("uri")
         buffers[f"{number}"] = binary if uri is None else _bytes_of(path, str(uri), f"buffers[{number}]")
         total += len(buffers[f"{number}"])
-        check_count(total, MOST_BYTES, "bytes in its buffers")
+        check_count(total, MAX_BYTES, "bytes in its buffers")
     _check_accessors(document, [len(data) for data in buffers.values()])
     meshes = _meshes(document)
     roots, nodes, shown_meshes = _tree(document, meshes)
@@ -93,8 +93,8 @@ def _document(path: Path) -> tuple[dict[str, Any], bytes]:
             chunks.setdefault(kind, data[at + 8 : at + 8 + size])
             at += 8 + size
         text, binary = chunks.get(JSON_CHUNK, b""), chunks.get(BINARY_CHUNK, b"")
-    if len(text) > MOST_TEXT_BYTES:
-        message = f"has {len(text):,} bytes of JSON, more than {MOST_TEXT_BYTES:,}; save it as GLB"
+    if len(text) > MAX_TEXT_BYTES:
+        message = f"has {len(text):,} bytes of JSON, more than {MAX_TEXT_BYTES:,}; save it as GLB"
         raise MeshError(message)
     try:
         document = json.loads(text.decode("utf-8-sig"))
@@ -128,7 +128,7 @@ def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
         if not (_is_count(count) and _is_count(start)):
             message = f"has {where} with a place or a count that is no number of bytes or rows; export it again"
             raise MeshError(message)
-        check_count(count, 3 * MOST_FACES, f"rows in {where}")
+        check_count(count, 3 * MAX_FACES, f"rows in {where}")
         total += count * row
         if "bufferView" not in accessor:
             continue
@@ -147,7 +147,7 @@ def _check_accessors(document: dict[str, Any], sizes: list[int]) -> None:
             message = f"has bufferViews[{number}], beyond the {have:,} bytes of its buffer; get the whole file"
             raise MeshError(message)
         total += length
-    check_count(total, MOST_REUSE * sum(sizes) + SMALL_BYTES, "bytes in its accessors and their views")
+    check_count(total, MAX_REUSE * sum(sizes) + SMALL_BYTES, "bytes in its accessors and their views")
 
 
 def _meshes(document: dict[str, Any]) -> list[list[dict[str, Any]]]:
@@ -208,8 +208,8 @@ def _tree(
             nodes.append({"mesh": len(parts)})
             parts.append({"primitives": [primitive], "extras": {"name": name}})
             vertices += document["accessors"][primitive["attributes"]["POSITION"]]["count"]
-        check_count(vertices, MOST_VERTICES, "vertices")
-        check_count(len(parts), MOST_PARTS, "parts")
+        check_count(vertices, MAX_VERTICES, "vertices")
+        check_count(len(parts), MAX_PARTS, "parts")
     return roots[::-1], nodes, parts
 
 
@@ -225,8 +225,8 @@ def _bytes_of(path: Path, uri: str, place: str) -> bytes:
             message = f"has data in {place} that is not base64; export it again"
             raise MeshError(message) from error
     found = beside(path, unquote(uri), place)
-    if not found.is_file() or found.stat().st_size > MOST_BYTES:
-        message = f"{place} names {shown(uri)}, no file of at most {MOST_BYTES:,} bytes beside it; put it there"
+    if not found.is_file() or found.stat().st_size > MAX_BYTES:
+        message = f"{place} names {shown(uri)}, no file of at most {MAX_BYTES:,} bytes beside it; put it there"
         raise MeshError(message)
     return found.read_bytes()
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from sionna_radar.foundation.input_file import read_text, regular_file, shown
 from sionna_radar.scene.mesh_files.obj_and_stl import read_obj
 from sionna_radar.scene.mesh_files.part import (
-    MOST_BYTES,
-    MOST_FACES,
-    MOST_PARTS,
-    MOST_VERTICES,
+    MAX_BYTES,
+    MAX_FACES,
+    MAX_PARTS,
+    MAX_VERTICES,
     MeshError,
     MeshPart,
     beside,
@@ -68,11 +68,11 @@ def read_mitsuba(path: Path) -> tuple[MeshPart, ...]:
     for element in root:
         if element.tag == "shape":
             parts += _shape(path, element, names)
-            check_count(len(parts), MOST_PARTS, "shapes")
-            check_count(sum(len(p.vertices) for p in parts[-1:]), MOST_VERTICES, "vertices")
+            check_count(len(parts), MAX_PARTS, "shapes")
+            check_count(sum(len(p.vertices) for p in parts[-1:]), MAX_VERTICES, "vertices")
         elif element.tag not in PASSED_OVER:
             _refuse(element, f"<{element.tag}> is not read")
-    check_count(sum(len(p.faces) for p in parts), MOST_FACES, "triangles")
+    check_count(sum(len(p.faces) for p in parts), MAX_FACES, "triangles")
     if not parts:
         message = "has no shape; give a scene with shapes of type ply, obj, rectangle or cube"
         raise MeshError(message)
@@ -155,7 +155,7 @@ def _cube() -> MeshPart:
 def _file(path: Path, shape: Any) -> Path:
     name, place = _value(shape, "filename", "string"), f"line {shape.line}"
     found = beside(path, name, place)
-    regular_file(found, f"{place} of {shown(path)} names", "put it into the scene's folder", MOST_BYTES)
+    regular_file(found, f"{place} of {shown(path)} names", "put it into the scene's folder", MAX_BYTES)
     return found
 
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scene.mesh_files.part import (
-    MOST_FACES,
-    MOST_PARTS,
-    MOST_TEXT_BYTES,
-    MOST_VERTICES,
+    MAX_FACES,
+    MAX_PARTS,
+    MAX_TEXT_BYTES,
+    MAX_VERTICES,
     MeshError,
     MeshPart,
     check_count,
@@ -38,8 +38,8 @@ class _Faces:
 def read_obj(path: Path) -> tuple[MeshPart, ...]:
     """Return the triangles of an OBJ file, one part for each material; raises MeshError."""
     size = path.stat().st_size
-    if size > MOST_TEXT_BYTES:
-        message = f"has {size:,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as PLY or GLB"
+    if size > MAX_TEXT_BYTES:
+        message = f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as PLY or GLB"
         raise MeshError(message)
     text = path.read_bytes().decode("utf-8", "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     vertices, faces = _read_lines(text)
@@ -80,9 +80,9 @@ def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
         except (ValueError, OverflowError) as error:
             message = f"line {number} reads {shown(line.strip())}; export the mesh again"
             raise MeshError(message) from error
-    check_count(len(vertices) // 3, MOST_VERTICES, "vertices")
-    check_count(sum(len(f.size) for f in faces.values()), MOST_FACES, "polygons")
-    check_count(len(faces), MOST_PARTS, "materials")
+    check_count(len(vertices) // 3, MAX_VERTICES, "vertices")
+    check_count(sum(len(f.size) for f in faces.values()), MAX_FACES, "polygons")
+    check_count(len(faces), MAX_PARTS, "materials")
     return vertices, faces
 
 
@@ -102,15 +102,15 @@ def read_stl(path: Path) -> tuple[MeshPart, ...]:
         if text and not SOLID.match(head):
             message = f"claims {count:,} triangles, which need {needed:,} bytes, and has {size:,}; get the whole file"
             raise MeshError(message)
-        if text and size > MOST_TEXT_BYTES:
-            message = f"has {size:,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as binary STL"
+        if text and size > MAX_TEXT_BYTES:
+            message = f"has {size:,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary STL"
             raise MeshError(message)
-        check_count(0 if text else count, MOST_FACES, "triangles")
+        check_count(0 if text else count, MAX_FACES, "triangles")
         data = head + file.read()
     if text:
         data = data.decode("ascii", "replace").encode("utf-8")
         count = sum(1 for _ in VERTEX.finditer(data)) // 3
-        check_count(count, MOST_FACES, "triangles")
+        check_count(count, MAX_FACES, "triangles")
     parts = read_by_trimesh(data, "stl")
     found = sum(len(part.faces) for part in parts)
     if found != count:  # trimesh passes over a solid that does not end, and takes a vertex of two or four numbers

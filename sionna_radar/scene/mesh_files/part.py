@@ -16,12 +16,12 @@ from jaxtyping import Float, Int
 
 from sionna_radar.foundation.input_file import shown
 
-MOST_BYTES = 2_000_000_000
+MAX_BYTES = 2_000_000_000
 # Numbers as text take several times their bytes in memory while they are read.
-MOST_TEXT_BYTES = 200_000_000
-MOST_VERTICES = 20_000_000
-MOST_FACES = 20_000_000
-MOST_PARTS = 100_000
+MAX_TEXT_BYTES = 200_000_000
+MAX_VERTICES = 20_000_000
+MAX_FACES = 20_000_000
+MAX_PARTS = 100_000
 
 
 class MeshError(ValueError):
@@ -89,7 +89,7 @@ def triangles_of(
 
     """
     check_indices(corner, len(vertices))
-    check_count(int(np.maximum(size - 2, 0).sum()), MOST_FACES, "triangles")
+    check_count(int(np.maximum(size - 2, 0).sum()), MAX_FACES, "triangles")
     if np.all(size == 3):
         return corner.reshape(-1, 3)
     start = np.cumsum(size) - size
@@ -201,8 +201,8 @@ def _parts(scene: Any) -> Iterator[MeshPart]:
         if not isinstance(mesh, trimesh.Trimesh):  # points and lines
             continue
         vertex_count, face_count = vertex_count + len(mesh.vertices), face_count + len(mesh.faces)
-        check_count(vertex_count, MOST_VERTICES, "vertices")
-        check_count(face_count, MOST_FACES, "triangles")
+        check_count(vertex_count, MAX_VERTICES, "vertices")
+        check_count(face_count, MAX_FACES, "triangles")
         faces = np.array(mesh.faces, dtype=np.int64)
         check_indices(faces, len(mesh.vertices))
         if np.linalg.det(place[:3, :3]) < 0:  # a mirrored copy

@@ -13,9 +13,9 @@ from jaxtyping import Int
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scene.mesh_files.part import (
-    MOST_FACES,
-    MOST_TEXT_BYTES,
-    MOST_VERTICES,
+    MAX_FACES,
+    MAX_TEXT_BYTES,
+    MAX_VERTICES,
     MeshError,
     MeshPart,
     check_count,
@@ -23,7 +23,7 @@ from sionna_radar.scene.mesh_files.part import (
     triangles_of,
 )
 
-MOST_HEADER_BYTES = 65_536
+MAX_HEADER_BYTES = 65_536
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
@@ -75,8 +75,8 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
     """Return the triangles of a PLY file; raises MeshError."""
     data = path.read_bytes()
     text, elements, start = _header(data)
-    if text and len(data) > MOST_TEXT_BYTES:
-        message = f"has {len(data):,} bytes of text, more than {MOST_TEXT_BYTES:,}; save it as binary PLY"
+    if text and len(data) > MAX_TEXT_BYTES:
+        message = f"has {len(data):,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary PLY"
         raise MeshError(message)
     _check_counts(elements, len(data) - start, text)
     if text:
@@ -91,7 +91,7 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
 
 def _header(data: bytes) -> tuple[bool, list[_Element], int]:
     """Return whether the rows are text, the elements, and where their rows begin."""
-    head, found, _ = data[:MOST_HEADER_BYTES].partition(b"end_header")
+    head, found, _ = data[:MAX_HEADER_BYTES].partition(b"end_header")
     end = data.find(b"\n", len(head))
     if not head.startswith(b"ply") or not found or end < 0:
         message = "has no PLY header; give a PLY file"
@@ -135,7 +135,7 @@ def _check_counts(elements: list[_Element], size: int, text: bool) -> None:
         if element.count * max(least, 1) - text > size:
             message = f"claims {element.count:,} rows of {element.name} and has only {size:,} bytes; get the whole file"
             raise MeshError(message)
-        check_count(element.count, MOST_VERTICES if element.name == "vertex" else MOST_FACES, f"rows of {element.name}")
+        check_count(element.count, MAX_VERTICES if element.name == "vertex" else MAX_FACES, f"rows of {element.name}")
 
 
 def _numbers(elements: list[_Element], text: bytes) -> bytes:

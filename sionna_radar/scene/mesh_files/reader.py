@@ -10,7 +10,7 @@ from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.scene.mesh_files.gltf import read_gltf
 from sionna_radar.scene.mesh_files.mitsuba_xml import read_mitsuba
 from sionna_radar.scene.mesh_files.obj_and_stl import read_obj, read_stl
-from sionna_radar.scene.mesh_files.part import MOST_BYTES, MeshError, MeshPart
+from sionna_radar.scene.mesh_files.part import MAX_BYTES, MeshError, MeshPart
 from sionna_radar.scene.mesh_files.ply import read_ply
 
 READERS = {
@@ -43,7 +43,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
 
     """
     name = f"{key} ="
-    size = regular_file(path, name, REMEDY, MOST_BYTES)
+    size = regular_file(path, name, REMEDY, MAX_BYTES)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         message = f"{name} {shown(path)} ends in {shown(path.suffix)}; {REMEDY}"

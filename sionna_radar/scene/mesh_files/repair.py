@@ -21,7 +21,7 @@ logger = logging.getLogger("sionna_radar")
 # Vertices nearer than this share of the mesh's size are one: float32 and text files write one place in several ways.
 SAME_PLACE = 1e-6
 # Larger meshes are joined by cells of that size alone, across whose borders two ways to write one place stay two.
-MOST_JOINED = 3_000_000
+MAX_JOINED = 3_000_000
 # The areas of a closed surface cancel. If this share of them is left, it is a sheet, and not a solid with gaps.
 SHEET_SHARE = 0.5
 # Sheets look down if this share of their area does, in sum.
@@ -115,7 +115,7 @@ def _merged(vertices: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "fac
 
 def _joined(place: Float[np.ndarray, "n 3"], reach: float) -> Int[np.ndarray, " n"]:
     """Return one number for all places within reach of one another, on whichever sides of a cell's border they lie."""
-    if len(place) > MOST_JOINED:
+    if len(place) > MAX_JOINED:
         return np.arange(len(place))
     one, other = KDTree(place).query_pairs(reach / 2, output_type="ndarray").T
     graph = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(len(place), len(place)))

@@ -23,7 +23,7 @@ logger = logging.getLogger("sionna_radar")
 
 # Points in a cell on average, where no spacing is stated; and the finest of such spacings.
 POINTS_IN_CELL, FINEST_M = 4, 0.05
-MOST_CELLS = 4_000_000
+MAX_CELLS = 4_000_000
 NO_UNIT = ("",)
 
 
@@ -139,13 +139,13 @@ def _grid(
         raise ScenarioError([Problem("terrain", message)])
     area_m2 = float((x.max() - x.min()) * (y.max() - y.min()))
     spacing = terrain.spacing_m or max(FINEST_M, float(f"{math.sqrt(POINTS_IN_CELL * area_m2 / cloud.points):.2g}"))
-    most = math.sqrt((east - west) * (north - south) / MOST_CELLS)
+    most = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     if spacing < most:
         wanted, spacing = spacing, math.ceil(most * 100) / 100
         logger.warning(
             "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. Shorten the flight or raise "
             "terrain.spacing_m",
-            f"{MOST_CELLS:,}",
+            f"{MAX_CELLS:,}",
             wanted,
             spacing,
         )

@@ -50,7 +50,7 @@ def flat(terrain: FlatTerrain, given: TerrainInputs) -> Landscape:
 
 
 # Cells times filter width up to which a filter is applied tap by tap; above it Fourier transforms are faster.
-MOST_DIRECT_FILTERING = 1e6
+MAX_DIRECT_FILTERING = 1e6
 
 
 @register_terrain("hills", HillsTerrain)
@@ -73,7 +73,7 @@ def hills(terrain: HillsTerrain, given: TerrainInputs) -> Landscape:
 
 def _filtered(noise: Float[np.ndarray, "row column"], sigma: float) -> Float[np.ndarray, "row column"]:
     """Return noise under a wrapped Gaussian filter of the given width in cells."""
-    if noise.size * sigma < MOST_DIRECT_FILTERING:
+    if noise.size * sigma < MAX_DIRECT_FILTERING:
         return gaussian_filter(noise, sigma, mode="wrap")
     spectrum = np.fft.rfft2(noise)
     for axis, cells in enumerate(noise.shape):

@@ -120,7 +120,7 @@ class NetcdfFile:
         return (rows, *(max(1, size) for size in sizes[1:]))
 
 
-MOST_BYTES = 10**13
+MAX_BYTES = 10**13
 LONGEST_TEXT = 10_000_000
 # What another process does with a file first.
 READ_TABLES = """
@@ -134,7 +134,7 @@ with h5py.File(sys.argv[1], 'r') as file:
 """
 PROBE_S = 60
 # HDF5 reads and unpacks whole chunks.
-MOST_CHUNK_BYTES = 256_000_000
+MAX_CHUNK_BYTES = 256_000_000
 # Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
 FEW_ROWS, SLAB_ROWS = 512, 65_536
 
@@ -156,7 +156,7 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
         There and then, or while it is read: the file is none, or is damaged.
 
     """
-    regular_file(path, name, remedy, MOST_BYTES)
+    regular_file(path, name, remedy, MAX_BYTES)
     where = f"{name} {shown(path)}"
     _probe(path, where, remedy)
     try:
@@ -217,8 +217,8 @@ class NetcdfInput:
         found = self._file[name]
         if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
             self.fail(f"{name!r} is not a variable with values in this file; {self._remedy}")
-        if found.chunks and math.prod(found.chunks) * found.dtype.itemsize > MOST_CHUNK_BYTES:
-            self.fail(f"{name!r} lies in chunks of more than {MOST_CHUNK_BYTES:,} bytes; write it in smaller ones")
+        if found.chunks and math.prod(found.chunks) * found.dtype.itemsize > MAX_CHUNK_BYTES:
+            self.fail(f"{name!r} lies in chunks of more than {MAX_CHUNK_BYTES:,} bytes; write it in smaller ones")
         if shape is not None and found.shape != shape:
             self.fail(f"{name!r} has the shape {found.shape}, not {shape}")
         return found

@@ -38,7 +38,7 @@ from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedRadar
 from sionna_radar.survey.recordings.netcdf import NetcdfInput, open_netcdf
 
-MOST_PULSES, LEAST_SAMPLES, MOST_SAMPLES = 10_000_000, 32, 2**18
+MAX_PULSES, MIN_SAMPLES, MAX_SAMPLES = 10_000_000, 32, 2**18
 REMEDY = "give a recording of beat signals, as `run --record signals` makes it"
 POSE = {"measured_position": (3,), "measured_velocity": (3,), "measured_rotation": (3, 3)}
 # The square of a greater sample, summed over a sweep, might have no floating-point number.
@@ -91,10 +91,10 @@ class SignalFile:
         pair = self.radar.sweep == "triangular"
         if (len(shape), *shape[1:-1]) != ((3, 2) if pair else (2,)):
             file.fail(f"beat_i has the shape {shape}, which is not that of radar:sweep = {self.radar.sweep!r}")
-        if not (0 < shape[0] <= MOST_PULSES):
-            file.fail(f"beat_i has {shape[0]:,} pulses; 1 to {MOST_PULSES:,} can be processed")
-        if not (LEAST_SAMPLES <= shape[-1] <= MOST_SAMPLES):
-            file.fail(f"beat_i has {shape[-1]:,} samples a sweep; {LEAST_SAMPLES} to {MOST_SAMPLES:,} can be used")
+        if not (0 < shape[0] <= MAX_PULSES):
+            file.fail(f"beat_i has {shape[0]:,} pulses; 1 to {MAX_PULSES:,} can be processed")
+        if not (MIN_SAMPLES <= shape[-1] <= MAX_SAMPLES):
+            file.fail(f"beat_i has {shape[-1]:,} samples a sweep; {MIN_SAMPLES} to {MAX_SAMPLES:,} can be used")
 
     def __len__(self) -> int:
         return int(self._beat[0].shape[0])

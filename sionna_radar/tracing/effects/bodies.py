@@ -30,7 +30,7 @@ AT_ONCE = 2_000_000
 # Of rays from face to face, at most some in a square of the wavelength's side.
 TUBES = 8
 # Of the antenna's gain, two ways a millionth: less is not worth to follow rays from face to face.
-LEAST_GAIN = 1e-3
+MIN_GAIN = 1e-3
 
 
 def trace_body(
@@ -114,7 +114,7 @@ def _bounced(
     away = place_m + R_world_body @ scatterer.sphere[0] - pulses.true.position_m
     turn = pulses.true.R_world_antenna
     ahead = np.einsum("pij,pi->pj", turn, away / np.linalg.norm(away, axis=1)[:, None])
-    lit = np.flatnonzero(antenna.gain(ahead) > LEAST_GAIN * antenna.peak_gain)
+    lit = np.flatnonzero(antenna.gain(ahead) > MIN_GAIN * antenna.peak_gain)
     sent, received = (
         np.einsum("pki,pkj,pj->pi", R_world_body[lit], turn[lit], field) for field in antenna.fields(ahead[lit])
     )

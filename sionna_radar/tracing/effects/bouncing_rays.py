@@ -21,7 +21,7 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 
 # Planes that a ray meets at most.
-MOST_BOUNCES = 3
+MAX_BOUNCES = 3
 # Side of the smallest tube, in wavelengths.
 SMALLEST = 1.0
 # How far the corners of a tube are drawn in to be cast, of the way to its middle.
@@ -81,7 +81,7 @@ def bounced_echoes(
     """
     row, face = np.nonzero(scatterer.seen(radar_m))
     level = _Tubes(row=row, face=face, corner_m=scatterer.corner_m[face])
-    nothing = np.zeros((0, MOST_BOUNCES), dtype=np.int64)
+    nothing = np.zeros((0, MAX_BOUNCES), dtype=np.int64)
     found = [_returned(scatterer, radar_m, sent, received, level.rows(slice(0, 0)), nothing)]
     # Level by level, so that the order of a place's tubes does not depend on what other places there are.
     while len(level):
@@ -109,11 +109,11 @@ def _faces_met(
     start = np.concatenate([middle, tubes.corner_m + DRAWN_IN * (middle - tubes.corner_m)], axis=1)
     shape = start.shape[:2]
     place, row = start.reshape(-1, 3), np.repeat(tubes.row, shape[1])
-    faces = np.full((len(place), MOST_BOUNCES), -1)
+    faces = np.full((len(place), MAX_BOUNCES), -1)
     faces[:, 0] = np.where(scatterer.hidden(radar_m, row, place), -1, np.repeat(tubes.face, shape[1]))
     direction = _unit(place - radar_m[row])
     going = np.flatnonzero(faces[:, 0] >= 0)
-    for bounce in range(1, MOST_BOUNCES):
+    for bounce in range(1, MAX_BOUNCES):
         normal = scatterer.plane_normal[scatterer.plane[faces[going, bounce - 1]]]
         direction[going] = _mirrored(direction[going], normal)
         ahead = normal * np.sign(np.einsum("ri,ri->r", direction[going], normal))[:, None]
@@ -125,7 +125,7 @@ def _faces_met(
         front |= scatterer.body.two_sided[met]
         going, met = going[front], met[front]
         faces[going, bounce] = met
-    return faces.reshape(*shape, MOST_BOUNCES)
+    return faces.reshape(*shape, MAX_BOUNCES)
 
 
 def _returned(
@@ -144,7 +144,7 @@ def _returned(
     way = np.linalg.norm(corner - radar[:, None], axis=2)
     direction = (corner - radar[:, None]) / way[..., None]
     sound, parts = np.ones(len(tubes), dtype=bool), []
-    for bounce in range(1, MOST_BOUNCES):
+    for bounce in range(1, MAX_BOUNCES):
         normal = scatterer.plane_normal[scatterer.plane[faces[:, bounce - 1]]]
         direction = _mirrored(direction, normal[:, None])
         field = np.sqrt(scatterer.body.reflectivity) * (

@@ -34,11 +34,11 @@ from sionna_radar.tracing.effects.mirrors import PlaneMirror
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.
-MOST_TURN_RAD = float(np.deg2rad(3.0))
+MAX_TURN_RAD = float(np.deg2rad(3.0))
 # Faces that do not touch within this are no corner; it is the precision of the ray caster.
 TOUCHING_M = 0.02
 # Echoes weaker than this share of the dihedral's greatest field are left out.
-LEAST_FIELD = 1e-3
+MIN_FIELD = 1e-3
 # Side lobes along the edge fade out where they are this share of it, from the first to the second.
 LOBES_FADE = 10**-1.5, 1e-2
 # Of half the strip, over each of which the length that both faces send back is even.
@@ -87,7 +87,7 @@ def dihedrals_of(mirrors: list[PlaneMirror]) -> list[Dihedral]:
     for one, others in enumerate(near):
         other = np.sort(np.array(others, dtype=np.int64))
         other = other[other > one]
-        other = other[np.abs(normal[other] @ normal[one]) < np.sin(MOST_TURN_RAD)]
+        other = other[np.abs(normal[other] @ normal[one]) < np.sin(MAX_TURN_RAD)]
         touch = np.linalg.norm(centre[other] - centre[one], axis=1) < radius[other] + radius[one] + TOUCHING_M
         for number in other[touch]:
             # Walls of one house mostly look away from each other.
@@ -191,7 +191,7 @@ class DihedralTracer:
         share *= _faded(np.abs(place - end), _outside_m(height, wavelength, length))
         straight_on = 2 * np.abs(_fresnel_share(near, far, straight, wavelength))
         straight_on *= np.minimum(1.0, length * np.sqrt(2 / (wavelength * height)))
-        strong = np.abs(share) > LEAST_FIELD * straight_on
+        strong = np.abs(share) > MIN_FIELD * straight_on
         row, place, end, slant, straight, share, range_m, foot = (
             column[strong] for column in (row, place, end, slant, straight, share, range_m, np.clip(foot, near, far))
         )

@@ -49,13 +49,13 @@ SAME_PLANE = 1e-9
 # The float32 precision of the ray caster.
 TOUCHING_M = 0.02
 # Physical optics is valid for patches of several wavelengths; smaller ones are left to the diffuse echo.
-LEAST_WAVELENGTHS = 2.0
+MIN_WAVELENGTHS = 2.0
 # The echo of a patch fades out (at -25 to -30 dB) as its foot moves from the first to the second distance outside,
 # in Fresnel radii; gradually, since on a curved surface of many facets a sudden end would appear as an edge.
 OUTSIDE_RADII = 3.0, 6.0
 # An edge this many Fresnel radii away does not affect an echo.
 EDGE_RADII = 12.0
-LEAST_DISTANCE_M = 1e-4
+MIN_DISTANCE_M = 1e-4
 # Nodes of an edge between which dphi is linear.
 EDGE_NODES = 129
 
@@ -101,7 +101,7 @@ class Patch:
         distance = x * along[:, 1] - y * along[:, 0]
         first = x * along[:, 0] + y * along[:, 1]
         # Exactly on an edge's line the sign selects the side of a point; a tenth of a millimetre changes no echo.
-        distance = np.where(np.abs(distance) < LEAST_DISTANCE_M, LEAST_DISTANCE_M, distance)
+        distance = np.where(np.abs(distance) < MIN_DISTANCE_M, MIN_DISTANCE_M, distance)
         return distance, first, first + np.linalg.norm(end - start, axis=1)
 
     def factor(
@@ -264,7 +264,7 @@ class MirrorTracer:
 
     def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        least_m = LEAST_WAVELENGTHS * chirp.wavelength_m
+        least_m = MIN_WAVELENGTHS * chirp.wavelength_m
         self._patches: list[Patch] = []
         for number, surface in enumerate(scene.surfaces):
             mirror = as_radar_material(scene.materials[surface.material]).mirror
@@ -395,7 +395,7 @@ def across_incidence(direction: Float[np.ndarray, "n 3"], normal: Float[np.ndarr
 
 def plane_mirrors(scene: Scene, chirp: Chirp) -> list[PlaneMirror]:
     """Return the plane patches of all surfaces whose material reflects as a mirror."""
-    least_m = LEAST_WAVELENGTHS * chirp.wavelength_m
+    least_m = MIN_WAVELENGTHS * chirp.wavelength_m
     found = []
     for number, surface in enumerate(scene.surfaces):
         mirror = as_radar_material(scene.materials[surface.material]).mirror

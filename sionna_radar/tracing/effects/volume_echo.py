@@ -45,7 +45,7 @@ from sionna_radar.weather.volume import Volume
 
 CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.
-LEAST_SHARE = 1e-3
+MIN_SHARE = 1e-3
 
 
 class VolumeEcho:
@@ -76,7 +76,7 @@ class VolumeEcho:
         surfaces: the diffuse paths of the block, which end the volume; mirror paths would be weighted too strongly.
         """
         share = self._in_air(pulses, surfaces)
-        row, cell = np.nonzero(share > LEAST_SHARE)
+        row, cell = np.nonzero(share > MIN_SHARE)
         drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
         place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
         pose = pulses.true

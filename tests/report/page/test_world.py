@@ -8,7 +8,7 @@ import pytest
 from beams import make_antenna
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.page.scene_data import (
-    MOST_FACES,
+    MAX_FACES,
     OUTLINE_RAYS,
     cast_beams,
     fan_of,
@@ -113,7 +113,7 @@ def test_buildings_stand_and_ground_lies():
     assert np.ptp(found.vertices_m[:, :2], axis=0).tolist() == [20.0, 10.0]
     assert found.note == ""
     assert solids_within(scene, "flat", (60.0, 80.0, 60.0, 80.0)) is None
-    assert len(found.faces) < MOST_FACES
+    assert len(found.faces) < MAX_FACES
     roof = replace(ground, name="munich-3")
     assert standing(roof, "sionna:munich")
     assert not standing(ground, "sionna:munich")

@@ -19,7 +19,7 @@ from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 from sionna_radar.tracing.engine import Engine
 from sionna_radar.tracing.engines.gamma import facets
-from sionna_radar.tracing.engines.gamma.facet_index import LEAST_ROOM, FacetIndex, Fineness, Footprint
+from sionna_radar.tracing.engines.gamma.facet_index import MIN_ROOM, FacetIndex, Fineness, Footprint
 from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, facets_of
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from worlds import make_scene, make_surface
@@ -196,11 +196,11 @@ def test_too_many_facets_for_memory_are_taken_pulse_by_pulse_and_refused_in_one(
     engine, pulses = engine_over(plane, pencil, make_chirp()), make_pulses(40, incidence_deg=30.0)
     whole = engine.trace(pulses)
     each = int(np.bincount(whole.pulse).max())
-    monkeypatch.setattr(facets, "MOST_FACETS", 3 * each)
+    monkeypatch.setattr(facets, "MAX_FACETS", 3 * each)
     few = engine.trace(pulses)
     np.testing.assert_array_equal(few.gain, whole.gain)
     np.testing.assert_array_equal(few.delay_s, whole.delay_s)
-    monkeypatch.setattr(facets, "MOST_FACETS", each // 2)
+    monkeypatch.setattr(facets, "MAX_FACETS", each // 2)
     with pytest.raises(ScenarioError, match="divides the ground in one beam into more than"):
         engine.trace(pulses)
 
@@ -275,4 +275,4 @@ def test_the_search_finds_what_a_look_at_every_facet_does(rough, pencil):
         np.testing.assert_array_equal(place[row == pulse], np.flatnonzero(met))
         np.testing.assert_array_equal(coarse[row == pulse], divided[met])
     # More than there is room for at first.
-    assert len(place) > LEAST_ROOM
+    assert len(place) > MIN_ROOM

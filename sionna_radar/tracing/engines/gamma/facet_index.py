@@ -21,7 +21,7 @@ GROUP, TOP = 16, 64
 # Facets are divided no finer.
 FINEST_M = 1e-3
 # Cells of direction cosines along an axis, in which the amplitude of a pattern is looked at.
-LEAST_CELLS, MOST_CELLS = 256, 2048
+MIN_CELLS, MAX_CELLS = 256, 2048
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Footprint:
         if antenna.separable:
             cuts = _envelope(antenna.azimuth), _envelope(antenna.elevation)
             return Footprint(*cuts, least_voltage, counts=np.zeros((2, 0), dtype=bool), cells=0)
-        cells = 2 ** int(np.ceil(np.log2(np.clip(2 / antenna.step_rad, LEAST_CELLS, MOST_CELLS))))
+        cells = 2 ** int(np.ceil(np.log2(np.clip(2 / antenna.step_rad, MIN_CELLS, MAX_CELLS))))
         counts = np.stack([_pyramid(_reached(antenna, least_voltage, cells, side)) for side in (1.0, -1.0)])
         return Footprint(np.zeros(0), np.zeros(0), least_voltage, counts, cells)
 
@@ -179,7 +179,7 @@ class FacetIndex:
 # Nothing is taken as nearer to the radar than this.
 NEAREST_M = 1e-9
 # Facets that room is made for first.
-LEAST_ROOM = 16384
+MIN_ROOM = 16384
 
 
 @compiled
@@ -216,7 +216,7 @@ def search(
 
     """
     edges = np.zeros(high - low + 1, dtype=np.int64)
-    found, coarse = np.empty(LEAST_ROOM, dtype=np.int64), np.empty(LEAST_ROOM, dtype=np.bool_)
+    found, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
     for n in range(high - low):
         apex_m, axes = position_m[low + n], R_world_antenna[low + n]
         count = _search_one(apex_m, axes, tree, facet, fineness, directions, edges[n], found, coarse)

@@ -47,7 +47,7 @@ from sionna_radar.tracing.paths import Paths, wander_hz
 BEAM_SHARE = 1 / 3
 RANGE_CELLS = 2.5
 # Facets up to this many times too long are divided in one step.
-MOST_PARTS = 4
+MAX_PARTS = 4
 # A facet's centre lies on the mesh it is tested against, to within the float32 precision of the ray caster.
 SHADOW_TOLERANCE_M = 0.01
 RAYS_AT_ONCE = 1_000_000
@@ -58,7 +58,7 @@ PULSES_AT_ONCE, ROWS_AT_ONCE = 16, 16384
 # Draws a facet's Doppler shift apart from its phases, whose steps are the numbers of pulses.
 WANDER_STEP = np.array([2**63], dtype=np.uint64)
 # Of one thread: a gigabyte.
-MOST_FACETS = 5_000_000
+MAX_FACETS = 5_000_000
 
 
 class _TooManyError(Exception):
@@ -162,7 +162,7 @@ class GammaEngine:
         except _TooManyError:
             if high - low == 1:
                 message = (
-                    f"'gamma' divides the ground in one beam into more than {MOST_FACETS:,} facets; set 'sionna', or "
+                    f"'gamma' divides the ground in one beam into more than {MAX_FACETS:,} facets; set 'sionna', or "
                     "give an antenna that sends less beside its beam"
                 )
                 raise ScenarioError([Problem("tracing.engine", message)]) from None
@@ -226,7 +226,7 @@ class GammaEngine:
         """Return the parts of facets whose centres lie in the footprints of their poses, divided until fine."""
         fine: list[tuple[Int[np.ndarray, " _"], Scatterers]] = []
         while len(facets):
-            if len(facets) + sum(len(rows) for rows, _ in fine) > MOST_FACETS:
+            if len(facets) + sum(len(rows) for rows, _ in fine) > MAX_FACETS:
                 raise _TooManyError
             away = facets.centre_m - pose.position_m[row]
             side = np.sqrt(facets.squared_side_m2.max(axis=1))
@@ -236,7 +236,7 @@ class GammaEngine:
             met = self._footprint.meets(_seen_along(away, pose.R_world_antenna[row]), radius)
             whole = met & (cuts == 1)
             fine.append((row[whole], facets.rows(whole).scatterers))
-            few = met & (cuts > 1) & (cuts <= MOST_PARTS)
+            few = met & (cuts > 1) & (cuts <= MAX_PARTS)
             for count in np.unique(cuts[few]):
                 own = few & (cuts == count)
                 pieces = facets.rows(own).divided(int(count)).scatterers
@@ -245,7 +245,7 @@ class GammaEngine:
                 inside = self._footprint.meets(_seen_along(away, pose.R_world_antenna[rows]), 0.0)
                 fine.append((rows[inside], pieces.rows(inside)))
             # Parts of very long facets outside the beam are dropped before they are divided in one step.
-            many = met & (cuts > MOST_PARTS)
+            many = met & (cuts > MAX_PARTS)
             facets, row = facets.rows(many).halved(), np.tile(row[many], 2)
         return fine
 

@@ -13,7 +13,7 @@ from sionna_radar.foundation.compiled import compiled
 from sionna_radar.tracing.engines.persistent.density import FilledBeam
 
 # Cells are counted one by one up to this many, whether they hold anything or not.
-MOST_BOXES = 3e7
+MAX_BOXES = 3e7
 
 
 def numbered(
@@ -23,7 +23,7 @@ def numbered(
     if len(place) == 0:
         return np.zeros(0, dtype=np.int64), 0
     low, size = _extent(place, surface)
-    if float(np.prod(size.astype(np.float64))) < MOST_BOXES:
+    if float(np.prod(size.astype(np.float64))) < MAX_BOXES:
         return _along_axes(place, surface, low, size), int(np.prod(size))
     _, cell = np.unique(np.column_stack([surface, place]), axis=0, return_inverse=True)
     return cell.ravel(), int(cell.max()) + 1

@@ -98,7 +98,7 @@ def _cells(cut: Cut) -> tuple[Float[np.ndarray, " edge"], Float[np.ndarray, " ce
 # Fewest scatterers in the range cell of the beam's axis.
 PER_RANGE_CELL = 10.0
 # Footprints are computed no closer to grazing than this cosine.
-LEAST_COSINE = 0.1
+MIN_COSINE = 0.1
 # Cells of the map of densities: the smallest, and about how many.
 FINEST_M, CELLS = 4.0, 40_000
 NEIGHBOURS = 8
@@ -198,7 +198,7 @@ def _needed(
     looks: SampledBeams, half_axes: Float[np.ndarray, "look 2"], range_resolution_m: float, scatterers: int
 ) -> tuple[Float[np.ndarray, " look"], Float[np.ndarray, " look"]]:
     """Return the density that each look asks for on level ground, and the radius of its footprint."""
-    down = np.maximum(np.abs(looks.R_world_antenna[:, 2, 0]), LEAST_COSINE)
+    down = np.maximum(np.abs(looks.R_world_antenna[:, 2, 0]), MIN_COSINE)
     area = np.minimum(np.pi * np.prod(half_axes, axis=1), 2 * np.pi) * looks.range_m**2 / down
     # Along a direction e across the axis k the range of level ground grows by r (e.n) / (k.n) per radian.
     growth = np.abs(looks.R_world_antenna[:, 2, 1:]) / down[:, None]

@@ -38,7 +38,7 @@ from sionna_radar.tracing.engines.persistent.seen_places import SeenPlaces
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Mirrors are looked for as far from the axis as either cut of the beam has this share of its peak.
-LEAST_POWER = 1e-3
+MIN_POWER = 1e-3
 # The float32 precision of the ray caster, and how far a ray starts from the mirror.
 TOUCHING_M = 0.02
 OFF_MIRROR_M = 0.002
@@ -274,7 +274,7 @@ class _Ways:
 
 def _cone_rad(antenna: Antenna) -> float:
     """Return the half-angle of the cone about the axis in which mirrors are searched, rad."""
-    farthest = max(np.abs(cut.cosine[cut.power >= LEAST_POWER]).max() for cut in (antenna.azimuth, antenna.elevation))
+    farthest = max(np.abs(cut.cosine[cut.power >= MIN_POWER]).max() for cut in (antenna.azimuth, antenna.elevation))
     return float(np.arcsin(farthest))
 
 

@@ -21,8 +21,8 @@ from sionna_radar.tracing.engines.persistent.density import DensityMap
 PER_CELL = 24.0
 FINEST_CELL_M, COARSEST_CELL_M = 2.0**-6, 2.0**6
 # Longest side of a piece over that of a cell, and into how many parts a side is divided at most.
-LONGEST_SIDE, MOST_PARTS = 2.0, 30_000
-MOST_PIECES = 30_000_000
+LONGEST_SIDE, MAX_PARTS = 2.0, 30_000
+MAX_PIECES = 30_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     meshes = (triangles.vertices_m, triangles.corners)
     while True:
         found = _all_pieces(meshes, box, density, side)
-        if len(found[0]) < MOST_PIECES:
+        if len(found[0]) < MAX_PIECES:
             break
         side *= 2
     face, parts, part, place, expected = found
@@ -137,7 +137,7 @@ def _all_pieces(
 ) -> list[np.ndarray]:
     """Return triangle, parts, part, place and expected number of scatterers of every piece that bears some."""
     parts: dict[int, tuple[np.ndarray, ...]] = {}
-    sizes = (side_m, LONGEST_SIDE * side_m, MOST_PARTS, MOST_PIECES)
+    sizes = (side_m, LONGEST_SIDE * side_m, MAX_PARTS, MAX_PIECES)
 
     def search(low: int, high: int) -> None:
         parts[low] = _pieces(low, high, *meshes, box, density.columns, *sizes)
