@@ -101,7 +101,7 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     west, east, south, north = grid.extent_m
     least_m = 0.0 if surface.divided else WALL_HEIGHT_M
     marked, steepest = np.zeros(len(surface.faces), dtype=np.bool_), float(np.cos(np.deg2rad(WALL_SLOPE_DEG)))
-    mark_walls(surface.vertices_m, surface.faces, least_m, steepest, grid.extent_m, marked)
+    mark_walls(surface.vertices_m, surface.faces.astype(np.int32, copy=False), least_m, steepest, grid.extent_m, marked)
     steep = np.flatnonzero(marked)
     corner = surface.vertices_m[surface.faces[steep]]
     if surface.divided:

@@ -66,6 +66,7 @@ class Triangles:
     """The triangles of all surfaces of a scene.
 
     first: where those of each surface begin; the last entry is the end of all.
+    corners: in 32 bits, whatever the surfaces have.
     """
 
     vertices_m: Float[np.ndarray, "vertex 3"]
@@ -76,7 +77,7 @@ class Triangles:
     def of(surfaces: Sequence[Surface]) -> "Triangles":
         """Return the triangles of some surfaces."""
         below = np.cumsum([0, *(len(s.vertices_m) for s in surfaces)])
-        corners = [s.faces if start == 0 else s.faces + start for s, start in zip(surfaces, below, strict=False)]
+        corners = [np.asarray(s.faces + start, dtype=np.int32) for s, start in zip(surfaces, below, strict=False)]
         vertices = [s.vertices_m for s in surfaces]
         return Triangles(
             vertices_m=np.concatenate(vertices) if len(vertices) > 1 else vertices[0],
@@ -108,7 +109,8 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
         side *= 2
     face, parts, part, place, expected = found
     several = len(triangles.first) > 2
-    surface = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
+    number = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
+    surface = np.asarray(number, dtype=np.int32)
     cell, count = numbered(place, surface)
     order, edges = grouped(cell, count)
     first = order[edges[:-1]]
