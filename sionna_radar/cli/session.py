@@ -190,6 +190,9 @@ def progress_of(quiet: bool) -> "Iterator[Progress]":
     if quiet:
         yield quiet_progress()
         return
+    from sionna_radar.foundation.compiled import on_first_compilation
+
+    on_first_compilation(lambda: typer.echo("compiling, first run only", err=True))
     with shown_progress() as progress:
         yield progress
 

@@ -22,6 +22,7 @@ from typing import TypeVar, cast, no_type_check
 
 import numpy as np
 from numba import njit
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -43,6 +44,25 @@ def compiled(function: Function) -> Function:
     except RuntimeError:  # neither the package's folder nor that of the user's caches can be written
         _say_once("machine code cannot be kept, and each run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
     return cast(Function, machine_code)
+
+
+class _Compilations(event.Listener):
+    """Tells once that something is compiled, and is not found on disk."""
+
+    def __init__(self, tell: Callable[[], object]) -> None:
+        self._untold = [tell]
+
+    def on_start(self, event: object) -> None:
+        while self._untold:
+            self._untold.pop()()
+
+    def on_end(self, event: object) -> None:
+        pass
+
+
+def on_first_compilation(tell: Callable[[], object]) -> None:
+    """Call a function when this process compiles anything for the first time from now on."""
+    event.register("numba:compile", _Compilations(tell))
 
 
 @cache

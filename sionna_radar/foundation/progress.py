@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 # A notebook's bar is drawn no more often.
 REDRAWN_S = 0.2
-# No time is estimated before so much of a stage, and not where the pace of the last half of its steps and that of the
-# last quarter differ by more than this factor.
-MIN_TIMED_S, MIN_TIMED_SHARE, MAX_PACE_RATIO = 3.0, 0.05, 2.0
+# No time is estimated before so much of a stage, nor where one wait is a larger share of the time of the last half of
+# its steps. Tried on the stages of a flight over San Francisco, compiled and not.
+MIN_TIMED_S, MIN_TIMED_SHARE, MAX_WAIT = 3.0, 0.05, 0.25
 # Steps are timed so many times in a stage at the most.
 MAX_TIMES = 200
 
@@ -90,7 +91,8 @@ class Overheard:
 class TimeLeft:
     """The time until the end of each stage, by the pace of its last steps.
 
-    The first ones wait for code to be compiled and for files to be read, and tell nothing of those that follow.
+    The first ones wait for code to be compiled and for files to be read, and tell nothing of those that follow. Nor do
+    steps that come many at once with long waits between.
     """
 
     def __init__(self) -> None:
@@ -105,13 +107,16 @@ class TimeLeft:
             times[:] = [(done, now_s)]
         if done - times[-1][0] >= total / MAX_TIMES:
             times.append((done, now_s))
-        first, start_s = times[0]
-        if done - first < max(MIN_TIMED_SHARE * total, 1) or now_s - start_s < MIN_TIMED_S:
+        steps = done - times[0][0]
+        if steps < max(MIN_TIMED_SHARE * total, 1):
             return None
-        each_s = [self._each_s(times, done, now_s, (done - first) * share) for share in (1 / 2, 1 / 4)]
-        if max(each_s) > MAX_PACE_RATIO * min(each_s):
+        begin = max(k for k, (before, _) in enumerate(times) if done - before >= steps / 2)
+        first, start_s = times[begin]
+        moments = [moment_s for _, moment_s in times[begin:]] + [now_s]
+        waits = [after - before for before, after in pairwise(moments)]
+        if now_s - start_s < MIN_TIMED_S or max(waits) > MAX_WAIT * (now_s - start_s):
             return None
-        return (total - done) * each_s[0]
+        return (total - done) * (now_s - start_s) / (done - first)
 
     def words(self, stage: str, done: int, total: int, now_s: float) -> str:
         """Return the time left in words; nothing while it is unknown."""
@@ -119,12 +124,6 @@ class TimeLeft:
         if left_s is None or done >= total:
             return ""
         return f"about {left_s:.0f} s left" if left_s < 120 else f"about {left_s / 60:.0f} min left"
-
-    @staticmethod
-    def _each_s(times: list[tuple[int, float]], done: int, now_s: float, steps: float) -> float:
-        """Return the time of one step, s, over at least the given number of the last ones."""
-        first, start_s = next((each for each in reversed(times) if done - each[0] >= steps), times[0])
-        return (now_s - start_s) / max(done - first, 1)
 
 
 @contextmanager
