@@ -18,6 +18,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # radar equation integrates; only the accuracy of a map, and what comes after it, knows the truth.
 ROOMS = (
     "foundation",
+    "execution",
     "raytracer",
     "elevation",
     "weather",

@@ -16,11 +16,11 @@ from sionna_radar.cli.session import (
     SetFileOption,
     SetOption,
 )
-from sionna_radar.foundation.checkpoints import abandoned, staged
+from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from sionna_radar.survey.recording import SampleType
+    from sionna_radar.survey.observation import SampleType
 
 KINDS = ("signals", "paths", "profiles")
 RecordOption = Annotated[
@@ -72,7 +72,7 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
 
 def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
     """Return the sample type of recorded signals; ScenarioError if it is unknown or no signals are recorded."""
-    from sionna_radar.survey.recording import SampleType
+    from sionna_radar.survey.observation import SampleType
 
     known: tuple[SampleType, ...] = get_args(SampleType)
     if text != known[0] and "signals" not in kinds:
@@ -113,17 +113,15 @@ def process_command(
     quiet: QuietOption = False,
 ) -> None:
     """Process recorded beat signals again, or those of a real radar: ranges, points and DEM, without the scene."""
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
-    from sionna_radar.survey.recording import BLOCK_SIZE
     from sionna_radar.survey.reprocessing import process
 
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
     session = Session.of(str(recording), output, set_, set_file, None, quiet)
     session.produce(
-        lambda progress, _: process(
-            recording, session.overrides, block_size=block_size or BLOCK_SIZE, progress=progress
-        ),
+        lambda _: process(recording, session.overrides, execution=Execution(block_size=block_size or BLOCK_SIZE)),
         suffix="_processed",
         marker=MARKER,
         write=lambda processed, folder: write_processed(processed, folder, coordinates),

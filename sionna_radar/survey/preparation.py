@@ -5,6 +5,7 @@ A caller may give ground in place of a scenario's: heights as they are, a file, 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Progress, Steps, Stopwatch, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
 from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
@@ -69,9 +70,10 @@ from sionna_radar.survey.checks import (
     check_reference,
     check_rotors,
     check_vegetation,
+    warn_of_folded,
+    warn_of_posting,
 )
 from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
-from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
 from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
 
 GivenTerrain = (
@@ -167,6 +169,24 @@ class CustomParts:
         )
 
 
+def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
+    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
+    words = {}
+    if antenna is not None:
+        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
+        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
+    for key, part in parts.items():
+        if part is not None:
+            words[key] = _name(part)
+    return words
+
+
+def _name(made: object) -> str:
+    """Return the module and name of a class or function; of anything else, those of its class."""
+    name = getattr(made, "__qualname__", None)
+    return f"{made.__module__}.{name}" if name else _name(type(made))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Prepared(Brief):
     """A survey that is ready to fly, by who needs what.
@@ -238,7 +258,7 @@ class Prepared(Brief):
             looks=sampled_beams(sampled, self.scene),
         )
 
-    def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
+    def sensor_inputs(self) -> SensorInputs:
         """Return the inputs of sensors."""
         return SensorInputs(
             engine=self.engine_inputs(),
@@ -251,20 +271,20 @@ class Prepared(Brief):
             angle=self.angle,
             bursts=self.bursts,
             custom_engine=self.custom.engine,
-            watch=watch or Stopwatch(),
         )
 
-    def build_sensor(self, watch: Stopwatch | None = None) -> Sensor:
+    def build_sensor(self) -> Sensor:
         """Return a new sensor of the survey."""
-        given = self.sensor_inputs(watch)
+        given = self.sensor_inputs()
         if self.custom.sensor is None:
             return build_sensor(self.local, given)
         sensor = self.custom.sensor(given)
         require(sensor, Sensor, "sensor")
         return sensor
 
+    @cached_property
     def truth(self) -> GroundTruth:
-        """Return the surface that the survey flies over."""
+        """The surface that the survey flies over."""
         return GroundTruth(
             built=self.scene,
             buildings=self.local.buildings,
@@ -280,17 +300,15 @@ class Prepared(Brief):
 
 
 @on_one_thread
-def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Progress = silent) -> Prepared:
+def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
     ----------
     scenario:
         The survey.
-    custom:
+    parts:
         What replaces parts of it.
-    progress:
-        Called with the steps of the stage "preparing"; see `Progress`.
 
     Raises
     ------
@@ -307,17 +325,16 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     True
 
     """
-    custom = custom or CustomParts()
-    with named_after(scenario.source), LogCapture() as said:
+    custom = parts or CustomParts()
+    with named_after(scenario.source), LogCapture() as said, stage("preparing", BUILDING_STEPS + 3):
         if isinstance(custom.terrain, str | Path):
             scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
-        prepared = _prepare(scenario, custom, progress)
+        prepared = _prepare(scenario, custom)
     return replace(prepared, warnings=said.warnings)
 
 
-def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Prepared:
+def _prepare(scenario: Scenario, custom: CustomParts) -> Prepared:
     # The flight before the scene, the scene, the flight over it, and what it looks at.
-    step = Steps(progress, "preparing", BUILDING_STEPS + 3)
     local = in_local_frame(scenario)
     chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
     scan = custom.scan or build_scan(local.radar.scan)
@@ -332,9 +349,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
     angle = build_angle_estimator(local.radar, detector, antenna)
-    step()
+    advance()
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
-    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
+    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
     check_bounces(local, scene)
     place = scene.scene.georeference
     flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
@@ -344,7 +361,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     bursts = in_bursts(flight, local.processing.average.chirps, local.radar.chirp_rate_hz)
     flight = flight if bursts is None else bursts.schedule
     check_pulses(flight, local)
-    step()
+    advance()
     hits = boresight_hits(flight, scene)
     check_geometry(hits, scene, chirp)
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
@@ -368,7 +385,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
         warn_of_folded(sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
     warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
-    step()
+    advance()
     return Prepared(
         scenario=scenario,
         local=local,

@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import build_expected_ground
-from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Progress, Stopwatch, default_progress
+from sionna_radar.foundation.progress import advance, stage, timed, timing
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
 from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_dem_method, build_mapper, dem_grid
@@ -32,7 +32,7 @@ from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
-from sionna_radar.survey.recording import BLOCK_SIZE
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.recordings.signal_file import SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import SweepDetector
@@ -52,11 +52,8 @@ def process(
     recording: str | Path,
     overrides: Mapping[str, Any] | None = None,
     *,
-    antenna: Antenna | None = None,
-    range_estimator: RangeEstimator | None = None,
-    dem_method: DemMethod | None = None,
-    block_size: int = BLOCK_SIZE,
-    progress: Progress | None = None,
+    parts: CustomParts | None = None,
+    execution: Execution | None = None,
 ) -> Processed:
     """Process recorded beat signals again, or those of a real radar: ranges, points and a DEM.
 
@@ -71,12 +68,10 @@ def process(
     overrides:
         Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
         `radar.receiver` and `radar.conjugate`.
-    antenna, range_estimator, dem_method:
-        Custom parts; those of the flight that a file cannot hold must be given again.
-    block_size:
-        Pulses processed at once; it never changes the result.
-    progress:
-        See `run`.
+    parts:
+        Custom antenna, range estimator and DEM method; those of the flight that a file cannot hold must be given again.
+    execution:
+        As for `run`.
 
     Returns
     -------
@@ -97,12 +92,9 @@ def process(
     2.0
 
     """
-    if block_size < 1:
-        raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
-    path = Path(recording)
-    with default_progress(progress) as shown, open_signals(path) as file:
-        task = _task(path, file, dict(overrides or {}), antenna, range_estimator, dem_method)
-        return _process(task, block_size, shown)
+    path, execution = Path(recording), execution or Execution()
+    with execution.reported(), open_signals(path) as file:
+        return _process(_task(path, file, dict(overrides or {}), parts or CustomParts()), execution)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,14 +145,15 @@ def _task(
     path: Path,
     file: SignalFile,
     overrides: dict[str, Any],
-    antenna: Antenna | None,
-    estimator: RangeEstimator | None,
-    method: DemMethod | None,
+    parts: CustomParts,
 ) -> _Task:
     source = str(path)
-    _check_custom_parts(
-        file, overrides, {"radar.antenna": antenna, "processing.ranging": estimator, "dem.method": method}, source
-    )
+    given = {
+        "radar.antenna": parts.antenna,
+        "processing.ranging": parts.range_estimator,
+        "dem.method": parts.dem_method,
+    }
+    _check_custom_parts(file, overrides, given, source)
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(overrides, source), file.sweeps
@@ -183,7 +176,7 @@ def _task(
     if processing.expected_ground is not None and file.flight is None:
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
         raise ScenarioError([Problem("processing.expected_ground", message)], source)
-    antenna = antenna or build_antenna(settings.radar.antenna)
+    antenna = parts.antenna or build_antenna(settings.radar.antenna)
     high_pass = build_high_pass(settings.radar.receiver)
     return _Task(
         path=path,
@@ -191,8 +184,8 @@ def _task(
         settings=settings,
         sweeps=sweeps,
         antenna=antenna,
-        detector=build_detector(processing, sweeps[0], antenna, high_pass, estimator),
-        method=method,
+        detector=build_detector(processing, sweeps[0], antenna, high_pass, parts.range_estimator),
+        method=parts.dem_method,
     )
 
 
@@ -233,18 +226,21 @@ def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: st
 
 
 @on_one_thread
-def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
-    watch, file, pulses = Stopwatch(), task.file, task.file.pulses
+def _process(task: _Task, execution: Execution) -> Processed:
+    with timing() as watch:
+        return replace(_result(task, execution), timing_s=watch.seconds())
+
+
+def _result(task: _Task, execution: Execution) -> Processed:
+    file, pulses = task.file, task.file.pulses
     sweeps = _sweep_detector(task)
-    found = _detect(task, sweeps, block_size, watch, progress)
+    found = _detect(task, sweeps, execution)
     estimate = comparison = None
-    progress("mapping", 0, 0)
-    with watch("map"):
+    with stage("mapping"), timed("map"):
         if found.points is not None and (len(found.points) or file.flight):
             mapper = _mapper(task, found.points)
             estimate = mapper.map(found.points, found.profiles, file.pose)
             comparison = _compared(estimate.dem, file)
-    progress("mapping", 1, 1)
     spectrum = _spectrum(task)
     return Processed(
         source=task.path,
@@ -260,7 +256,6 @@ def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
         georeference=file.georeference,
         spectrum=spectrum,
         chirp=sweeps.record_chirps(pulses.pulses(np.array([len(pulses) // 2])))[0],
-        timing_s=watch.seconds(),
         warnings=_warnings(task, found.echoes, comparison, spectrum),
     )
 
@@ -283,24 +278,24 @@ class _Found:
     points: Points | None
 
 
-def _detect(task: _Task, sweeps: SweepDetector, block_size: int, watch: Stopwatch, progress: Progress) -> _Found:
+def _detect(task: _Task, sweeps: SweepDetector, execution: Execution) -> _Found:
     """Return the echoes of a recording, block by block, located where the poses are known."""
     pulses, keeps_profiles = task.file.pulses, (task.method or build_dem_method(task.settings.dem)).profiles != "unused"
     echoes, profiles, points = [], [], []
-    progress("detecting", 0, len(pulses))
-    for block in pulses.line_blocks(block_size):
-        with watch("read"):
-            beats = task.beats(block)
-        with watch("detect"):
-            found = sweeps.detect(beats, block)
-        if keeps_profiles and found.profiles is not None:
-            profiles.append(found.profiles)
-        if pulses.located:
-            echoes.append(sweeps.correct(found.echoes, block.index, block.measured))
-            points.append(locate(echoes[-1], block.index, block.measured))
-        else:
-            echoes.append(found.echoes)
-        progress("detecting", int(block.index[-1]) + 1, len(pulses))
+    with stage("detecting", len(pulses)):
+        for block in pulses.line_blocks(execution.block_size):
+            with timed("read"):
+                beats = task.beats(block)
+            with timed("detect"):
+                found = sweeps.detect(beats, block)
+            if keeps_profiles and found.profiles is not None:
+                profiles.append(found.profiles)
+            if pulses.located:
+                echoes.append(sweeps.correct(found.echoes, block.index, block.measured))
+                points.append(locate(echoes[-1], block.index, block.measured))
+            else:
+                echoes.append(found.echoes)
+            advance(len(block))
     return _Found(
         echoes=Echoes.concatenate(echoes),
         profiles=Profiles.concatenate(profiles) if profiles else None,

@@ -1,7 +1,7 @@
 """Results of a survey, and of the processing of recorded beat signals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -78,8 +78,8 @@ class Survey(Brief):
     lit_error: DemError
     off_wall_error: DemError | None
     chirp: ChirpRecord | None
-    timing_s: dict[str, float]
-    peak_memory_mb: float
+    timing_s: dict[str, float] = field(default_factory=dict)
+    peak_memory_mb: float = float("nan")
     dem_sigma: Raster | None = None
     dem_sigma_navigation: Raster | None = None
     uncertainty: Uncertainty | None = None
@@ -122,7 +122,7 @@ class Survey(Brief):
             truth=self.truth,
             lit=self.lit,
             points=self.points,
-            walls=self.prepared.truth().walls,
+            walls=self.prepared.truth.walls,
             seed=self.scenario.seed,
             covered={"walls and what is beside them": self._beside_walls, "plants": self._among_plants},
         )
@@ -247,7 +247,7 @@ class Processed(Brief):
     georeference: Georeference | None
     spectrum: RangeSpectrum
     chirp: ChirpRecord
-    timing_s: dict[str, float]
+    timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property

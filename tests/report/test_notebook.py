@@ -11,7 +11,16 @@ from IPython.core.interactiveshell import InteractiveShell
 from traitlets import Type
 from traitlets.config import Config
 
-from sionna_radar import crosscheck, fly_images, fly_sweep, load_scenario, navigation_budget, plan_sweep, prepare, run
+from sionna_radar import (
+    load_scenario,
+    plan_sweep,
+    prepare,
+    run,
+    run_budget,
+    run_crosscheck,
+    run_images,
+    run_sweep,
+)
 from sionna_radar.foundation import progress
 from sionna_radar.foundation.brief import Brief
 from sionna_radar.studies.budget import navigation_errors
@@ -22,13 +31,13 @@ SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths
 
 RESULTS = {
     "survey": (lambda: run(load_scenario("hills", SHORT)), "RMSE of lit cells"),
-    "sweep": (lambda: fly_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
-    "crosscheck": (lambda: crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
+    "sweep": (lambda: run_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
+    "crosscheck": (lambda: run_crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
     "budget": (
-        lambda: navigation_budget(load_scenario("hills", SHORT), errors=navigation_errors()[:1], grades={}),
+        lambda: run_budget(load_scenario("hills", SHORT), errors=navigation_errors()[:1], grades={}),
         "Gauss-Markov",
     ),
-    "imagery": (lambda: fly_images(load_scenario("slar", SIDE)), "SLAR, theory"),
+    "imagery": (lambda: run_images(load_scenario("slar", SIDE)), "SLAR, theory"),
 }
 
 
@@ -88,17 +97,17 @@ def shell():
     config.HistoryManager.enabled = False
     InteractiveShell.clear_instance()
     shell = ZMQInteractiveShell.instance(config=config)
-    shell.user_ns["default_progress"] = progress.default_progress
+    shell.user_ns |= {"shown_progress": progress.shown_progress, "report": progress.report}
     yield shell
     ZMQInteractiveShell.clear_instance()
 
 
 LOOP = """
 for _ in range(50):
-    with default_progress(None) as show:
+    with shown_progress(None):
         for stage in ("preparing", "tracing"):
             for done in range(4):
-                show(stage, done, 3)
+                report(stage, done, 3)
 """
 
 

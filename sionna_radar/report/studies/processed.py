@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.progress import peak_memory_mb
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,

@@ -18,8 +18,8 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scenario import to_toml
+from sionna_radar.survey.observation import SampleType
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recording import SampleType
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
