@@ -37,6 +37,7 @@ ROOMS = (
     "studies",
     "report",
     "cli",
+    "notebook",
 )
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")

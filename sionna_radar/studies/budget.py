@@ -18,7 +18,6 @@ from sionna_radar.execution.workers import (
     document_of,
 )
 from sionna_radar.flight.navigation import GRADES, Grade
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import stage
 from sionna_radar.scenario import Scenario
@@ -76,7 +75,7 @@ class GradeResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Budget(Brief):
+class Budget:
     """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
 
     growth: share by which the RMS may grow; repeat: draws of the random errors.

@@ -28,7 +28,6 @@ from scipy.special import ndtri
 from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Failure, Task
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
@@ -95,7 +94,7 @@ class IncidenceBin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossCheck(Brief):
+class CrossCheck:
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
     tolerances: how far the engines may lie apart.

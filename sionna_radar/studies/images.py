@@ -13,7 +13,6 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.scan import SideLookingScan
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference
@@ -70,7 +69,7 @@ class Reflector:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imagery(Brief):
+class Imagery:
     """The images of a survey, with the scenario that made them.
 
     slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from

@@ -10,7 +10,6 @@ from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDoppl
 from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
@@ -43,7 +42,7 @@ class SeenTarget:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frames(Brief):
+class Frames:
     """Range-Doppler maps of frames that follow each other, and detection in the last of them.
 
     analyser: windows and cells; frames: how many. With `radar.stagger` the maps are folded, and the movers are not.

@@ -22,7 +22,6 @@ from jaxtyping import Float
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure, Task, document_bytes, document_of
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import advance, stage
@@ -298,7 +297,7 @@ class Case:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(Brief):
+class Sweep:
     """A finished study, or as much of it as an interrupt has left.
 
     source, axes, repeat: what was varied of which scenario, with how many seeds.

@@ -31,7 +31,6 @@ from sionna_radar.flight.pulses import (
 from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Flight, Trajectory
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
@@ -188,7 +187,7 @@ def _name(made: object) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prepared(Brief):
+class Prepared:
     """A survey that is ready to fly, by who needs what.
 
     scenario: as it was given; local: with all positions in local metres.

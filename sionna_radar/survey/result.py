@@ -13,7 +13,6 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
@@ -35,7 +34,7 @@ class Saturation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey(Brief):
+class Survey:
     """A finished survey, with what it was prepared with.
 
     prepared: scene, flight, receiver and mapper, for whoever goes on from here.
@@ -211,7 +210,7 @@ class DemComparison:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Processed(Brief):
+class Processed:
     """What processing made of a recording.
 
     source: the recording.

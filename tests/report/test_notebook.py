@@ -22,7 +22,8 @@ from sionna_radar import (
     run_sweep,
 )
 from sionna_radar.foundation import progress
-from sionna_radar.foundation.brief import Brief
+from sionna_radar.notebook import SHOWN, register_with_ipython
+from sionna_radar.report.notebook import html_of, shown
 from sionna_radar.studies.budget import navigation_errors
 from sionna_radar.survey.result import Survey
 
@@ -45,7 +46,7 @@ RESULTS = {
 def test_a_result_shows_a_table_and_a_picture(name):
     make, words = RESULTS[name]
     result = make()
-    shown = result._repr_html_()
+    shown = html_of(result)
     assert words in shown
     pictures = [base64.b64decode(data) for data in re.findall(r'src="data:image/png;base64,([^"]+)"', shown)]
     assert pictures
@@ -56,17 +57,18 @@ def test_a_result_shows_a_table_and_a_picture(name):
 
 def test_a_warning_is_shown():
     survey = run(load_scenario("hills", SHORT | {"radar.snr_db": -60.0}))
-    assert "<p>warning: no echo was detected" in survey._repr_html_()
+    assert "<p>warning: no echo was detected" in html_of(survey)
 
 
-def test_what_has_no_table_shows_its_few_lines():
-    class Plain(Brief):
-        def __repr__(self) -> str:
-            return "a < b"
-
-    assert Plain()._repr_html_() == "<pre>a &lt; b</pre>"
+def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell):
+    register_with_ipython()
+    assert {(kind.__module__, kind.__qualname__) for kind in shown.registry if kind is not object} == set(SHOWN)
+    survey = run(load_scenario("hills", SHORT))
+    data, _ = shell.display_formatter.format(survey)
+    assert data["text/html"] == html_of(survey)
+    assert data["text/plain"] == repr(survey)
     prepared = prepare(load_scenario("hills", SHORT))
-    assert prepared._repr_html_() == f"<pre>{prepared!r}</pre>"
+    assert "text/html" not in shell.display_formatter.format(prepared)[0]
     assert len(repr(prepared).splitlines()) == 2
 
 
@@ -125,9 +127,9 @@ def test_many_surveys_of_a_cell_share_one_bar_that_goes(shell):
 
 
 def test_a_survey_without_an_echo_is_shown_too(empty: Survey) -> None:
-    assert "data:image/png" in empty._repr_html_()
+    assert "data:image/png" in html_of(empty)
 
 
 def test_a_warning_is_text_and_not_markup(survey: Survey) -> None:
-    page = replace(survey, warnings=("rain <b>falls</b> & falls",))._repr_html_()
+    page = html_of(replace(survey, warnings=("rain <b>falls</b> & falls",)))
     assert page.rstrip().endswith("<p>warning: rain &lt;b&gt;falls&lt;/b&gt; &amp; falls</p>")

@@ -14,6 +14,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.report.files.folder import lasting_columns, strict_json
+from sionna_radar.report.notebook import html_of
 from sionna_radar.report.studies.sweep import print_sweep, summary
 from sionna_radar.report.studies.sweep_figures import abscissa, errors
 from sionna_radar.scenario import load_scenario
@@ -241,7 +242,7 @@ def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
     assert case.mean("all_cells_rms_m") == pytest.approx(np.mean([r.dem_error.rms_m for r in case.trials]))
     assert np.isnan(case.mean("off_wall_rms_m"))  # flat ground has no walls
     assert len(repr(sweep)) < 1000
-    page = re.sub(r"<[^>]*>", "", sweep._repr_html_())
+    page = re.sub(r"<[^>]*>", "", html_of(sweep))
     assert "beamwidth_deg" in page
     assert all(f"{case.mean('rms_m'):.3f}" in page for case in sweep.cases)
 
