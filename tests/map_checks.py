@@ -25,7 +25,7 @@ def checked(scene: str, methods: tuple[str, ...], changes: dict[str, object]) ->
         method = build_dem_method(prepared.local.dem.model_copy(update={"method": name}))
         mapper = replace(prepared.mapper, method=method, name=name)
         estimate = mapper.map(points, observed.profiles, prepared.measured)
-        found = prepared.truth.compare(estimate.dem, points, observed.lit)
+        found = prepared.truth.compare(estimate.dem, points, observed.hits.lit)
         check = check_uncertainty(found.error, estimate.sigma, found.truth, found.lit, points, estimate.uncertainty)
         covered = " ".join(f"{100 * share:5.1f}" for share in check.cells.coverage.values())
         windows = "  ".join(f"{m.window_m:g} m {m.ratio:.2f} ({m.count})" for m in check.means)

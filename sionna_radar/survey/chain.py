@@ -104,13 +104,15 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
         estimate = map_observed(prepared, observed, points, execution)
+    hits = observed.hits
+    assert hits is not None  # the truth of a simulation is known
     with timed("compare"):
-        comparison = prepared.truth.compare(estimate.dem, points, observed.lit)
+        comparison = prepared.truth.compare(estimate.dem, points, hits.lit)
     for recorder in recorders:
         recorder.finish(comparison)
     return Survey(
         prepared=prepared,
-        paths=observed.paths,
+        paths=hits.paths,
         points=points,
         dem=estimate.dem,
         dem_sigma=estimate.sigma,
@@ -133,7 +135,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         warnings=survey_warnings(prepared, observed, points, comparison.lit_error, estimate),
         sensor=sensor,
         saturation=_saturation(prepared, observed),
-        no_echo=observed.silent & comparison.lit & ~estimate.dem.filled,
+        no_echo=hits.silent & comparison.lit & ~estimate.dem.filled,
     )
 
 

@@ -10,21 +10,19 @@ from functools import lru_cache
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool
 
-from sionna_radar.accuracy.truth import Comparison, Counted, Tally
+from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, Task
-from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.execution.workers import Failure, Task, Work
+from sionna_radar.flight.pulses import Bursts, Pulses, PulseSequence
 from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
-from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.numerics import on_one_thread
 from sionna_radar.foundation.progress import advance, stage, timed
 from sionna_radar.foundation.threads import beside, cores
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
-from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLookahead
 
 # Blocks of a segment, so that a long survey has not too many, and the least number of segments of a short one.
@@ -63,23 +61,24 @@ class Segment:
         )
 
 
-def _segment_and_counts(content: bytes) -> tuple[Segment, Counted]:
-    """Return a segment, and the true hits that were counted over it, from their bytes."""
+def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
+    """Return a segment, and the true hits that were counted over it if any were, from their bytes."""
     columns = columns_of(content)
-    return _segment_of(columns), table_of(Counted, "counted", columns)
+    counted = table_of(Counted, "counted", columns) if f"counted{OF}paths" in columns else None
+    return _segment_of("seen", columns), counted
 
 
-def _segment_of(columns: dict[str, Any]) -> Segment:
-    """Return the segment that was packed as `seen`."""
-    profiles, of_profiles = None, f"seen{OF}profiles"
+def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
+    """Return the segment that was packed under a name."""
+    profiles, of_profiles = None, f"{name}{OF}profiles"
     if f"{of_profiles}{OF}pulse" in columns:
         inner = f"{of_profiles}{OF}volume"
         volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
         profiles = table_of(Profiles, of_profiles, columns, volume=volume)
     return Segment(
-        echoes=table_of(Echoes, f"seen{OF}echoes", columns),
+        echoes=table_of(Echoes, f"{name}{OF}echoes", columns),
         profiles=profiles,
-        **{name: int(columns[f"seen{OF}{name}"]) for name in ("lost", "saturated_pulses", "saturated_samples")},
+        **{key: int(columns[f"{name}{OF}{key}"]) for key in ("lost", "saturated_pulses", "saturated_samples")},
     )
 
 
@@ -128,27 +127,13 @@ def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[Observe
 
 
 @dataclass(frozen=True, kw_only=True)
-class Observed:
-    """What a sensor observed in a survey, independent of the measured pose.
+class Observed(Segment):
+    """What a sensor observed in a survey, independent of the measured pose; the columns are those of a segment.
 
-    echoes: sorted by pulse, not corrected for Doppler.
-    profiles: range profiles around them, where the scenario's map models whole echoes; else None.
-    lit: cells of the DEM that the beam reached; silent: those that it reached in pulses without an echo.
-    paths: how many were traced.
-    rain_echoes: how many of the echoes hold more of rain than of anything else, where nothing is done about rain.
-    lost_to_rain: pulses without an echo because rain masks the ground.
-    saturated_pulses, saturated_samples: those that the receiver's converter clipped.
+    hits: what the beam truly hit; None where that is not known.
     """
 
-    echoes: Echoes
-    profiles: Profiles | None
-    lit: Bool[np.ndarray, "row column"]
-    silent: Bool[np.ndarray, "row column"]
-    paths: int
-    rain_echoes: int
-    lost_to_rain: int = 0
-    saturated_pulses: int = 0
-    saturated_samples: int = 0
+    hits: TrueHits | None = None
 
     @property
     def behind_volume(self) -> bool:
@@ -157,47 +142,72 @@ class Observed:
 
     def packed(self) -> bytes:
         """Return its bytes, from which `unpacked` makes it again, bit for bit."""
-        seen = Segment(
-            echoes=self.echoes,
-            profiles=self.profiles,
-            lost=self.lost_to_rain,
-            saturated_pulses=self.saturated_pulses,
-            saturated_samples=self.saturated_samples,
-        )
-        return packed(seen=seen, lit=self.lit, silent=self.silent, paths=self.paths, rain_echoes=self.rain_echoes)
+        return packed(observed=self)
 
     @staticmethod
     def unpacked(content: bytes) -> "Observed":
         """Return what was observed from its bytes."""
         columns = columns_of(content)
-        seen = _segment_of(columns)
-        return Observed(
-            echoes=seen.echoes,
-            profiles=seen.profiles,
-            lit=columns["lit"],
-            silent=columns["silent"],
-            paths=int(columns["paths"]),
-            rain_echoes=int(columns["rain_echoes"]),
-            lost_to_rain=seen.lost,
-            saturated_pulses=seen.saturated_pulses,
-            saturated_samples=seen.saturated_samples,
-        )
+        of_hits = f"observed{OF}hits"
+        hits = table_of(TrueHits, of_hits, columns) if f"{of_hits}{OF}lit" in columns else None
+        return Observed(**vars(_segment_of("observed", columns)), hits=hits)
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Pulses and the sensor that observes them: a survey to be flown, or a recording of one."""
+
+    @property
+    def activity(self) -> str:
+        """What observing it is called while it goes on."""
+        ...
+
+    @property
+    def flight(self) -> PulseSequence:
+        """The pulses."""
+        ...
+
+    @property
+    def bursts(self) -> Bursts | None:
+        """The chirps of each pulse; None for one."""
+        ...
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the map uses range profiles around the echoes."""
+        ...
+
+    def document(self) -> Task:
+        """Return what a worker opens it from, JSON; PluginError where it has parts that workers do not have."""
+        ...
+
+    def build_sensor(self) -> Sensor:
+        """Return a new sensor."""
+        ...
+
+    def tally(self) -> Tally | None:
+        """Return a new count of true hits; None where the truth is not known."""
+        ...
 
 
 @on_one_thread
-def observe(prepared: Prepared, execution: Execution, recorders: Sequence[Recorder] = ()) -> tuple[Sensor, Observed]:
+def observe(
+    source: Source, execution: Execution, recorders: Sequence[Recorder] = (), work: Work | None = None
+) -> tuple[Sensor, Observed]:
     """Return the sensor of a survey and what it observed, the same bits in this process or on workers.
 
     While workers begin, this process builds the sensor, for what follows the flight.
 
     Parameters
     ----------
-    prepared:
-        The survey.
+    source:
+        The survey or recording.
     execution:
         Segments are kept among its checkpoints, and shared among its workers.
     recorders:
         What keeps more of each block: then this process flies the survey as a whole.
+    work:
+        Function of a module that observes a segment on a worker; without it that of prepared surveys.
 
     Raises
     ------
@@ -209,45 +219,32 @@ def observe(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     """
     if recorders:
         execution = Execution(block_size=execution.block_size)
-    scenario = prepared.scenario.model_dump_json() if execution.distributed else ""
-    segments = segments_of(prepared, execution.block_size)
-    tasks: dict[str, Task] = {key_of(blocks): {"scenario": scenario, "blocks": blocks} for blocks in segments}
+    document = source.document() if execution.distributed else {}
+    segments = segments_of(source, execution.block_size)
+    tasks: dict[str, Task] = {key_of(blocks): {**document, "blocks": blocks} for blocks in segments}
     steps = {key_of(blocks): blocks[-1][1] - blocks[0][0] for blocks in segments}
-    with stage("tracing", len(prepared)):
+    with stage(source.activity, len(source.flight)):
         if execution.distributed:
-            refuse_custom(prepared.custom)
-            building = beside(prepared.build_sensor)
+            building = beside(source.build_sensor)
             with timed("workers"):
-                found = _results(execution, tasks, segment_task, steps)
+                found = _results(execution, tasks, work or segment_task, steps)
             sensor = building()
         else:
             with timed("prepare"):
-                sensor = prepared.build_sensor()
-            missing = execution.missing(tasks)
-            flown = _Flight(prepared, sensor, [block for key in missing for block in tasks[key]["blocks"]], recorders)
-            found = _results(execution, tasks, flown.segment, steps)
-    tally = Tally(prepared.truth, prepared.receiver.chirp)
-    seen = []
-    for segment, counted in (found[key] for key in tasks):
-        seen.append(segment)
-        tally.add_counted(counted)
-    whole = Segment.joined(seen)
-    return sensor, Observed(
-        echoes=whole.echoes,
-        profiles=whole.profiles,
-        lit=tally.lit(),
-        silent=tally.silent(),
-        paths=tally.paths,
-        rain_echoes=tally.rain_echoes,
-        lost_to_rain=whole.lost,
-        saturated_pulses=whole.saturated_pulses,
-        saturated_samples=whole.saturated_samples,
-    )
+                sensor = source.build_sensor()
+            blocks = [block for key in execution.missing(tasks) for block in tasks[key]["blocks"]]
+            found = _results(execution, tasks, SegmentObserver(source, sensor, blocks, recorders).segment, steps)
+    whole = Segment.joined([found[key][0] for key in tasks])
+    tally = source.tally()
+    for _, counted in (found[key] for key in tasks):
+        if tally is not None and counted is not None:
+            tally.add_counted(counted)
+    return sensor, Observed(**vars(whole), hits=None if tally is None else tally.hits())
 
 
 def _results(
     execution: Execution, tasks: dict[str, Task], work: Callable[[Task], bytes], steps: dict[str, int]
-) -> dict[str, tuple[Segment, Counted]]:
+) -> dict[str, tuple[Segment, Counted | None]]:
     found = {}
     for key, result in execution.over(tasks, work, steps=steps):
         if isinstance(result, Failure):
@@ -256,10 +253,10 @@ def _results(
     return found
 
 
-def segments_of(prepared: Prepared, block_size: int) -> list[list[tuple[int, int]]]:
+def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:
     """Return the blocks of each segment of a survey, by their first pulses and their ends."""
-    chirps = 1 if prepared.bursts is None else prepared.bursts.chirps
-    bounds = list(prepared.flight.line_bounds(max(1, block_size // chirps)))
+    chirps = 1 if source.bursts is None else source.bursts.chirps
+    bounds = list(source.flight.line_bounds(max(1, block_size // chirps)))
     count = min(SEGMENT_BLOCKS, -(-len(bounds) // MIN_SEGMENTS))
     return [bounds[first : first + count] for first in range(0, len(bounds), count)]
 
@@ -269,22 +266,11 @@ def key_of(blocks: Sequence[tuple[int, int]]) -> str:
     return f"blocks {list(blocks)}"
 
 
-def refuse_custom(custom: CustomParts) -> None:
-    """Raise PluginError for parts given in Python: workers have what a scenario names, and packages registered."""
-    replaced = custom.described()
-    if replaced:
-        message = (
-            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
-            "a package with the entry point sionna_radar.plugins that they have, too"
-        )
-        raise PluginError(message)
-
-
 @on_one_thread
 def segment_task(task: Task) -> bytes:
     """Return the bytes of a segment that a worker flies."""
     prepared, sensor = on_this_worker(task["scenario"])
-    return _Flight(prepared, sensor, [(first, end) for first, end in task["blocks"]]).segment(task)
+    return SegmentObserver(prepared, sensor, task["blocks"]).segment(task)
 
 
 @lru_cache(maxsize=1)
@@ -294,19 +280,19 @@ def on_this_worker(scenario: str) -> tuple[Prepared, Sensor]:
     return prepared, prepared.build_sensor()
 
 
-class _Flight:
+class SegmentObserver:
     """Observes blocks of pulses in their order, and counts the true hits; recorders keep more of each."""
 
     def __init__(
         self,
-        prepared: Prepared,
+        source: Source,
         sensor: Sensor,
-        blocks: Sequence[tuple[int, int]],
+        blocks: Sequence[Sequence[int]],
         recorders: Sequence[Recorder] = (),
     ) -> None:
-        self._prepared, self._sensor, self._recorders = prepared, sensor, recorders
-        self._tally = Tally(prepared.truth, prepared.receiver.chirp)
-        self._observed = observe_blocks((prepared.flight.pulses(np.arange(*block)) for block in blocks), sensor)
+        self._sensor, self._recorders, self._keeps_profiles = sensor, recorders, source.keeps_profiles
+        self._tally = source.tally()
+        self._observed = observe_blocks((source.flight.pulses(np.arange(*block)) for block in blocks), sensor)
 
     def segment(self, task: Task) -> bytes:
         """Return the bytes of the next segment."""
@@ -314,34 +300,32 @@ class _Flight:
         for first, end in task["blocks"]:
             seen.append(self._counted(next(self._observed)))
             advance(end - first)
-        return packed(seen=Segment.joined(seen), counted=self._tally.taken())
+        return packed(seen=Segment.joined(seen), counted=None if self._tally is None else self._tally.taken())
 
     def _counted(self, block: ObservedBlock) -> Segment:
         """Return the echoes, profiles and counts of a block, after tallying and recording it."""
         pulses, seen = block.pulses, block.observation
-        lost = 0
-        with timed("map"):
-            self._tally.add(seen.paths, pulses)
-            self._tally.add_silence(seen.paths, pulses, seen.echoes)
+        if self._tally is not None:
+            with timed("map"):
+                self._tally.add(seen.paths, pulses)
+                self._tally.add_silence(seen.paths, pulses, seen.echoes)
         with timed("record"):
             for recorder in self._recorders:
                 recorder.write(pulses, seen)
-        if seen.through_volume:
-            lost = len(pulses) - len(np.unique(seen.echoes.pulse))
-        else:
+        if self._tally is not None and not seen.through_volume:
             corrected = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
             self._tally.add_echoes(corrected, seen.paths)
         saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
         return Segment(
             echoes=seen.echoes,
-            profiles=seen.profiles if self._prepared.mapper.keeps_profiles else None,
-            lost=lost,
+            profiles=seen.profiles if self._keeps_profiles else None,
+            lost=len(pulses) - len(np.unique(seen.echoes.pulse)) if seen.through_volume else 0,
             saturated_pulses=int(np.count_nonzero(saturated)),
             saturated_samples=int(saturated.sum()),
         )
 
 
-def place(echoes: Echoes, sensor: Sensor, schedule: PulseSchedule, *, block_size: int = PLACED_AT_ONCE) -> Points:
+def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
     """Correct and locate echoes by the poses that a schedule's navigation reports."""
     located = []
     for pulses in schedule.blocks(block_size):

@@ -48,7 +48,8 @@ class ObservedSurvey:
         prepared = self.prepared.with_navigation(navigation)
         with progress_to(silent):
             made = prepared.mapper.map(self.points(navigation), self.observed.profiles, prepared.measured)
-        return self.prepared.truth.lit_error(made.dem, self.observed.lit)
+        assert self.observed.hits is not None  # the truth of a simulation is known
+        return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
 
     def navigation(self, table: NavigationParameters, seed: int | None = None) -> Navigation | None:
         """Return a navigation system with some errors, on the lever arm of this survey."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from sionna_radar.accuracy.truth import GroundTruth
+from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
@@ -186,6 +186,16 @@ def _name(made: object) -> str:
     return f"{made.__module__}.{name}" if name else _name(type(made))
 
 
+def refuse_for_workers(replaced: Mapping[str, str]) -> None:
+    """Raise PluginError for parts that were given in Python, by the keys that they replace."""
+    if replaced:
+        message = (
+            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
+            "a package with the entry point sionna_radar.plugins that they have, too"
+        )
+        raise PluginError(message)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Prepared:
     """A survey that is ready to fly, by who needs what.
@@ -237,6 +247,28 @@ class Prepared:
             f"Prepared: {self.scenario.description or 'no description'}\n  {len(self.flight):,} pulses, DEM of "
             f"{grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m"
         )
+
+    @property
+    def activity(self) -> str:
+        """What its observation is called while it goes on."""
+        return "tracing"
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the map uses range profiles around the echoes."""
+        return self.mapper.keeps_profiles
+
+    def document(self) -> dict[str, str]:
+        """Return what another process prepares it from, JSON.
+
+        Raises PluginError for parts given in Python: workers have what a scenario names, and packages registered.
+        """
+        refuse_for_workers(self.custom.described())
+        return {"scenario": self.scenario.model_dump_json()}
+
+    def tally(self) -> Tally:
+        """Return a new count of true hits."""
+        return Tally(self.truth, self.receiver.chirp)
 
     def measured(self, index: Int[np.ndarray, " pulse"]) -> Pose:
         """Return the measured poses of pulses by their running numbers."""

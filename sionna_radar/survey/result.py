@@ -207,6 +207,7 @@ class DemComparison:
     lit: Bool[np.ndarray, "row column"]
     dem_error: DemError
     lit_error: DemError
+    off_wall_error: DemError | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -244,8 +244,8 @@ def survey_warnings(
     """Return the warnings about a survey's result, and log those not logged during preparation."""
     warnings = prepared.flown.warnings + warnings_of(
         len(observed.echoes),
-        observed.rain_echoes,
-        observed.lost_to_rain,
+        0 if observed.hits is None else observed.hits.rain_echoes,
+        observed.lost,
         len(prepared),
         prepared.local.weather.falling or "air",
         None if prepared.expected_ground is None else "processing.expected_ground",

@@ -15,8 +15,11 @@ import xarray as xr
 from rich.console import Console
 
 from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
+from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.execution import Execution
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.execution.workers import attempt, name_of, named
+from sionna_radar.foundation.errors import OutputError, PluginError
+from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
 from sionna_radar.report.studies.processed import processed_table, write_processed
 from sionna_radar.report.survey.products import write_survey
@@ -205,6 +208,44 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
         process(flown[1]["signals"], {"radar.snr_db": 3.0})
     with pytest.raises(ScenarioError, match=r"processing\.cfar\.guard"):
         process(flown[1]["signals"], {"processing.cfar.guard": 2000})
+
+
+def test_workers_process_a_recording_to_the_same_bits_and_go_on(flown, tmp_path):
+    """Each opens the file once; what is kept is not processed again."""
+
+    class Others:
+        """Does tasks as workers would: functions by their names, tasks as JSON."""
+
+        count = 2
+
+        def __init__(self):
+            self.tasks = []
+
+        def each(self, work, tasks, shared=None):
+            for number, task in enumerate(tasks):
+                self.tasks.append(task)
+                yield number, attempt(named(name_of(work)), json.loads(json.dumps(task)))
+
+    survey, files = flown
+    others, nobody = Others(), Others()
+    with open_checkpoints(tmp_path / "parts", {}, resume=False) as kept:
+        there = process(files["signals"], execution=Execution(block_size=50, workers=others, checkpoints=kept))
+        again = process(files["signals"], execution=Execution(block_size=50, workers=nobody, checkpoints=kept))
+    assert others.tasks
+    assert nobody.tasks == []
+    for processed in (there, again):
+        assert processed.points.sha256() == survey.points.sha256()
+        np.testing.assert_array_equal(processed.dem.height_m, survey.dem.height_m)
+    with pytest.raises(PluginError, match=r"^dem\.method replaced from Python"):
+        process(files["signals"], parts=CustomParts(dem_method=Linear()), execution=Execution(workers=Others()))
+
+
+def test_errors_away_from_walls_are_those_of_the_flight(tmp_path):
+    scenario = load_scenario("buildings", {"platform.length_m": 20.0, "dem.method": "linear"})
+    survey = run(scenario, recordings={"signals": tmp_path / "a.nc"})
+    comparison = process(tmp_path / "a.nc").comparison
+    assert repr(comparison.off_wall_error) == repr(survey.off_wall_error)
+    assert comparison.off_wall_error.count < comparison.lit_error.count
 
 
 def test_a_custom_antenna_must_be_given_again(tmp_path):

@@ -16,7 +16,7 @@ from sionna_radar.foundation.columns import packed
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.loading import identity
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.observation import _Flight, _segment_and_counts, observe
+from sionna_radar.survey.observation import SegmentObserver, _segment_and_counts, observe
 from sionna_radar.survey.preparation import prepare
 
 SHORT = {"platform.length_m": 24.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
@@ -42,7 +42,7 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
     prepared = prepare(scenario)
     whole = run(prepared, execution=Execution(block_size=BLOCK))
     flown = []
-    observed = _Flight._counted
+    observed = SegmentObserver._counted
 
     def counted(self, block):
         flown.append(block.pulses.index)
@@ -50,7 +50,7 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
             raise Stop
         return observed(self, block)
 
-    monkeypatch.setattr(_Flight, "_counted", counted)
+    monkeypatch.setattr(SegmentObserver, "_counted", counted)
     interrupts = 0
     while True:
         try:

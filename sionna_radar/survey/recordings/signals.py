@@ -176,6 +176,15 @@ class SignalRecorder:
             flag_values=np.array([0, 1], dtype=np.int8),
             flag_meanings="unlit lit",
         )
+        if comparison.beside_wall is not None:
+            self._file.variable(
+                "beside_wall",
+                ("y", "x"),
+                comparison.beside_wall.astype(np.int8),
+                long_name="whether a wall lies within half a footprint of the cell",
+                flag_values=np.array([0, 1], dtype=np.int8),
+                flag_meanings="away_from_walls beside_wall",
+            )
         if self._loose:
             self._pack()
         self.close()

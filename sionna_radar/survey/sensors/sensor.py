@@ -31,7 +31,7 @@ Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 class Observation:
     """What a sensor observes in a block of pulses; of the measured pose it uses only what rain requires.
 
-    paths: what was lit.
+    paths: what was lit; none for a recording.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
