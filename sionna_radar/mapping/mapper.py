@@ -89,7 +89,8 @@ class Estimate:
     @classmethod
     def known_by(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
         """Return a DEM with the standard deviations of its cells."""
-        sigma = Raster(grid=dem.grid, height_m=uncertainty.sigma_m(dem.grid, dem.filled))
+        sigma_m = uncertainty.sigma_m(dem.grid, dem.filled)
+        sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
         return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
 
     def where_known(self, least_m: float) -> "Estimate":
@@ -393,7 +394,7 @@ def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georef
         )
         raise ScenarioError([Problem("dem.spacing_m", message)])
     centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
-    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
+    grid = replace(Grid.covering(west, south, east, north, spacing_m, centre_m), georeference=place)
     border = 2 * closing_cells(max_gap_m, spacing_m)
     if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
         message = (

@@ -3,19 +3,20 @@
 A caller may give ground in place of a scenario's: heights as they are, a file, or what builds it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Inexact, Int, Shaped
 
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import (
@@ -72,8 +73,10 @@ from sionna_radar.survey.checks import (
     warn_of_folded,
     warn_of_posting,
 )
-from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
+from sionna_radar.tracing.paths import Paths
 
 GivenTerrain = (
     Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
@@ -324,6 +327,68 @@ class Prepared:
             antenna=self.antenna,
             beams=self.beams,
         )
+
+    def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
+        """Return what the survey's sensor observes in some of its pulses, by their running numbers, increasing.
+
+        Examples
+        --------
+        >>> seen = prepare(load_scenario("hills", {"platform.length_m": 10.0})).observe([0, 50])
+        >>> seen.paths.delay_s.shape == seen.paths.gain.shape, len(seen.echoes)
+        (True, 2)
+
+        """
+        return self._own_sensor.observe(self._chosen(index))
+
+    def paths(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Paths:
+        """Return the paths of some pulses, sorted by pulse: complex gains, delays s, range rates m/s, hit points m."""
+        return self.observe(index).paths
+
+    def beats(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[Inexact[np.ndarray, "chirp sample"]]:
+        """Return the beat signals of some pulses, V at 1 ohm: an array (chirp, sample) for each sweep of a pulse.
+
+        Raises ScenarioError for a sensor without beat signals.
+        """
+        beats = self.observe(index).beats
+        if beats is None:
+            message = f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'"
+            raise ScenarioError([Problem("sensor", message)])
+        return list(beats)
+
+    def spectra(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[ChirpRecord]:
+        """Return the first sweep of each of some pulses on its way through the processing.
+
+        That is its beat signal after what the processing takes out of it, the power in each range cell W, the CFAR
+        threshold, and the echoes. Raises ScenarioError for a sensor without chirps.
+        """
+        sensor = self._own_sensor
+        if not isinstance(sensor, SensorWithChirps):
+            message = f"{self.local.sensor!r} has no chirps; set sensor = 'radar'"
+            raise ScenarioError([Problem("sensor", message)])
+        return sensor.record_chirps(self._chosen(index))
+
+    def echoes(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Echoes:
+        """Return the echoes of some pulses, their ranges corrected for Doppler by the measured velocity."""
+        pulses = self._chosen(index)
+        return self._own_sensor.correct(self._own_sensor.observe(pulses).echoes, pulses.index, pulses.measured)
+
+    @cached_property
+    def _own_sensor(self) -> Sensor:
+        return self.build_sensor()
+
+    def _chosen(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Pulses:
+        """Return pulses by their running numbers; raises IndexError for one that there is not."""
+        chosen = np.asarray(index, dtype=np.int64)
+        if (
+            chosen.ndim != 1
+            or len(chosen) == 0
+            or chosen[0] < 0
+            or chosen[-1] >= len(self)
+            or np.any(np.diff(chosen) < 1)
+        ):
+            message = f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}"
+            raise IndexError(message)
+        return self.flight.pulses(chosen)
 
     def with_navigation(self, navigation: Navigation | None) -> "Prepared":
         """Return the survey with another navigation system; None knows the pose exactly."""
