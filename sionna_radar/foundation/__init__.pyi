@@ -17,25 +17,3 @@ from .raster import Georeference as Georeference
 from .raster import Grid as Grid
 from .raster import Raster as Raster
 from .workers import Workers as Workers
-
-__all__ = [
-    "BackendError",
-    "Georeference",
-    "Grid",
-    "InputFileError",
-    "KeptElsewhereError",
-    "OutputError",
-    "PluginError",
-    "Problem",
-    "Progress",
-    "RadarError",
-    "Raster",
-    "ScenarioError",
-    "Stream",
-    "WorkerError",
-    "Workers",
-    "allow_network",
-    "open_workers",
-    "pulse_generator",
-    "pulse_uniforms",
-]

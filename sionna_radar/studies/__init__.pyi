@@ -28,36 +28,3 @@ from .sweep import Trial as Trial
 from .sweep import fly_sweep as fly_sweep
 from .sweep import label as label
 from .sweep import plan_sweep as plan_sweep
-
-__all__ = [
-    "Axis",
-    "Budget",
-    "Case",
-    "CrossCheck",
-    "Design",
-    "FlightPlan",
-    "Frames",
-    "Imagery",
-    "LinkBudget",
-    "LogInspection",
-    "Sampler",
-    "Span",
-    "Sweep",
-    "Tolerances",
-    "Trial",
-    "Wanted",
-    "check_plan",
-    "fit_material",
-    "fly_frames",
-    "fly_images",
-    "fly_sweep",
-    "inspect_log",
-    "label",
-    "link_budget",
-    "navigation_budget",
-    "parse_design",
-    "plan_flight",
-    "plan_sweep",
-    "planned_scenario",
-    "read_settings",
-]

@@ -18,26 +18,3 @@ from .sensors.sensor import Sensor as Sensor
 from .sensors.sensor import SensorInputs as SensorInputs
 from .sensors.sensor import register_sensor as register_sensor
 from .sensors.sweeps import ChirpRecord as ChirpRecord
-
-__all__ = [
-    "ChirpRecord",
-    "CustomParts",
-    "Lidar",
-    "Observation",
-    "Prepared",
-    "Processed",
-    "Radar",
-    "RecordedSurvey",
-    "Recording",
-    "Sensor",
-    "SensorInputs",
-    "Survey",
-    "fly",
-    "place",
-    "prepare",
-    "process",
-    "record",
-    "record_survey",
-    "register_sensor",
-    "run",
-]
