@@ -413,18 +413,12 @@ def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
     return np.unique(np.floor((np.arange(most) + within) * step).astype(np.int64))
 
 
-MEANING = (
-    "sigma0 is the backscatter coefficient that the scene's material has, in the radar's polarization, at the local "
-    "incidence angle under which the pulse whose beam axis met the ground nearest saw the cell; it is a property of "
-    "the scene, not an estimate from the echoes, and is empty where no main beam lit the cell or that pulse could not "
-    "see it"
-)
 LOOKS = 20_000
 ABOVE_M = 0.01
 
 
 def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row column"]:
-    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; see `MEANING`."""
+    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; `survey.html` says what it is."""
     scene, caster = prepared.scene.scene, prepared.scene.caster
     pose = prepared.flight.sample(LOOKS).true
     range_m = caster.cast(pose.position_m, pose.boresight).distance_m
