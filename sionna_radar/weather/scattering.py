@@ -18,25 +18,13 @@ from scipy.constants import speed_of_light
 from scipy.special import lpmv, spherical_jn, spherical_yn
 
 
-@dataclass(frozen=True, kw_only=True)
-class Efficiencies:
-    """Cross-sections of spheres over their geometric cross-section pi a^2.
+def mie_backscatter(size: Float[np.ndarray, " n"], refractive_index: complex) -> Float[np.ndarray, " n"]:
+    """Return the radar cross-sections of spheres over their geometric ones, pi a^2.
 
-    backscatter is the radar definition: the cross-section of an isotropic scatterer with the same echo.
+    size: circumference in wavelengths, above 0.
     """
-
-    extinction: Float[np.ndarray, " n"]
-    scattering: Float[np.ndarray, " n"]
-    backscatter: Float[np.ndarray, " n"]
-
-
-def mie_efficiencies(size: Float[np.ndarray, " n"], refractive_index: complex) -> Efficiencies:
-    """Return the efficiencies of spheres whose circumference is `size` wavelengths long (size > 0).
-
-    Tested against Wiscombe's MIEV0 and Bohren and Huffman's own examples for sizes up to 100.
-    """
-    extinction, scattering, backscatter, _ = efficiencies_mx(np.conj(refractive_index), size)  # time as exp(+i w t)
-    return Efficiencies(extinction=extinction, scattering=scattering, backscatter=backscatter)
+    back: Float[np.ndarray, " n"] = efficiencies_mx(np.conj(refractive_index), size)[2]  # it has time as exp(+i w t)
+    return back
 
 
 # Nodes from pole to pole for each degree of the waves.

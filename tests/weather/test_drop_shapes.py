@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.weather.drops import ANGLES_RAD, axis_ratio, drop_polarization, marshall_palmer
 from sionna_radar.weather.rain import rain_attenuations_db_per_km
-from sionna_radar.weather.scattering import mie_efficiencies, spheroid_echo
+from sionna_radar.weather.scattering import mie_backscatter, spheroid_echo
 
 WATER_77 = np.sqrt(7.9 + 13.2j)
 RIGHT, V, H = np.array([1, 1j]) / np.sqrt(2), np.array([1.0, 0.0]), np.array([0.0, 1.0])
@@ -15,7 +15,7 @@ RIGHT, V, H = np.array([1, 1j]) / np.sqrt(2), np.array([1.0, 0.0]), np.array([0.
 def test_a_sphere_is_mies_from_any_side(size):
     echo = spheroid_echo(size, 1.0, WATER_77, np.deg2rad([10.0, 60.0, 90.0]))
     np.testing.assert_allclose(echo.vertical, echo.horizontal, rtol=1e-6)
-    efficiency = mie_efficiencies(np.array([size]), WATER_77).backscatter[0]
+    efficiency = mie_backscatter(np.array([size]), WATER_77)[0]
     np.testing.assert_allclose(4 * np.abs(echo.vertical) ** 2 / size**2, efficiency, rtol=1e-6)
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from miepython import efficiencies_mx
 from scipy.constants import speed_of_light
 
 from sionna_radar.weather.obscurants import (
@@ -20,7 +21,7 @@ from sionna_radar.weather.obscurants import (
     visibility_of_liquid_water_m,
 )
 from sionna_radar.weather.rain import rain_reflectivity_per_m
-from sionna_radar.weather.scattering import Aerosol, mie_efficiencies
+from sionna_radar.weather.scattering import Aerosol
 from sionna_radar.weather.validity import Obscurant, ValidityError
 
 
@@ -35,9 +36,10 @@ def test_small_spheres_are_those_of_mie(frequency_hz):
         permittivity=permittivity, volume_fraction=count_per_m3 * 4 / 3 * math.pi * radius_m**3, echo_radius_m=radius_m
     )
     size = np.array([2 * math.pi * radius_m * frequency_hz / speed_of_light])
-    mie, area = mie_efficiencies(size, permittivity**0.5), count_per_m3 * math.pi * radius_m**2
-    assert cloud.attenuation_db_per_km(frequency_hz) == pytest.approx(4342.945 * area * mie.extinction[0], rel=0.01)
-    assert cloud.reflectivity_per_m(frequency_hz) == pytest.approx(area * mie.backscatter[0], rel=0.01)
+    extinction, _, back, _ = efficiencies_mx(np.conj(permittivity**0.5), size)
+    area = count_per_m3 * math.pi * radius_m**2
+    assert cloud.attenuation_db_per_km(frequency_hz) == pytest.approx(4342.945 * area * extinction[0], rel=0.01)
+    assert cloud.reflectivity_per_m(frequency_hz) == pytest.approx(area * back[0], rel=0.01)
 
 
 def test_fog_takes_what_p840_says():

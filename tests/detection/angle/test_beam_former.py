@@ -5,8 +5,6 @@ import pytest
 from scipy.signal import find_peaks
 
 from sionna_radar.detection.angle.row import (
-    bartlett,
-    capon,
     cosine_variance,
     forward_backward,
     lowest,
@@ -36,6 +34,20 @@ def covariances(cosine, power, looks, trials, seed=1, noise_w=1.0):
 def exact(cosine, power, noise_w=1.0):
     vectors = steering(PLACE, np.asarray(cosine))
     return np.einsum("s,se,sf->ef", np.asarray(power), vectors, vectors.conj()) + noise_w * np.eye(len(PLACE))
+
+
+def formed(matrix, vectors):
+    return np.sum((vectors.conj() @ matrix) * vectors, axis=-1).real
+
+
+def bartlett(covariance, vectors):
+    """The mean power that a beam in each direction receives."""
+    return formed(covariance, vectors) / vectors.shape[1] ** 2
+
+
+def capon(covariance, vectors):
+    """The least mean power of beams that pass each direction as it is."""
+    return 1 / formed(np.linalg.inv(covariance), vectors)
 
 
 def peaks(spectrum):

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sionna_radar.report.page.scene_data import EMPTY, Pack, array_of, unpacked
+from packed_pages import array_of, unpacked
+from sionna_radar.report.page.scene_data import EMPTY, Pack
 
 
 @given(arrays(np.float64, (3, 4), elements=st.floats(-500, 500) | st.just(np.nan)), st.sampled_from([0.001, 0.1, 5.0]))

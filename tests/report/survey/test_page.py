@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from packed_pages import array_of, unpacked
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page import markup as document_module
-from sionna_radar.report.page.scene_data import array_of, unpacked
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import reference_for, summary_json
