@@ -175,7 +175,7 @@ class Session:
 
 def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
     """Return values by dotted keys, those of files first."""
-    from sionna_radar.scenario.loading import parse_overrides, read_overrides
+    from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
     overrides: dict[str, Any] = {}
     for file in files or []:

@@ -7,7 +7,6 @@ from .bases import StageParameters as StageParameters
 from .bases import TerrainParameters as TerrainParameters
 from .lidar import LidarTable as LidarTable
 from .loading import load_scenario as load_scenario
-from .loading import parse_overrides as parse_overrides
 from .loading import parse_scenario as parse_scenario
 from .loading import shipped_scenarios as shipped_scenarios
 from .loading import to_toml as to_toml
@@ -25,6 +24,7 @@ from .objects import Footprints as Footprints
 from .objects import MeshObject as MeshObject
 from .objects import PointTarget as PointTarget
 from .objects import TargetMesh as TargetMesh
+from .overrides import parse_overrides as parse_overrides
 from .platform import NavigationTable as NavigationTable
 from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable

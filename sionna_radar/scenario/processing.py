@@ -6,7 +6,7 @@ from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import window as window_of
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
@@ -78,7 +78,7 @@ class ProcessingTable(Table):
     """detected cells no farther apart are one echo."""
     dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
     """echoes this far under the strongest of their pulse are dropped."""
-    ranging: Annotated[str, name_in(RANGE_ESTIMATORS)] = "centroid"
+    ranging: Annotated[str, NameIn(RANGE_ESTIMATORS)] = "centroid"
     """"peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises, moved to its
     middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that is not far
     below the ground it is the range that the whole scan line makes most probable instead. Custom range estimators are
@@ -136,7 +136,7 @@ class ProcessingTable(Table):
 class DemTable(Table):
     """The elevation model: its grid, and how the echoes become heights."""
 
-    method: Annotated[str, name_in(DEM_METHODS, "auto")] = "auto"
+    method: Annotated[str, NameIn(DEM_METHODS, ("auto",))] = "auto"
     """"auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air holds nothing
     that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two footprints, and
     "linear" elsewhere. "linear" interpolates between the located echoes. "smooth" lays the most probable surface

@@ -20,7 +20,7 @@ from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
@@ -97,7 +97,7 @@ class Scenario(Table):
     in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or
     a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
     Headings count from the grid north of the map."""
-    sensor: Annotated[str, name_in(SENSORS)] = "radar"
+    sensor: Annotated[str, NameIn(SENSORS)] = "radar"
     """what is flown: a radar, a lidar, or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
     """of a custom sensor that has some."""

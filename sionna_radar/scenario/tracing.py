@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import ENGINES
 from sionna_radar.scenario.table import Real, Table, refuse
 
@@ -17,7 +17,7 @@ MAX_PATHS_PER_PULSE = 100_000
 class TracingTable(Table):
     """How the scene is turned into paths."""
 
-    engine: Annotated[str, name_in(ENGINES)] = "sionna"
+    engine: Annotated[str, NameIn(ENGINES)] = "sionna"
     """sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
     path_solver (Sionna's stock solver, slow, for checks); or a custom one."""
     engine_parameters: Annotated[Table | None, ParametersOf("engine", ENGINES)] = None

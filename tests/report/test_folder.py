@@ -156,19 +156,6 @@ def test_a_file_that_cannot_be_replaced_loses_neither_result(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-2"]
 
 
-def test_a_file_open_elsewhere_is_told_before_the_flight(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replace = Path.replace
-
-    def held(self: Path, target: Path) -> Path:
-        if self.name == "a.txt":
-            raise PermissionError(13, "in use")
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", held)
-    with pytest.raises(OutputError, match=r"a\.txt is open in another program"):
-        check_output(out, MARKER)
-
-
 def test_a_user_s_file_of_that_name_stays_and_the_result_goes_beside(out: Path, tmp_path: Path) -> None:
     (out / "e.txt").write_text("mine")
     with pytest.raises(KeptElsewhereError, match=r"e\.txt that this program did not write.*out-2"):
