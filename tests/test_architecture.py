@@ -18,6 +18,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # radar equation integrates; only the accuracy of a map, and what comes after it, knows the truth.
 ROOMS = (
     "foundation",
+    "execution",
     "raytracer",
     "elevation",
     "weather",
@@ -36,6 +37,7 @@ ROOMS = (
     "studies",
     "report",
     "cli",
+    "notebook",
 )
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")

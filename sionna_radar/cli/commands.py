@@ -32,14 +32,13 @@ from sionna_radar.cli.session import (
     WorkersOption,
     complete_key,
     log_to_stderr,
-    progress_of,
+    progress_shown,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
-    from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck import CrossCheck
     from sionna_radar.studies.sweep import Sweep
@@ -108,11 +107,11 @@ def _fly(
     record: list[str] | None = None,
     record_as: str = "float64",
 ) -> None:
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.survey.summary import print_survey
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
-    from sionna_radar.survey.recording import BLOCK_SIZE
 
     checked = session.load()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
@@ -126,17 +125,16 @@ def _fly(
         # Drawing takes long to import; what was found is printed before.
         from sionna_radar.report.survey.products import write_survey
 
-        with progress_of(session.quiet) as progress:
-            return write_survey(
-                survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
-            )
+        with progress_shown(session.quiet):
+            return write_survey(survey, folder, coordinates, report=page, points=files, recordings=inside)
 
-    def fly(progress: "Progress", keep: "Keep") -> "Survey":
+    def fly(keep: "Keep") -> "Survey":
         files, size = outside | inside, block_size or BLOCK_SIZE
         if files:
-            return run(checked, block_size=size, recordings=files, sample_type=sample_type, progress=progress)
+            return run(checked, recordings=files, sample_type=sample_type, execution=Execution(block_size=size))
         with session.team() as team:
-            return run(checked, block_size=size, parts=keep(identity(checked, size)), workers=team, progress=progress)
+            checkpoints = keep(identity(checked, size))
+            return run(checked, execution=Execution(block_size=size, workers=team, checkpoints=checkpoints))
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
@@ -167,20 +165,20 @@ def crosscheck(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.studies.crosscheck import MARKER, print_crosscheck, write_crosscheck
     from sionna_radar.scenario.loading import identity
-    from sionna_radar.studies.crosscheck import crosscheck as check
-    from sionna_radar.survey.recording import BLOCK_SIZE
+    from sionna_radar.studies.crosscheck import run_crosscheck
 
     session = Session.of(
         scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
     )
     checked = session.load()
 
-    def fly(progress: "Progress", keep: "Keep") -> "CrossCheck":
+    def fly(keep: "Keep") -> "CrossCheck":
         with session.team() as team:
-            parts = keep(identity(checked, BLOCK_SIZE))
-            return check(checked, progress=progress, parts=parts, workers=team)
+            checkpoints = keep(identity(checked, BLOCK_SIZE))
+            return run_crosscheck(checked, execution=Execution(workers=team, checkpoints=checkpoints))
 
     session.produce(
         fly,
@@ -211,9 +209,10 @@ def budget(
     quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
+    from sionna_radar.execution.execution import Execution
     from sionna_radar.flight.navigation import GRADES, load_grades
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
-    from sionna_radar.studies.budget import GROWTH, identity_of, navigation_budget
+    from sionna_radar.studies.budget import GROWTH, identity_of, run_budget
 
     session = Session.of(
         scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
@@ -221,10 +220,10 @@ def budget(
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
 
-    def fly(progress: "Progress", keep: "Keep") -> "Budget":
+    def fly(keep: "Keep") -> "Budget":
         with session.team() as team:
-            parts = keep(identity_of(checked, GROWTH, repeat, known))
-            return navigation_budget(checked, repeat=repeat, grades=known, progress=progress, parts=parts, workers=team)
+            execution = Execution(workers=team, checkpoints=keep(identity_of(checked, GROWTH, repeat, known)))
+            return run_budget(checked, repeat=repeat, grades=known, execution=execution)
 
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
 
@@ -271,10 +270,11 @@ def sweep(
     quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
+    from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, write_sweep
     from sionna_radar.studies.design import parse_design
-    from sionna_radar.studies.sweep import Shard, fly_sweep, plan_sweep
+    from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
 
     session = Session.of(
         scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
@@ -284,11 +284,11 @@ def sweep(
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
-    def fly(progress: "Progress", keep: "Keep") -> "Sweep":
+    def fly(keep: "Keep") -> "Sweep":
         with session.team() as team:
-            plan = plan_sweep(scenario, design, repeat, session.overrides, progress)
-            parts = keep({**plan.identity(), "shard": str(part or "")})
-            return fly_sweep(plan, progress=progress, parts=parts, shard=part, workers=team)
+            plan = plan_sweep(scenario, design, repeat, session.overrides)
+            execution = Execution(workers=team, checkpoints=keep({**plan.identity(), "shard": str(part or "")}))
+            return run_sweep(plan, shard=part, execution=execution)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     write = partial(write_sweep, runs=files)

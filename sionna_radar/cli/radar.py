@@ -27,14 +27,12 @@ def link(
 ) -> None:
     """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
     from sionna_radar.report.studies.link import MARKER, print_link, write_link
-    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
+    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, run_link_budget
 
     angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
     checked = session.load()
     session.produce(
-        lambda progress, _: link_budget(
-            checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses, progress=progress
-        ),
+        lambda _: run_link_budget(checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses),
         suffix="_link",
         marker=MARKER,
         write=write_link,
@@ -58,11 +56,11 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
 def image(session: Session) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
     from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
-    from sionna_radar.studies.images import fly_images
+    from sionna_radar.studies.images import run_images
 
     checked = session.load()
     session.produce(
-        lambda progress, _: fly_images(checked, progress=progress),
+        lambda _: run_images(checked),
         suffix="_image",
         marker=MARKER,
         write=write_imagery,
@@ -78,11 +76,11 @@ def range_doppler(
 ) -> None:
     """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
     from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
-    from sionna_radar.studies.range_doppler import fly_frames
+    from sionna_radar.studies.range_doppler import run_frames
 
     checked = session.load()
     session.produce(
-        lambda progress, _: fly_frames(checked, chirps=chirps, frames=frames, progress=progress),
+        lambda _: run_frames(checked, chirps=chirps, frames=frames),
         suffix="_range_doppler",
         marker=MARKER,
         write=write_frames,

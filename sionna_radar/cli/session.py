@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from sionna_radar.foundation.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
+from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, shown
 from sionna_radar.report.files.contents import PointsFile
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
-    from sionna_radar.foundation.progress import Progress
-    from sionna_radar.foundation.workers import Workers
+    from sionna_radar.execution.workers import Workers
     from sionna_radar.scenario import Scenario
 
 
@@ -31,7 +30,7 @@ Result = TypeVar("Result")
 # Begins, or goes on with, the finished parts of a run that a document describes.
 Keep = Callable[[Mapping[str, Any]], Checkpoints]
 # What workers need whatever they are given, and take seconds to load.
-FLYING = ("sionna_radar.survey.shared_flight", "sionna_radar.tracing.engines.persistent.persistent")
+FLYING = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
 # The key under which a run says which files it writes; parts do not depend on it.
 PRODUCTS = "choice of products"
 
@@ -93,7 +92,7 @@ class Session:
 
     def team(self) -> "AbstractContextManager[Workers]":
         """Return the context of the workers that share the work: this process alone, unless the user has others."""
-        from sionna_radar.foundation.cluster import open_workers
+        from sionna_radar.execution.cluster import open_workers
 
         return open_workers(self.workers, self.scheduler, FLYING)
 
@@ -109,7 +108,7 @@ class Session:
 
     def produce(
         self,
-        fly: "Callable[[Progress, Keep], Result]",
+        fly: "Callable[[Keep], Result]",
         *,
         suffix: str,
         marker: str,
@@ -123,7 +122,7 @@ class Session:
         Parameters
         ----------
         fly:
-            Returns the result, given where progress goes and what keeps finished parts of a run.
+            Returns the result, given what keeps the finished parts of a run.
         suffix, marker:
             Of the default folder's name, and the file by which a folder of such results is known.
         write:
@@ -140,7 +139,7 @@ class Session:
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> Checkpoints:
-                from sionna_radar.foundation.workers import versions
+                from sionna_radar.execution.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
                 # A GPU rounds otherwise than the CPU.
@@ -150,8 +149,8 @@ class Session:
                     self._end_if_finished(directory, described)
                 return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
-            with progress_of(self.quiet) as progress, self.reach():
-                result = fly(progress, keep)
+            with progress_shown(self.quiet), self.reach():
+                result = fly(keep)
             if not self.quiet:
                 # Figures take longer than the flight of a short survey.
                 show(result)
@@ -185,15 +184,16 @@ def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: 
 
 
 @contextmanager
-def progress_of(quiet: bool) -> "Iterator[Progress]":
-    """Show how far a computation is, unless nobody wants to know."""
-    from sionna_radar.report.terminal import quiet_progress, shown_progress
+def progress_shown(quiet: bool) -> "Iterator[None]":
+    """Show how far a computation is, unless it is to be quiet."""
+    from sionna_radar.foundation.progress import progress_to
+    from sionna_radar.report.terminal import shown_progress
 
     if quiet:
-        yield quiet_progress()
+        yield
         return
-    with shown_progress() as progress:
-        yield progress
+    with shown_progress() as progress, progress_to(progress):
+        yield
 
 
 def log_to_stderr(quiet: bool = False) -> None:

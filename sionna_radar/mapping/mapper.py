@@ -17,7 +17,6 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Overheard, Progress, silent
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
@@ -62,7 +61,6 @@ class MapInputs:
     grid: Grid
     max_gap_m: float
     shadow_incidence_rad: float
-    progress: Progress = silent
     look: Callable[[], Looks | None] = lambda: None
     each_piece: EachPiece = pieces_here
 
@@ -194,7 +192,6 @@ class Mapper:
         points: Points,
         profiles: Profiles | None,
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
-        progress: Progress = silent,
         each_piece: EachPiece = pieces_here,
     ) -> Estimate:
         """Return the DEM of a survey, with what its method knows of its errors.
@@ -207,8 +204,6 @@ class Mapper:
             Range profiles around them; None if the sensor provides none.
         measured:
             Returns the measured poses of pulses by their indices.
-        progress:
-            Called with the method's steps, and at the end of the stage "mapping".
         each_piece:
             Has the pieces of a map in tiles made; without it, by this process.
 
@@ -221,16 +216,14 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError([Problem("dem.method", message)])
-        overheard = Overheard(progress)
         sightings = self._seen(profiles, measured)
-        given = self.inputs(points, sightings, overheard, partial(self._looks, points, measured), each_piece)
+        given = self.inputs(points, sightings, partial(self._looks, points, measured), each_piece)
         made = self.method(given)
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
-        overheard.complete("mapping")
         if estimate.sigma is not None:
             sigma_m = np.hypot(estimate.sigma.height_m, np.hypot(self.microrelief_m, self._shared_m(points)))
             estimate = replace(estimate, sigma=replace(estimate.sigma, height_m=sigma_m))
@@ -272,7 +265,6 @@ class Mapper:
         self,
         points: Points,
         sightings: Sightings | None = None,
-        progress: Progress = silent,
         look: Callable[[], Looks | None] = lambda: None,
         each_piece: EachPiece = pieces_here,
     ) -> MapInputs:
@@ -283,7 +275,6 @@ class Mapper:
             grid=self.grid,
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
-            progress=progress,
             look=look,
             each_piece=each_piece,
         )

@@ -29,11 +29,11 @@ DPI = 80
 PRE = "<pre style='line-height: 1.2'>{code}</pre>"
 
 
-def html_of(result: object) -> str | None:
-    """Return a result as HTML; None for one without a table."""
+def html_of(result: object) -> str:
+    """Return a result as HTML."""
     parts = [_html_of_table(part) if isinstance(part, Table) else _html_of_figure(part) for part in shown(result)]
     parts += [f"<p>warning: {html.escape(warning)}</p>" for warning in getattr(result, "warnings", ())]
-    return "\n".join(parts) or None
+    return "\n".join(parts)
 
 
 def shown(result: object) -> list[Table | Figure]:

@@ -88,8 +88,3 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
             write(f"{stage}: {done:,} of {total:,}{left}" if total else stage)
 
     return report
-
-
-def quiet_progress() -> Report:
-    """Return a report that shows nothing, but still handles interrupts."""
-    return lambda stage, done, total: raise_received()

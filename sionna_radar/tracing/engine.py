@@ -54,6 +54,15 @@ class Engine(Protocol):
         ...
 
 
+@runtime_checkable
+class SteerableEngine(Engine, Protocol):
+    """An engine for the beams of an electronic scan."""
+
+    def with_antenna(self, antenna: Antenna) -> Engine:
+        """Return the same engine with another antenna."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class EngineInputs:
     """Inputs of an engine.
@@ -62,8 +71,7 @@ class EngineInputs:
     caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
     region_m: lowest and highest corner of the box that the survey can see.
     looks: beams of pulses spread over the survey, for what depends on how the scene is looked at.
-    beams: the antenna steered to each beam of an electronic scan, by number. Engines for such scans have a method
-        `with_antenna` that returns the same engine with another antenna.
+    beams: the antenna steered to each beam of an electronic scan, by number; for a `SteerableEngine`.
     """
 
     tracing: TracingTable

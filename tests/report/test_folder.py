@@ -221,7 +221,7 @@ def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
 HOLDING = """
 import sys, time
 from pathlib import Path
-from sionna_radar.foundation.checkpoints import staged
+from sionna_radar.execution.checkpoints import staged
 
 with staged(Path(sys.argv[1])) as folder:
     print(folder, flush=True)

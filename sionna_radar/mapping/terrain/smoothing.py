@@ -20,7 +20,6 @@ from jaxtyping import Float, Int
 from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import own_cores
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
@@ -182,9 +181,7 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(
-    heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE, groups: int = GROUPS
-) -> Smoothed:
+def smooth(heights: Heights, grid: Grid, tolerance: float = TOLERANCE, groups: int = GROUPS) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -193,8 +190,6 @@ def smooth(
         The measured heights.
     grid:
         Cells that the surface must cover; it extends beyond them.
-    step:
-        Called after each iteration of the solution.
     tolerance:
         Of the solution: its residual relative to that of the trend.
     groups:
@@ -204,7 +199,7 @@ def smooth(
     trend = heights.trend()
     measured = heights.above(trend)
     fitted = fit_covariance(measured.rows(calm(measured)), groups)
-    return smooth_with(heights, grid, trend, fitted, step, tolerance, local_relief(measured, fitted))
+    return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted))
 
 
 def smooth_with(
@@ -212,7 +207,6 @@ def smooth_with(
     grid: Grid,
     trend: Float[np.ndarray, "3"],
     fitted: FittedCovariance,
-    step: Step = no_step,
     tolerance: float = TOLERANCE,
     local: LocalRelief | None = None,
 ) -> Smoothed:
@@ -227,7 +221,6 @@ def smooth_with(
     precision = 1 / heights.variance_m2(fitted.noise_factor)
 
     def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        step()
         return np.asarray(transposed @ (precision * (weights @ height_m)))
 
     excess = heights.height_m - weights @ model.trend_m.ravel()

@@ -21,8 +21,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.foundation.checkpoints import FOLDER as PARTS
-from sionna_radar.foundation.checkpoints import abandoned, in_use, remedy_of, staged
+from sionna_radar.execution.checkpoints import FOLDER as PARTS
+from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, staged
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 
 MANIFEST = "manifest.json"

@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.progress import peak_memory_mb
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
@@ -195,6 +195,7 @@ def _document(processed: Processed) -> dict[str, Any]:
         "noise_floor": processed.spectrum.floor,
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
+        "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
@@ -243,5 +244,8 @@ def _mapped(processed: Processed) -> dict[str, str]:
         lit = processed.comparison.lit_error
         numbers = number(lit.rms_m, ".3f", " m"), number(lit.mean_m, "+.3f", " m"), number(lit.nmad_m, ".3f", " m")
         rows["RMSE of lit cells"] = "{}, bias {}, NMAD {}".format(*numbers)
+        off_wall = processed.comparison.off_wall_error
+        if off_wall is not None:
+            rows["RMSE away from walls"] = number(off_wall.rms_m, ".3f", " m")
         rows["coverage"] = f"{lit.coverage:.1%}"
     return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

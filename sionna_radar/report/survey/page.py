@@ -14,9 +14,9 @@ from jaxtyping import Float, Int
 from sionna_radar.accuracy.breakdown import ErrorClass
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels, on_one_thread
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.page.markup import Cell, document
 from sionna_radar.report.page.scene_data import (
@@ -46,6 +46,7 @@ from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
+from sionna_radar.survey.sensors.sensor import SensorWithChirps
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 BINS = 81
@@ -181,10 +182,9 @@ def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[Chir
     if len(index) == 0:
         return []
     sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
-    together = getattr(sensor, "record_chirps", None)
-    if together is not None:
+    if isinstance(sensor, SensorWithChirps):
         blocks = np.array_split(index, -(-len(index) // AT_ONCE))
-        return [record for block in blocks for record in together(flight.pulses(block))]
+        return [record for block in blocks for record in sensor.record_chirps(flight.pulses(block))]
     every = -(-len(index) // MAX_ONE_BY_ONE)
     records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))
     return [record for record in records if record is not None]

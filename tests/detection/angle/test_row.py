@@ -18,14 +18,15 @@ from sionna_radar.detection.angle.row import (
     steering,
 )
 from sionna_radar.detection.detector import build_detector
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.leakage import side_paths
 from sionna_radar.signal.receiver import Receiver
+from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import record
 from sionna_radar.survey.warnings import direction_warnings
 from sionna_radar.tracing.paths import Paths
 
@@ -144,7 +145,7 @@ def test_neither_the_block_size_nor_its_neighbours_change_a_bit():
         f"radar.second_receiver.{key}": v for key, v in {"kind": "row", "axis": "elevation", "receivers": 5}.items()
     }
     prepared = prepare(load_scenario("hills", keys))
-    first, second = (record(prepared, prepared.build_sensor(), block_size=size).echoes for size in (256, 7))
+    first, second = (observe(prepared, Execution(block_size=size))[1].echoes for size in (256, 7))
     np.testing.assert_array_equal(first.direction, second.direction)
     np.testing.assert_array_equal(first.across_sigma_rad, second.across_sigma_rad)
     assert len(first) > 2 * len(prepared)

@@ -9,6 +9,7 @@ from scipy.stats import kstest
 from beams import make_antenna, make_chirp
 from flights import make_pulses
 from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario
@@ -212,7 +213,7 @@ def test_rainy_surveys_do_not_know_their_block_size():
             "targets": [target | {"swerling": case} for case in range(5)],
         },
     )
-    digests = {run(scenario, block_size=size).points.sha256() for size in (23, 1000)}
+    digests = {run(scenario, execution=Execution(block_size=size)).points.sha256() for size in (23, 1000)}
     assert len(digests) == 1
     calm = run(scenario.model_copy(update={"weather": type(scenario.weather)()}))
     assert calm.points.sha256() not in digests

@@ -115,9 +115,9 @@ class Scatterers:
         self._triangles, self.cells, self._tree = found
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
-        self.rest()
+        self.release_memory()
 
-    def rest(self) -> None:
+    def release_memory(self) -> None:
         """Give back the memory of what was drawn; what beams need is drawn again."""
         self._at = np.full(len(self.cells), -1, dtype=np.int64)
         # Room that is not written to takes no memory.

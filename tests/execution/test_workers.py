@@ -15,12 +15,13 @@ import pytest
 import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
-from sionna_radar.foundation.checkpoints import open_checkpoints
-from sionna_radar.foundation.cluster import open_workers
+from sionna_radar.execution.checkpoints import open_checkpoints
+from sionna_radar.execution.cluster import open_workers
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import Failure, InProcess, name_of, named
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
-from sionna_radar.foundation.workers import Failure, InProcess, each_kept, name_of, named
 
 # The first is loaded before there is anything to do; what is wrong with the second is for tasks to say.
 AHEAD = ("wave", "no_such_module")
@@ -40,7 +41,7 @@ def seen(found):
 def test_nobody_but_this_process_needs_no_dask():
     """Neither does the command line, as long as it is not asked to share its work."""
     code = (
-        "import sys; from sionna_radar.foundation.cluster import open_workers; import sionna_radar.cli.app\n"
+        "import sys; from sionna_radar.execution.cluster import open_workers; import sionna_radar.cli.app\n"
         "with open_workers() as workers: print(workers.count, 'dask' in sys.modules, 'distributed' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -52,9 +53,7 @@ def test_a_function_is_found_by_its_name():
 
 
 def test_workers_give_what_this_process_gives(pair):
-    here, there = (
-        {n: seen(found) for n, found in workers.each(look, TASKS, lambda *_: None)} for workers in (InProcess(), pair)
-    )
+    here, there = ({n: seen(found) for n, found in workers.each(look, TASKS)} for workers in (InProcess(), pair))
     assert repr(sorted(here.items())) == repr(sorted(there.items()))
     refused, failed = there[1], there[3]
     assert (refused.kind, refused.text) == ("ScenarioError", "some.key: 1 is refused; give 2")
@@ -100,7 +99,7 @@ def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_
     deadly = {"do": "die", "deaths": str(tmp_path / "deaths")}
     tasks = {f"{n}": {"do": "look", "x": n} for n in range(5)} | {"deadly": deadly}
     with open_checkpoints(tmp_path / "out", {}, resume=False) as parts:
-        found = dict(each_kept(pair, look, dict(reversed(tasks.items())), parts))
+        found = dict(Execution(workers=pair, checkpoints=parts).over(dict(reversed(tasks.items())), look))
         assert len(parts) == 5
         assert parts.get("deadly") is None
     assert found["deadly"] == Failure(kind="WorkersLostError", text="its worker died 3 times; is there memory enough?")
@@ -121,7 +120,7 @@ def test_contradictory_requests_are_refused(count, scheduler, says):
     "address", ["tcp://127.0.0.1:1", "nowhere", "tcp://nowhere.invalid:8786", "http://a:1", "tcp://a:x", ""]
 )
 def test_an_address_without_a_scheduler_is_one_clear_error(address, monkeypatch):
-    monkeypatch.setattr("sionna_radar.foundation.cluster.CONNECT_S", 0.3)
+    monkeypatch.setattr("sionna_radar.execution.cluster.CONNECT_S", 0.3)
     with pytest.raises(WorkerError, match="no dask scheduler answers at"), open_workers(None, address):
         pass
 
@@ -131,7 +130,7 @@ def test_a_cluster_that_is_there_must_have_the_same_program(pair, monkeypatch):
     with open_workers(None, address) as workers:
         assert workers.count >= 1  # another test may just have ended one of the two
         assert [seen(found)["x"] for _, found in workers.each(look, TASKS[:1])] == [0.1]
-    monkeypatch.setattr("sionna_radar.foundation.cluster.versions", lambda: {"numpy": "0.1"})
+    monkeypatch.setattr("sionna_radar.execution.cluster.versions", lambda: {"numpy": "0.1"})
     with pytest.raises(WorkerError, match=r"has numpy .* in place of 0\.1"), open_workers(None, address):
         pass
 
@@ -149,16 +148,16 @@ from pathlib import Path
 import cluster_tasks
 from cluster_tasks import look
 from processes import all_ended
-from sionna_radar.foundation.cluster import open_workers
+from sionna_radar.execution.cluster import open_workers
 from sionna_radar.foundation.interrupts import interrupts_reported
-from sionna_radar.foundation.checkpoints import open_checkpoints
-from sionna_radar.foundation.workers import each_kept
+from sionna_radar.execution.checkpoints import open_checkpoints
+from sionna_radar.execution.execution import Execution
 
 if __name__ == "__main__":
     tasks = {str(n): {"do": "look", "x": n} for n in range(2)} | {f"slow {n}": {"do": "sleep"} for n in range(9)}
     checkpoints = open_checkpoints(Path(sys.argv[1]), {}, resume=False)
     with interrupts_reported(), open_workers(2) as workers, checkpoints as parts:
-        for _ in each_kept(workers, look, tasks, parts):
+        for _ in Execution(workers=workers, checkpoints=parts).over(tasks, look):
             print("done", flush=True)
 """
 
@@ -216,8 +215,8 @@ def cluster_of(tmp_path):
 
 
 def test_a_cluster_without_workers_is_told_of_before_it_is_given_up(cluster_of, monkeypatch, caplog):
-    monkeypatch.setattr("sionna_radar.foundation.cluster.LONELY_S", 0.1)
-    monkeypatch.setattr("sionna_radar.foundation.cluster.FIRST_WORKER_S", 0.2)
+    monkeypatch.setattr("sionna_radar.execution.cluster.LONELY_S", 0.1)
+    monkeypatch.setattr("sionna_radar.execution.cluster.FIRST_WORKER_S", 0.2)
     _, address = cluster_of(0)
     with pytest.raises(WorkerError, match="has no workers; start some with"), open_workers(None, address):
         pass
@@ -237,7 +236,7 @@ def test_a_scheduler_that_dies_is_one_error(cluster_of, caplog):
 
 KILLED = """
 import os, signal
-from sionna_radar.foundation.cluster import open_workers
+from sionna_radar.execution.cluster import open_workers
 if __name__ == "__main__":
     with open_workers(2):
         os.kill(os.getpid(), signal.SIGKILL)

@@ -89,6 +89,9 @@ class Checkpoints:
     def __len__(self) -> int:
         return sum(1 for _ in self.folder.glob("*.part"))
 
+    def __contains__(self, key: str) -> bool:
+        return self._path(key).exists()
+
     def get(self, key: str) -> bytes | None:
         """Return a part; None if it is not finished."""
         try:

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="pr
 CODE = """
 import os, signal, sys, time
 from sionna_radar.foundation.interrupts import interrupts_reported
-from sionna_radar.foundation.supervisor import supervised
+from sionna_radar.execution.supervisor import supervised
 def program():
     with interrupts_reported():
         print(os.getpid(), flush=True)

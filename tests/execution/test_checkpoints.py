@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from sionna_radar.foundation.checkpoints import FOLDER, Checkpoints, open_checkpoints
+from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import OutputError
 
 RUN = {"scenario": "a", "seed": [1], "version": {"numpy": "2"}}

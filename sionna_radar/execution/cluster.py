@@ -23,13 +23,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sionna_radar.foundation.checkpoints import abandoned, staged
-from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
-from sionna_radar.foundation.input_file import allow_network, network_allowed
-from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.progress import Progress, silent, tune_heaps
-from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
-from sionna_radar.foundation.workers import (
+from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.workers import (
     SHARED,
     Failure,
     InProcess,
@@ -41,6 +36,11 @@ from sionna_radar.foundation.workers import (
     named,
     versions,
 )
+from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
+from sionna_radar.foundation.input_file import allow_network, network_allowed
+from sionna_radar.foundation.interrupts import raise_received
+from sionna_radar.foundation.progress import tune_heaps
+from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
 
 if TYPE_CHECKING:
     from distributed import Client, Future, LocalCluster
@@ -271,9 +271,7 @@ class DaskWorkers:
             if different:
                 raise WorkerError(_other_program(address, different))
 
-    def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
-    ) -> Iterator[tuple[int, bytes | Failure]]:
+    def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the result of each task, or why it has none, as they finish.
 
         A worker is given one task at a time: one that ends its worker takes no other with it.

@@ -18,18 +18,16 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
 from sionna_radar.foundation import errors
-from sionna_radar.foundation.checkpoints import Checkpoints
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError, WorkerError, one_line
 from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.progress import Progress, silent
 
 logger = logging.getLogger("sionna_radar")
 
 Task = Mapping[str, Any]
 # Name of the entry of a task that is the same in all of them.
 SHARED = "shared"
-# A function of a module, by whose name workers find it: it returns the bytes of a result, and tells how far it is.
-Work = Callable[[Task, Progress], bytes]
+# A function of a module, by whose name workers find it: it returns the bytes of a result.
+Work = Callable[[Task], bytes]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +90,7 @@ class Workers(Protocol):
         """How many tasks are done at once; 0 if this process does them itself."""
         ...
 
-    def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
-    ) -> Iterator[tuple[int, bytes | Failure]]:
+    def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         """Yield the number of each task, and its result or why it has none, as they finish.
 
         What is `shared` is an entry of every task: for workers bytes, which each is sent once.
@@ -107,18 +103,16 @@ class InProcess:
 
     count = 0
 
-    def each(
-        self, work: Work, tasks: Sequence[Task], progress: Progress = silent, shared: Any = None
-    ) -> Iterator[tuple[int, bytes | Failure]]:
-        """Yield the result of each task in their order; `progress` is told of the steps within it."""
+    def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
+        """Yield the result of each task in their order."""
         for number, task in enumerate(tasks):
-            yield number, attempt(work, {**task, SHARED: shared}, progress)
+            yield number, attempt(work, {**task, SHARED: shared})
 
 
-def attempt(work: Work, task: Task, progress: Progress = silent) -> bytes | Failure:
+def attempt(work: Work, task: Task) -> bytes | Failure:
     """Return the result of a task, or why it has none."""
     try:
-        return work(task, progress)
+        return work(task)
     except Exception as error:
         # Hours of other tasks must not be lost by one, whatever it fails of.
         raise_received()
@@ -136,32 +130,6 @@ def named(name: str) -> Work:
     module, _, function = name.partition(":")
     found: Work = getattr(import_module(module), function)
     return found
-
-
-def each_kept(
-    workers: Workers,
-    work: Work,
-    tasks: Mapping[str, Task],
-    parts: Checkpoints | None,
-    progress: Progress = silent,
-    shared: Any = None,
-) -> Iterator[tuple[str, bytes | Failure]]:
-    """Yield the key of each task, and its result or failure: those kept as parts first, then others as they finish.
-
-    What is done is kept at once; what failed is not, so that it is tried again when the run goes on.
-    """
-    wanted: dict[str, Task] = {}
-    for key, task in tasks.items():
-        content = None if parts is None else parts.get(key)
-        if content is None:
-            wanted[key] = task
-        else:
-            yield key, content
-    keys = list(wanted)
-    for number, result in workers.each(work, list(wanted.values()), progress, shared):
-        if parts is not None and not isinstance(result, Failure):
-            parts.put(keys[number], result)
-        yield keys[number], result
 
 
 def document_bytes(document: Any) -> bytes:
