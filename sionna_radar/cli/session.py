@@ -3,11 +3,13 @@
 Arguments and options that several commands share are defined here.
 """
 
+import inspect
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -172,7 +174,7 @@ class Session:
 
 def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
     """Return values by dotted keys, those of files first."""
-    from sionna_radar.scenario.loading import parse_overrides, read_overrides
+    from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
     overrides: dict[str, Any] = {}
     for file in files or []:
@@ -310,3 +312,39 @@ SchedulerOption = Annotated[
     typer.Option("--scheduler", metavar="ADDRESS", help="Share the work among a dask cluster: tcp://HOST:PORT."),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+def on_a_scenario(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> Session:
+    """Return the session of a command that works on a scenario alone."""
+    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+
+
+def with_options_of(session: Callable[..., Session]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: a command has the options of a session, which it takes as its first argument, and its own.
+
+    The options stand in the order of `--help`: scenario and output, those of the command, and the others.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        shared = list(inspect.signature(session).parameters.values())
+        _, *own = inspect.signature(command).parameters.values()
+
+        @wraps(command)
+        def called(**given: Any) -> None:
+            command(session(**{each.name: given.pop(each.name) for each in shared}), **given)
+
+        options = [*shared[:2], *own, *shared[2:]]
+        called.__dict__["__signature__"] = inspect.Signature(options)
+        called.__annotations__ = {each.name: each.annotation for each in options}
+        return called
+
+    return decorate

@@ -3,5 +3,3 @@ from .checkpoints import open_checkpoints as open_checkpoints
 from .cluster import open_workers as open_workers
 from .execution import Execution as Execution
 from .workers import Workers as Workers
-
-__all__ = ["Checkpoints", "Execution", "Workers", "open_checkpoints", "open_workers"]

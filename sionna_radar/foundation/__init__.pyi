@@ -15,23 +15,3 @@ from .randomness import pulse_uniforms as pulse_uniforms
 from .raster import Georeference as Georeference
 from .raster import Grid as Grid
 from .raster import Raster as Raster
-
-__all__ = [
-    "BackendError",
-    "Georeference",
-    "Grid",
-    "InputFileError",
-    "KeptElsewhereError",
-    "OutputError",
-    "PluginError",
-    "Problem",
-    "Progress",
-    "RadarError",
-    "Raster",
-    "ScenarioError",
-    "Stream",
-    "WorkerError",
-    "allow_network",
-    "pulse_generator",
-    "pulse_uniforms",
-]

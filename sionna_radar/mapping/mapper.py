@@ -29,7 +29,7 @@ from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.processing import DemTable
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.scenario.table import Table
 
 # Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
@@ -125,24 +125,11 @@ class TiledMethod(DemMethod, Protocol):
         ...
 
 
+@registers(DEM_METHODS, "[dem.method_parameters]")
 def register_dem_method(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a DEM method, for `dem.method` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[dem.method_parameters]`; None if it takes none.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `DemMethod`; it is called with the parameters, if any.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not a `Table`.
+    It decorates a class or function that builds a `DemMethod`; it is called with the parameters, if any.
 
     Examples
     --------

@@ -28,36 +28,3 @@ from .sweep import Trial as Trial
 from .sweep import label as label
 from .sweep import plan_sweep as plan_sweep
 from .sweep import run_sweep as run_sweep
-
-__all__ = [
-    "Axis",
-    "Budget",
-    "Case",
-    "CrossCheck",
-    "Design",
-    "FlightPlan",
-    "Frames",
-    "Imagery",
-    "LinkBudget",
-    "LogInspection",
-    "Sampler",
-    "Span",
-    "Sweep",
-    "Tolerances",
-    "Trial",
-    "Wanted",
-    "check_plan",
-    "fit_material",
-    "inspect_log",
-    "label",
-    "parse_design",
-    "plan_flight",
-    "plan_sweep",
-    "planned_scenario",
-    "read_settings",
-    "run_budget",
-    "run_frames",
-    "run_images",
-    "run_link_budget",
-    "run_sweep",
-]

@@ -18,26 +18,3 @@ from .sensors.sensor import Sensor as Sensor
 from .sensors.sensor import SensorInputs as SensorInputs
 from .sensors.sensor import register_sensor as register_sensor
 from .sensors.sweeps import ChirpRecord as ChirpRecord
-
-__all__ = [
-    "ChirpRecord",
-    "CustomParts",
-    "Lidar",
-    "Observation",
-    "Observed",
-    "ObservedSurvey",
-    "Prepared",
-    "Processed",
-    "Radar",
-    "Sensor",
-    "SensorInputs",
-    "Survey",
-    "observe",
-    "observe_blocks",
-    "observe_survey",
-    "place",
-    "prepare",
-    "process",
-    "register_sensor",
-    "run",
-]

@@ -15,7 +15,7 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.parts import ENGINES
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
@@ -85,25 +85,12 @@ class EngineInputs:
     beams: tuple[Antenna, ...] = ()
 
 
+@registers(ENGINES, "[tracing.engine_parameters]")
 def register_engine(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a tracing engine, for `tracing.engine` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[tracing.engine_parameters]`; None if it takes none.
-
-    Returns
-    -------
-    A decorator for a class or function that builds an `Engine`; it is called with the parameters, if any, and with
+    It decorates a class or function that builds an `Engine`; it is called with the parameters, if any, and with
     `EngineInputs`.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not a `Table`.
 
     Examples
     --------

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 from jaxtyping import Float, Int
+from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
@@ -143,7 +144,9 @@ class TerrainModel:
             return flat + informed.ravel().view(real)
 
         start = np.ascontiguousarray(every[low].astype(single))
-        found = conjugate_gradients(normal, start.ravel().view(real), iterations, tolerance)
+        given = start.ravel().view(real)
+        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=real)
+        found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
         every[low] = found.view(single).reshape(down.shape)
         white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
         return white.ravel()
@@ -224,29 +227,6 @@ def smooth_with(
     right = model.adjoint(transposed @ (precision * excess))
     white = model.solve(information, right, MAX_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
-
-
-def conjugate_gradients(
-    operator: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
-    right: Float[np.ndarray, " n"],
-    iterations: int,
-    tolerance: float,
-) -> Float[np.ndarray, " n"]:
-    """Solve a symmetric positive definite system to a residual relative to its right side."""
-    solution, residual = np.zeros_like(right), right.copy()
-    direction, square = residual.copy(), float(residual @ residual)
-    goal = tolerance**2 * square
-    for _ in range(iterations):
-        if square <= goal:
-            break
-        image = operator(direction)
-        step = square / float(direction @ image)
-        solution += step * direction
-        residual -= step * image
-        new = float(residual @ residual)
-        direction = residual + new / square * direction
-        square = new
-    return solution
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:

@@ -17,8 +17,7 @@ from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.report.files.folder import write_folder, write_text
-from sionna_radar.report.page import markup
-from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.markup import Cell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.world import colour_scales
 from sionna_radar.report.terminal import console
@@ -126,8 +125,19 @@ def comparison_page(result: Comparison) -> str:
             for one in result.results
         ],
     }
-    title = f"{len(result.results)} results side by side"
-    return document(title, _body(result, title, notes), pack.text(numbers), ("maps.js", "chirps.js", "compare.js"))
+    return document(
+        "compare.html",
+        pack.text(numbers),
+        ("maps.js", "chirps.js", "compare.js"),
+        title=f"{len(result.results)} results side by side",
+        names=[one.name for one in result.results],
+        errors=list(ERRORS),
+        rows=_error_cells(result),
+        settings=[[key, *values] for key, values in setting_rows(result).items()],
+        common=result.common,
+        notes=notes,
+        lines=LINES,
+    )
 
 
 def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
@@ -204,55 +214,18 @@ def _histogram(result: Comparison) -> dict[str, Any]:
     }
 
 
-def _body(result: Comparison, title: str, notes: list[str]) -> str:
+def _error_cells(result: Comparison) -> list[list[Cell | str]]:
     keys = [key for key, _ in ERRORS.values()]
-    rows: list[list[markup.Cell | str]] = []
-    for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True)):
-        cells = [
-            markup.Cell(text=text, key=f"{number}.lit_error.{key}", value=one.summary["lit_error"][key])
-            for key, text in zip(keys, texts, strict=True)
-        ]
-        rows.append([one.name, *cells])
-    settings = [[key, *values] for key, values in setting_rows(result).items()]
-    names = [one.name for one in result.results]
-    differing = (
-        markup.table(["Key", *names], settings, style="text")
-        if settings
-        else markup.paragraph("No setting differs.", "note")
-    )
-    rooms = "".join(markup.map_room(number) for number in range(2 * len(names)))
-    zooming = "Scroll to zoom, drag to move; " + (
-        "all maps follow one another. " if result.common else "there is no ground that all maps show. "
-    )
-    profiles = (
+    return [
         [
-            markup.controls(markup.slider("line", "Line", LINES - 1, LINES // 2)),
-            markup.plot("profile", "chart"),
-            markup.plot("profile-error", "chart"),
+            one.name,
+            *(
+                Cell(text, f"{number}.lit_error.{key}", one.summary["lit_error"][key])
+                for key, text in zip(keys, texts, strict=True)
+            ),
         ]
-        if result.common
-        else [markup.paragraph("No ground is covered by all maps in one CRS, so that there is no profile.", "note")]
-    )
-    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
-    sections = [
-        markup.section(
-            "errors",
-            "Errors",
-            markup.table(["DEM minus truth of lit cells (m)", *ERRORS], rows),
-            charts,
-            markup.paragraph("Curves: all cells that a DEM fills, lit or not.", "note"),
-        ),
-        markup.section("settings", "Settings that differ", differing),
-        markup.section(
-            "maps",
-            "Maps",
-            markup.paragraph(zooming + " ".join(notes), "note"),
-            f'<div class="grid">{rooms}</div>',
-        ),
-        markup.section("profiles", "Profiles from west to east", *profiles),
+        for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
     ]
-    links = {"errors": "Errors", "settings": "Settings that differ", "maps": "Maps", "profiles": "Profiles"}
-    return markup.head("Comparison", title, links) + "\n".join(sections)
 
 
 REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"

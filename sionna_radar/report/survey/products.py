@@ -12,7 +12,7 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
 from sionna_radar.report.drawing import Coordinates
@@ -145,7 +145,16 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     if survey.no_echo is not None and survey.no_echo.any():
         silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan))
         rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back", 0.0)
-    made_by = provenance(survey.scenario, survey.points)
+    write_rasters(directory, rasters, place, provenance(survey.scenario, survey.points))
+
+
+def write_rasters(
+    directory: Path,
+    rasters: Mapping[str, tuple[Raster, str, float]],
+    place: Georeference | None,
+    made_by: Mapping[str, str],
+) -> None:
+    """Write rasters by name, each with what it is and what is added to its heights."""
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
 

@@ -1,12 +1,13 @@
-"""Scans and the pulses they leave, with the numbers of the paper's Table 2."""
+"""Scans and the pulses they leave, by the paper's Table 2: incidence, spacing, and the beams of an array."""
 
 import numpy as np
 import pytest
 
+from sionna_radar.flight.frames import conical_from_antenna
 from sionna_radar.flight.pulses import schedule_pulses
 from sionna_radar.flight.scan import Pointing, Scan, build_scan
 from sionna_radar.flight.trajectory import Phase, Trajectory
-from sionna_radar.scenario.radar import ScanTable
+from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
 
 
 def flight(roll_deg: float = 0.0, pitch_deg: float = 0.0, seconds: float = 4.0) -> Trajectory:
@@ -163,3 +164,105 @@ def test_a_side_looking_antenna_rolls_with_the_body_unless_stabilised():
     for stabilised, incidence in ((True, 45.0), (False, 35.0)):
         pulses = schedule(moving, mode="side_looking", incidence_deg=45.0, stabilised=stabilised).pulses(np.arange(2))
         np.testing.assert_allclose(np.rad2deg(np.arccos(-pulses.true.boresight[:, 2])), incidence, atol=1e-9)
+
+
+HEIGHT_M, SPEED_MPS, RATE_HZ = 50.0, 10.0, 360.0
+
+
+def spacing_m(**table: object) -> float:
+    return build_scan(ScanTable(**table)).spacing_m(HEIGHT_M, SPEED_MPS, RATE_HZ)
+
+
+@pytest.mark.parametrize("mode", ["whisk_broom", "conical", "fixed", "side_looking"])
+@pytest.mark.parametrize("incidence_deg", [0.0, 35.0, 60.0])
+def test_the_incidence_is_the_boresights_in_the_middle_of_the_scan(mode, incidence_deg):
+    scan = build_scan(ScanTable(mode=mode, incidence_deg=incidence_deg))
+    assert isinstance(scan, Scan)
+    assert scan.incidence_rad == pytest.approx(np.deg2rad(incidence_deg))
+    down = scan.point(np.zeros(1)).R_mount_antenna[0, 2, 0]
+    assert np.arccos(np.clip(down, -1, 1)) == pytest.approx(scan.incidence_rad, abs=1e-7)
+
+
+@pytest.mark.parametrize("mode", ["fixed", "side_looking"])
+def test_a_beam_that_stands_still_moves_with_the_platform(mode):
+    assert spacing_m(mode=mode) == pytest.approx(SPEED_MPS / RATE_HZ, rel=1e-12)
+
+
+@pytest.mark.parametrize("rpm", [6.0, 60.0, 120.0])
+def test_lines_of_a_slow_antenna_lie_a_turn_of_flight_apart(rpm):
+    assert spacing_m(mode="whisk_broom", incidence_deg=0.0, half_swath_deg=10.0, rotation_rpm=rpm) == pytest.approx(
+        SPEED_MPS * 60 / rpm, rel=1e-12
+    )
+
+
+def places_m(scan: Scan, time_s: np.ndarray) -> np.ndarray:
+    """Return where the beams of a platform at rest meet level ground, forward and right."""
+    boresight = scan.point(time_s).R_mount_antenna[:, :, 0]
+    return HEIGHT_M * boresight[:, :2] / boresight[:, 2:]
+
+
+@pytest.mark.parametrize("incidence_deg", [0.0, 30.0, 45.0])
+def test_beams_of_a_fast_whisk_broom_are_no_farther_apart_than_reported(incidence_deg):
+    """h / (cos i cos^2 b) times the step of the scan angle b: exact below the track, a bound beside it."""
+    scan = build_scan(
+        ScanTable(mode="whisk_broom", incidence_deg=incidence_deg, half_swath_deg=50.0, rotation_rpm=3000.0)
+    )
+    reported = scan.spacing_m(HEIGHT_M, SPEED_MPS, RATE_HZ)
+    edge, turn_rad_s, step_s = np.deg2rad(50.0), 100 * np.pi, 1e-8
+    expected = HEIGHT_M / np.cos(edge) ** 2 / np.cos(scan.incidence_rad) * turn_rad_s / RATE_HZ
+    assert reported == pytest.approx(expected, rel=1e-12)
+    for angle in np.linspace(-edge, edge, 41):
+        one, other = places_m(scan, (angle + np.array([-0.5, 0.5]) * turn_rad_s * step_s) / turn_rad_s)
+        apart_m = np.linalg.norm(other - one) / step_s / RATE_HZ
+        assert apart_m <= reported * (1 + 1e-6)
+    if incidence_deg == 0:
+        assert apart_m == pytest.approx(reported, rel=1e-6)
+
+
+def test_beams_of_a_fast_cone_lie_on_a_circle():
+    """The circle has the radius h tan i, and each chirp turns the antenna by 2 pi rpm / 60 / rate."""
+    scan = build_scan(ScanTable(mode="conical", incidence_deg=40.0, half_swath_deg=180.0, rotation_rpm=1200.0))
+    reported = scan.spacing_m(HEIGHT_M, SPEED_MPS, RATE_HZ)
+    assert reported == pytest.approx(HEIGHT_M * np.tan(np.deg2rad(40.0)) * 2 * np.pi * 20 / RATE_HZ, rel=1e-12)
+    one, other = places_m(scan, np.array([0.0, 1e-6]))
+    assert reported == pytest.approx(np.linalg.norm(other - one) / 1e-6 / RATE_HZ, rel=1e-4)
+
+
+@pytest.mark.parametrize("mode", ["whisk_broom", "conical"])
+def test_twice_the_height_and_speed_at_the_same_rates_are_twice_the_spacing(mode):
+    scan = build_scan(ScanTable(mode=mode))
+    once, twice = scan.spacing_m(50.0, 10.0, 360.0), scan.spacing_m(100.0, 20.0, 360.0)
+    assert twice == pytest.approx(2 * once, rel=1e-12)
+
+
+def scan_of(**keys):
+    return build_scan(ElectronicScanTable(**{"beams": 5, "half_swath_deg": 30.0, "scans_per_s": 2.0, **keys}))
+
+
+def test_beams_follow_one_another_from_left_to_right():
+    pointing = scan_of().point(np.arange(12) / 10 + 0.01)
+    np.testing.assert_array_equal(pointing.beam, [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 0, 1])
+    np.testing.assert_array_equal(pointing.scan_number, np.arange(12) // 5)
+    assert pointing.active.all()
+    assert np.all(np.diff(pointing.scan_rad[:5]) > 0)  # scan angles grow to the right
+    assert np.rad2deg(pointing.scan_rad[[0, 2, 4]]) == pytest.approx([-30.0, 0.0, 30.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("look", "turn_deg"), [("forward", 0.0), ("left", -90.0), ("right", 90.0)])
+def test_a_beam_leaves_the_normal_of_the_face_in_its_plane(look, turn_deg):
+    scan = scan_of(look=look, incidence_deg=40.0)
+    axes = scan.point(np.arange(5) / 10 + 0.01).R_mount_antenna
+    face = conical_from_antenna(np.deg2rad(40.0), np.array([np.deg2rad(turn_deg)]))[0]
+    np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (5, 3, 3)), atol=1e-12)
+    boresight = axes[:, :, 0]
+    np.testing.assert_allclose(boresight @ face[:, 2], 0.0, atol=1e-12)  # in the plane of normal and left
+    # Equal steps of direction cosine, from left to right.
+    np.testing.assert_allclose(boresight @ face[:, 1], 0.5 * np.linspace(1, -1, 5), atol=1e-12)
+    np.testing.assert_allclose(boresight[2], face[:, 0], atol=1e-12)
+
+
+def test_the_spacing_is_that_of_the_outermost_beams():
+    scan = scan_of(incidence_deg=0.0)
+    place = 50 * np.tan(np.arcsin(0.5 * np.linspace(1, -1, 5)))
+    assert scan.spacing_m(50.0, 1.0, 100.0) == pytest.approx(np.abs(np.diff(place)).max())
+    assert scan.spacing_m(50.0, 100.0, 100.0) == pytest.approx(50.0)  # the way flown during a scan
