@@ -100,7 +100,9 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     """Return horizontal positions along the edges of a surface's steep faces within a map."""
     west, east, south, north = grid.extent_m
     least_m = 0.0 if surface.divided else WALL_HEIGHT_M
-    steep = walls_among(surface.vertices_m, surface.faces, least_m, np.cos(np.deg2rad(WALL_SLOPE_DEG)), grid.extent_m)
+    marked, steepest = np.zeros(len(surface.faces), dtype=np.bool_), float(np.cos(np.deg2rad(WALL_SLOPE_DEG)))
+    mark_walls(surface.vertices_m, surface.faces.astype(np.int32, copy=False), least_m, steepest, grid.extent_m, marked)
+    steep = np.flatnonzero(marked)
     corner = surface.vertices_m[surface.faces[steep]]
     if surface.divided:
         corner = corner[_height_of_walls(corner, grid.spacing_m) >= WALL_HEIGHT_M]
@@ -129,32 +131,21 @@ def _height_of_walls(corner: Float[np.ndarray, "face 3 3"], spacing_m: float) ->
 
 @compiled
 @no_type_check
-def walls_among(vertices, faces, least_m, most_cosine, extent):
-    """Return the faces over a map that are at least so high, and so steep: by the cosine of their slope."""
+def mark_walls(vertices, faces, least_m, most_cosine, extent, marked):
+    """Mark the faces over a map that are at least so high, and so steep: by the cosine of their slope."""
     west, east, south, north = extent
-    found, count = np.empty(1024, dtype=np.int64), 0
-    corner = np.empty((3, 3))
     for face in range(len(faces)):
-        for number in range(3):
-            for axis in range(3):
-                corner[number, axis] = vertices[faces[face, number], axis]
-        z = corner[:, 2]
-        if max(z[0], z[1], z[2]) - min(z[0], z[1], z[2]) < least_m:
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        za, zb, zc = vertices[a, 2], vertices[b, 2], vertices[c, 2]
+        if max(za, zb, zc) - min(za, zb, zc) < least_m:
             continue
-        x, y = corner[:, 0], corner[:, 1]
-        if max(x[0], x[1], x[2]) < west or min(x[0], x[1], x[2]) > east:
+        xa, xb, xc = vertices[a, 0], vertices[b, 0], vertices[c, 0]
+        if max(xa, xb, xc) < west or min(xa, xb, xc) > east:
             continue
-        if max(y[0], y[1], y[2]) < south or min(y[0], y[1], y[2]) > north:
+        ya, yb, yc = vertices[a, 1], vertices[b, 1], vertices[c, 1]
+        if max(ya, yb, yc) < south or min(ya, yb, yc) > north:
             continue
-        ux, uy, uz = x[1] - x[0], y[1] - y[0], z[1] - z[0]
-        vx, vy, vz = x[2] - x[0], y[2] - y[0], z[2] - z[0]
+        ux, uy, uz = xb - xa, yb - ya, zb - za
+        vx, vy, vz = xc - xa, yc - ya, zc - za
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        if abs(nz) >= most_cosine * np.sqrt(nx * nx + ny * ny + nz * nz):
-            continue
-        if count == len(found):
-            grown = np.empty(2 * count, dtype=np.int64)
-            grown[:count] = found
-            found = grown
-        found[count] = face
-        count += 1
-    return found[:count]
+        marked[face] = not abs(nz) >= most_cosine * np.sqrt(nx * nx + ny * ny + nz * nz)

@@ -108,6 +108,7 @@ def _fly(
     record_as: str = "float64",
 ) -> None:
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
+    from sionna_radar.foundation.ahead import compiled_ahead
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.survey.summary import print_survey
     from sionna_radar.scenario.loading import identity
@@ -138,7 +139,9 @@ def _fly(
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
-    with with_the_results(kinds, session.directory("")) as inside:
+    with with_the_results(kinds, session.directory("")) as inside, compiled_ahead(checked.dem.method) as first_run:
+        if first_run and not session.quiet:
+            typer.echo("compiling, first run only", err=True)
         session.produce(
             fly,
             suffix="",

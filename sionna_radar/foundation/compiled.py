@@ -14,8 +14,10 @@ multiplied by 2 pi; and the functions of the system's library keep the compiler 
 which makes these twenty times as fast.
 """
 
+import logging
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import TypeVar, cast, no_type_check
 
 import numpy as np
@@ -28,8 +30,24 @@ def compiled(function: Function) -> Function:
     """Compile a function of numbers and arrays when it is first called; others that it calls are compiled too.
 
     It carries `no_type_check` as well, since Numba knows the types: checks in Python would keep it from compiling.
+
+    What is compiled slows the first run on a machine. Each new combination of argument types is compiled anew, literal
+    integers (`f(x, 0)` beside `f(x, n)`) and the layout of arrays (a slice of columns beside a whole array) included:
+    callers convert. An assignment of an array to a slice compiles the text of its error message, a second of work; a
+    loop does not.
     """
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+    # Nothing calls them as C functions: without the entry for that a tenth less is to be compiled.
+    machine_code = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    try:
+        machine_code.enable_caching()
+    except RuntimeError:  # neither the package's folder nor that of the user's caches can be written
+        _say_once("machine code cannot be kept, and each run compiles anew: set NUMBA_CACHE_DIR to a writable folder")
+    return cast(Function, machine_code)
+
+
+@cache
+def _say_once(message: str) -> None:
+    logging.getLogger("sionna_radar").warning(message)
 
 
 # Taylor series in the square of turns: at an eighth of one the next terms are less than 1e-18.

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 # A notebook's bar is drawn no more often.
 REDRAWN_S = 0.2
+# No time is estimated before so much of a stage, and not where the pace of the last half of its steps and that of the
+# last quarter differ by more than this factor.
+MIN_TIMED_S, MIN_TIMED_SHARE, MAX_PACE_RATIO = 3.0, 0.05, 2.0
+# Steps are timed so many times in a stage at the most.
+MAX_TIMES = 200
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -42,6 +47,46 @@ class _Stage:
 
 _listener: ContextVar[Progress] = ContextVar("listener", default=silent)
 _current: ContextVar[_Stage | None] = ContextVar("current stage", default=None)
+
+
+class TimeLeft:
+    """The time until the end of each stage, by the pace of its last steps.
+
+    The first ones wait for code to be compiled and for files to be read, and tell nothing of those that follow.
+    """
+
+    def __init__(self) -> None:
+        self._times: dict[str, list[tuple[int, float]]] = {}
+
+    def seconds(self, stage: str, done: int, total: int, now_s: float) -> float | None:
+        """Return the time left after a step, s; None while it is not known to within about a factor of two."""
+        if total == 0:
+            return None
+        times = self._times.setdefault(stage, [(done, now_s)])
+        if done == 0 or done < times[-1][0]:  # it began, or began again
+            times[:] = [(done, now_s)]
+        if done - times[-1][0] >= total / MAX_TIMES:
+            times.append((done, now_s))
+        first, start_s = times[0]
+        if done - first < max(MIN_TIMED_SHARE * total, 1) or now_s - start_s < MIN_TIMED_S:
+            return None
+        each_s = [self._each_s(times, done, now_s, (done - first) * share) for share in (1 / 2, 1 / 4)]
+        if max(each_s) > MAX_PACE_RATIO * min(each_s):
+            return None
+        return (total - done) * each_s[0]
+
+    def words(self, stage: str, done: int, total: int, now_s: float) -> str:
+        """Return the time left in words; nothing while it is unknown."""
+        left_s = self.seconds(stage, done, total, now_s)
+        if left_s is None or done >= total:
+            return ""
+        return f"about {left_s:.0f} s left" if left_s < 120 else f"about {left_s / 60:.0f} min left"
+
+    @staticmethod
+    def _each_s(times: list[tuple[int, float]], done: int, now_s: float, steps: float) -> float:
+        """Return the time of one step, s, over at least the given number of the last ones."""
+        first, start_s = next((each for each in reversed(times) if done - each[0] >= steps), times[0])
+        return (now_s - start_s) / max(done - first, 1)
 
 
 @contextmanager
@@ -143,21 +188,17 @@ def notebook_bar() -> Iterator[Progress]:
 
     shell = get_ipython()
     handle = _place_below(shell, shell.execution_count)
-    began_s, drawn_s = {}, -math.inf
+    left, drawn_s = TimeLeft(), -math.inf
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal drawn_s
         raise_received()
         now_s = time.monotonic()
-        if done == 0:
-            began_s[stage] = now_s
-        elif now_s < drawn_s + REDRAWN_S:
+        until_end = left.words(stage, done, total, now_s)
+        if done > 0 and now_s < drawn_s + REDRAWN_S:
             return
         drawn_s = now_s
-        words = stage
-        if total and done:
-            left_s = (now_s - began_s.get(stage, now_s)) * (total - done) / done
-            words = f"{stage} {done:,}/{total:,}, {left_s:.0f} s left"
+        words = ", ".join(filter(None, [f"{stage} {done:,}/{total:,}" if total and done else stage, until_end]))
         filled = f' value="{done}" max="{total}"' if total else ""
         handle.update({"text/html": f"<progress{filled}></progress> {words}", "text/plain": words}, raw=True)
 
@@ -178,28 +219,22 @@ def _place_below(shell: Any, cell: int) -> Any:
 @contextmanager
 def progress_bar(console: "Console") -> Iterator[Progress]:
     """Yield a progress callback that draws a bar for each stage on a console."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
 
     counted = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    columns = (*counted, TextColumn("left"), TimeRemainingColumn())
-    with Bars(*columns, console=console, transient=True) as bars:
+    with Bars(*counted, TextColumn("{task.fields[left]}"), console=console, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
+        left = TimeLeft()
 
         def show(stage: str, done: int, total: int) -> None:
             raise_received()
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=None)
+                tasks[stage] = bars.add_task(stage, total=None, left="")
             elif done == 0:
                 bars.reset(tasks[stage])
-            bars.update(tasks[stage], completed=done, total=total or None)
+            until_end = left.words(stage, done, total, time.monotonic())
+            bars.update(tasks[stage], completed=done, total=total or None, left=until_end)
 
         yield show
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from sionna_radar.foundation.interrupts import raise_received
 from sionna_radar.foundation.progress import Progress as Report
-from sionna_radar.foundation.progress import progress_bar
+from sionna_radar.foundation.progress import TimeLeft, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -72,19 +72,15 @@ def shown_progress() -> Iterator[Report]:
 
 def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
     """Return a report of progress in lines of text, at most one every ten seconds."""
-    last = clock()
-    begun: dict[str, tuple[int, float]] = {}
+    last, left = clock(), TimeLeft()
 
     def report(stage: str, done: int, total: int) -> None:
         nonlocal last
         raise_received()
         now = clock()
-        first, start = begun.setdefault(stage, (done, now))
-        if done < first:
-            first, start = begun[stage] = (done, now)
+        until_end = left.words(stage, done, total, now)
         if now - last >= SECONDS_BETWEEN_LINES:
             last = now
-            left = f", about {(total - done) * (now - start) / (done - first):,.0f} s left" if done > first else ""
-            write(f"{stage}: {done:,} of {total:,}{left}" if total else stage)
+            write(", ".join(filter(None, [f"{stage}: {done:,} of {total:,}" if total else stage, until_end])))
 
     return report

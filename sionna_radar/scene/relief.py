@@ -44,7 +44,8 @@ class Relief:
             np.empty(len(origin_m), dtype=np.int64),
             np.empty(len(origin_m)),
         )
-        rays = (np.asarray(origin_m, dtype=np.float64), np.asarray(direction, dtype=np.float64))
+        # Writable and in rows, whatever the caller has: machine code for one type of array.
+        rays = tuple(np.require(each, np.float64, ["C", "W"]) for each in (origin_m, direction))
         over_rows(lambda low, high: _first_hits(low, high, self._ground, *rays, distance, face, cosine), len(origin_m))
         return distance, face, cosine
 
@@ -123,7 +124,7 @@ def _hides(low, high, ground, steepest, origin, row, point, short, hidden):
     rows, columns = height.shape[0] - 1, height.shape[1] - 1
     for ray in range(low, high):
         # From the point upward: a ray soon leaves the ground behind.
-        px, py, pz = float(point[ray, 0]), float(point[ray, 1]), float(point[ray, 2])
+        px, py, pz = np.float64(point[ray, 0]), np.float64(point[ray, 1]), np.float64(point[ray, 2])
         dx, dy, dz = origin[row[ray], 0] - px, origin[row[ray], 1] - py, origin[row[ray], 2] - pz
         x, y = (px - west) / step, (py - south) / step
         if dz > STEEPER * steepest * np.sqrt(dx * dx + dy * dy):
@@ -135,7 +136,7 @@ def _hides(low, high, ground, steepest, origin, row, point, short, hidden):
                 if _gap(height, i, j, half, u, v, pz + short * dz) > 0.0:
                     hidden[ray] = False
                     continue
-        found = _meet(ground, x, y, pz, dx / step, dy / step, dz, short, 1.0, 0)
+        found = _meet(ground, x, y, pz, dx / step, dy / step, dz, short, 1.0, np.int64(0))
         hidden[ray] = found[1] >= 0 or found[2] < 0
 
 

@@ -94,7 +94,7 @@ def test_off_a_terminal_a_line_comes_now_and_then() -> None:
     for step in (("preparing", 0, 0), ("preparing", 1, 1), ("tracing", 100, 9000), ("tracing", 200, 9000),
                  ("tracing", 1300, 9000), ("mapping", 0, 0)):  # fmt: skip
         report(*step)
-    assert written == ["tracing: 100 of 9,000", "tracing: 1,300 of 9,000, about 67 s left", "mapping"]
+    assert written == ["tracing: 100 of 9,000", "tracing: 1,300 of 9,000, about 38 s left", "mapping"]
 
 
 @pytest.mark.parametrize(

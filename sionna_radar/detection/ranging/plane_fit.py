@@ -208,7 +208,8 @@ def fit_planes(
             found, its_level = _loss(trial_shape, power, background, trial_mean)
             if found < loss:
                 boresight, log_slope, loss, level = at, np.log(slope), found, its_level
-                shape[:], mean[:] = trial_shape, trial_mean
+                for b in range(bins):
+                    shape[b], mean[b] = trial_shape[b], trial_mean[b]
         damping, a, c, d, empty = 1e-3, 0.0, 0.0, 0.0, False
         for _ in range(iterations):
             for which in range(2):
@@ -249,7 +250,8 @@ def fit_planes(
             if found < loss:
                 done = loss - found < DONE
                 boresight, log_slope, loss, level, damping = to_r, to_s, found, its_level, damping / 4
-                shape[:], mean[:] = trial_shape, trial_mean
+                for b in range(bins):
+                    shape[b], mean[b] = trial_shape[b], trial_mean[b]
                 if done:
                     break
             else:

@@ -135,7 +135,7 @@ def _volume(power, share, before, cell, near, lattice, first, half, cell_m, resp
     for row in range(size):
         both[row, 0] -= 1 - before
     if sigma > MIN_SPREAD_CELLS:
-        both = _filtered(both, _gaussian(sigma), 0, size)
+        both = _filtered(both, _gaussian(sigma), np.int64(0), size)
     both = _filtered(both, response, pad, pad + cells)
     total = 0.0
     for tap in range(len(response)):
@@ -288,6 +288,15 @@ def predicted(pulse, data, geometry, antenna, samples, power, moved, scale, hit,
 
 @compiled
 @no_type_check
+def _peak(values):
+    peak = 0.0
+    for value in values:
+        peak = max(peak, value)
+    return peak
+
+
+@compiled
+@no_type_check
 def linearise(low, high, data, clutter, geometry, antenna, results):
     """Write score, rows of the factor, whitened residuals, their weights, and the number of rows, of some pulses.
 
@@ -317,12 +326,14 @@ def linearise(low, high, data, clutter, geometry, antenna, results):
         nearest, farthest = predicted(
             pulse, data, geometry, antenna, samples, strength, moved, scale, all_hit[:size], shape
         )
-        if cells == 0 or shape.max() <= 0.0:
+        if _peak(shape) <= 0.0:
             continue
         pad = half + BEYOND
         moved_power(moved, samples[0], antenna[1], float(data[0][pulse]), cells, pad, nearest, farthest, room[:size])
         in_front = _in_front(pulse, data, clutter, geometry, scale, antenna, samples)
-        volume = in_front[:, 0].copy()
+        volume = np.empty(cells)
+        for c in range(cells):
+            volume[c] = in_front[c, 0]
         top = echo_level(power, noise, volume)
         if top == 0.0:
             continue
@@ -398,7 +409,7 @@ def scores(low, high, data, geometry, antenna, score):
             all_cells[3, :cells],
         )
         predicted(pulse, data, geometry, antenna, samples, strength, moved, scale, hit, shape)
-        if cells == 0 or shape.max() <= 0.0:
+        if _peak(shape) <= 0.0:
             continue
         top = echo_level(power, profile_noise[pulse], volume[:cells])
         if top == 0.0:

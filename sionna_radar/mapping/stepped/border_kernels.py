@@ -167,13 +167,14 @@ def ray(views, pulse, sample):
 @no_type_check
 def cast_all(columns, views, farthest, low, high):
     """Cast all rays of the pulses from `low` to `high`."""
+    nowhere = np.int64(NOTHING)
     for pulse in range(low, high):
         x, y, z = views.position[pulse, 0], views.position[pulse, 1], views.position[pulse, 2]
         for k in range(len(views.share)):
             dx, dy, dz = ray(views, pulse, k)
             begin = approach(columns, x, y, z, dx, dy, dz, farthest)
             views.enters[pulse, k] = begin
-            found, what = cast(columns, x, y, z, dx, dy, dz, begin, farthest, NOTHING, 0, 0.0, 0.0, 0.0, 0)
+            found, what = cast(columns, x, y, z, dx, dy, dz, begin, farthest, nowhere, nowhere, 0.0, 0.0, 0.0, nowhere)
             views.meets[pulse, k], views.what[pulse, k] = found, what
 
 
@@ -273,8 +274,8 @@ def recast(
     side = columns.spacing
     east, north = columns.west + (column + 0.5) * side - x, columns.south + (row + 0.5) * side - y
     half_wide = side * (0.5 + ROUNDING)
-    met[:], what[:] = views.meets[pulse], views.what[pulse]
     for k in range(len(views.share)):
+        met[k], what[k] = views.meets[pulse, k], views.what[pulse, k]
         before, of = views.meets[pulse, k], views.what[pulse, k]
         dx, dy, dz = ray(views, pulse, k)
         # Most rays pass the cell by, which this tells without a division.
@@ -292,10 +293,9 @@ def recast(
         if (meets == before and found == of) or (found == NOTHING and before > leaves):
             continue
         met[k], what[k] = meets, found
-        for at in (
-            put(views, echoes, level, pulse, k, before, of, -1.0, hits),
-            put(views, echoes, level, pulse, k, met[k], what[k], 1.0, hits),
-        ):
+        for new in range(2):
+            range_m, surface, sign = (meets, found, 1.0) if new else (before, of, -1.0)
+            at = put(views, echoes, level, pulse, k, range_m, surface, sign, hits)
             if at != NOTHING:
                 low, high = min(low, at), max(high, at + 1)
     return low, high
@@ -312,7 +312,9 @@ def gained(columns, views, echoes, level, farthest, row, column, height, slope_x
     for pulse in pulses:
         begin, end = echoes.start[pulse], echoes.start[pulse + 1]
         stored = echoes.hits[begin + 2 * pad * pulse : end + 2 * pad * (pulse + 1)]
-        hits = stored.copy()
+        hits = np.empty(len(stored))
+        for k in range(len(stored)):
+            hits[k] = stored[k]
         low, high = recast(
             columns, views, echoes, level, farthest, pulse, row, column, height, slope_x, slope_y, part, hits, met, what
         )
@@ -328,8 +330,10 @@ def gained(columns, views, echoes, level, farthest, row, column, height, slope_x
                 echoes.mean[begin + cell] = after
         gain += echoes.looks[pulse] * change
         if keep:
-            stored[:] = hits
-            views.meets[pulse, :], views.what[pulse, :] = met, what
+            for k in range(len(stored)):
+                stored[k] = hits[k]
+            for k in range(len(views.share)):
+                views.meets[pulse, k], views.what[pulse, k] = met[k], what[k]
     return gain
 
 
@@ -345,14 +349,15 @@ def improve(
     margin: by how many nepers each cell's part is likelier than any whose height there is by a `step` another.
     """
     count = columns.height.shape[1]
-    tried = np.empty(9, dtype=np.int64)
+    tried = np.empty(11, dtype=np.int64)
+    keep = np.bool_(True)
     for cell in cells:
         i, j = cell // count, cell % count
         own = columns.part[i, j]
         near, most, next_best = pulses[first[cell] : first[cell + 1]], 0.0, -np.inf
         best, best_height, best_x, best_y = own, 0.0, 0.0, 0.0
         beside = candidate(columns, i, j, own)[3]
-        known = 0
+        tried[0], tried[1], known = own, NOTHING, 2
         for place in range(9):
             u, v = i + place // 3 - 1, j + place % 3 - 1
             if place == 4:
@@ -361,7 +366,10 @@ def improve(
                 part = columns.part[u, v]
             else:
                 continue
-            if part in (own, NOTHING) or part in tried[:known]:
+            again = False
+            for k in range(known):
+                again |= part == tried[k]
+            if again:
                 continue
             tried[known], known = part, known + 1
             height, a, b, number = candidate(columns, i, j, part)
@@ -370,7 +378,7 @@ def improve(
             if height + (abs(a) + abs(b)) * columns.spacing > columns.ceiling[i, j]:
                 continue
             gain = alike * (number - beside) + gained(
-                columns, views, echoes, level, farthest, i, j, height, a, b, part, near, False
+                columns, views, echoes, level, farthest, i, j, height, a, b, part, near, not keep
             )
             if abs(height - columns.height[i, j]) > step:
                 next_best = max(next_best, gain)
@@ -378,7 +386,7 @@ def improve(
                 most, best, best_height, best_x, best_y = gain, part, height, a, b
         margin[i, j] = abs(next_best)
         if best != own:
-            gained(columns, views, echoes, level, farthest, i, j, best_height, best_x, best_y, best, near, True)
+            gained(columns, views, echoes, level, farthest, i, j, best_height, best_x, best_y, best, near, keep)
             columns.height[i, j], columns.part[i, j] = best_height, best
             columns.slope_x[i, j], columns.slope_y[i, j] = best_x, best_y
             changed[i, j] = True
@@ -444,7 +452,7 @@ def predict(views, echoes, landings, level, low, high):
             beyond = landings.beyond[pulse, k]
             hits[cell] += power * (1 - beyond)
             hits[cell + 1] += power * beyond
-        predict_cells(echoes, pulse, hits, 0, end - begin, echoes.mean[begin:end])
+        predict_cells(echoes, pulse, hits, np.int64(0), end - begin, echoes.mean[begin:end])
 
 
 @compiled

@@ -199,13 +199,19 @@ def planes_around(R, axes, planes):
     planes[:] = 0.0
     least = 1 - max(abs(axes[0]), abs(axes[4])) ** 2 - max(abs(axes[2]), abs(axes[5])) ** 2
     widen = 1 / np.sqrt(least) if least > MIN_BORESIGHT**2 else np.inf
-    planes[4] = -R[:, 0]
-    for k, (axis, sign, bound) in enumerate(((1, 1, axes[4]), (1, -1, -axes[0]), (2, 1, axes[5]), (2, -1, -axes[2]))):
-        if widen < np.inf:
-            planes[k] = sign * R[:, axis] - bound * (widen if bound > 0 else 1.0) * R[:, 0]
+    for c in range(3):
+        planes[4, c] = -R[c, 0]
+    if widen < np.inf:
+        for k in range(4):
+            axis, sign = 1 + k // 2, 1.0 - 2.0 * (k % 2)
+            bound = sign * axes[(4, 0, 5, 2)[k]]
+            factor = bound * (widen if bound > 0 else 1.0)
+            for c in range(3):
+                planes[k, c] = sign * R[c, axis] - factor * R[c, 0]
     for k in range(len(planes)):
         steep = abs(planes[k, 2])
-        planes[k] = planes[k] / steep if steep > MIN_SLOPE else np.zeros(3)
+        for c in range(3):
+            planes[k, c] = planes[k, c] / steep if steep > MIN_SLOPE else 0.0
 
 
 @compiled

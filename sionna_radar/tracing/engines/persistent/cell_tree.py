@@ -209,7 +209,8 @@ def _search(centre, radius, apex, axes, half_left, half_up):
                 continue
             if count == len(out):
                 grown = np.empty(2 * len(out), dtype=np.int64)
-                grown[:count] = out
+                for k in range(count):
+                    grown[k] = out[k]
                 out = grown
             out[count] = node - leaves
             count += 1

@@ -212,7 +212,7 @@ def _unit(state, number):
 @no_type_check
 def _states(seed, surface, place, side):
     out = np.empty(len(surface), dtype=np.uint64)
-    level = int(np.round(np.log2(side))) + 64
+    level = int(np.rint(np.log2(side))) + 64
     first = _mixed(_mixed(seed + GOLDEN) + np.uint64(level))
     for cell in range(len(surface)):
         state = _mixed(first + np.uint64(surface[cell] + 1) * GOLDEN)
@@ -228,7 +228,7 @@ def _counts(state, expected):
     """Return the number of scatterers of each cell: its expected number, rounded up or down at random without bias."""
     out = np.empty(len(state), dtype=np.int64)
     for cell in range(len(state)):
-        out[cell] = int(np.floor(expected[cell] + _unit(state[cell], 0)))
+        out[cell] = int(np.floor(expected[cell] + _unit(state[cell], np.int64(0))))
     return out
 
 
@@ -247,7 +247,7 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
         count, state = counts[cell], states[cell]
         if count == 0:
             continue
-        start_u, start_v = _unit(state, 1), _unit(state, 2)
+        start_u, start_v = _unit(state, np.int64(1)), _unit(state, np.int64(2))
         p, below, n, done = first[cell] - 1, 0.0, 0.0, 0.0
         for number in range(count):
             stream = 3 + 5 * number
@@ -255,8 +255,8 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
             while p < first[cell] or (below + done < target and p < first[cell + 1] - 1):
                 p += 1
                 below += done
-                corners_of(face[p], vertices, corners, corner)
-                n, area = expected_of(corner, parts[p], part[p], density, piece)
+                corners_of(np.int64(face[p]), vertices, corners, corner)
+                n, area = expected_of(corner, np.int64(parts[p]), np.int64(part[p]), density, piece)
                 done = n * area
                 normal_x = (piece[1, 1] - piece[0, 1]) * (piece[2, 2] - piece[0, 2]) - (piece[1, 2] - piece[0, 2]) * (
                     piece[2, 1] - piece[0, 1]
@@ -290,7 +290,7 @@ def _fill(chosen, at, counts, states, pieces, vertices, corners, first_face, den
 def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half_left, half_up, wander_hz, columns):
     """Write the scatterers inside beams, beam by beam, and return the first row of each beam and the total."""
     position, normal, area_m2, reflectivity, wander, own_surface, own_face = points
-    row, hit, range_m, rate, cosine, solid_angle, surface, face, factor = columns
+    row, east, north, above, range_m, rate, cosine, solid_angle, surface, face, factor = columns
     ends = np.empty(len(apex) + 1, dtype=np.int64)
     ends[0] = n = 0
     per_left, per_up = 1.0 / half_left, 1.0 / half_up
@@ -313,7 +313,7 @@ def _inside(edges, cells, at, counts, points, apex, velocity, axes, time_s, half
                 distance = np.sqrt(x * x + y * y + z * z)
                 cos = min(abs(x * normal[i, 0] + y * normal[i, 1] + z * normal[i, 2]) / distance, 1.0)
                 row[n] = beam
-                hit[0, n], hit[1, n], hit[2, n] = position[i, 0], position[i, 1], position[i, 2]
+                east[n], north[n], above[n] = position[i, 0], position[i, 1], position[i, 2]
                 range_m[n] = distance
                 rate[n] = -(x * vx + y * vy + z * vz) / distance
                 cosine[n] = cos

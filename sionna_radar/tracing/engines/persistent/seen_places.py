@@ -70,8 +70,9 @@ class SeenPlaces:
 
     @property
     def columns(self) -> tuple[np.ndarray, ...]:
-        """All columns, for compiled code."""
-        return tuple(getattr(self, f.name) for f in fields(self))
+        """All columns, for compiled code; the axes of `hit_m` one by one, so that each column is contiguous."""
+        row, hit_m, *others = (getattr(self, f.name) for f in fields(self))
+        return row, *hit_m, *others
 
     def paths(
         self,
@@ -129,7 +130,7 @@ def _count(low, high, visible, one, other, counts):
 @compiled
 @no_type_check
 def _join(low, high, columns, field, visible, one, other, at, index, delay_per_metre, out):
-    _, hit, range_m, rate, cosine, _, surface, _, factor = columns
+    _, east, north, up, range_m, rate, cosine, _, surface, _, factor = columns
     pulse, delay_s, gain, own_rate, incidence, own_hit, own_surface = out
     for beam in range(low, high):
         n = at[beam]
@@ -143,6 +144,6 @@ def _join(low, high, columns, field, visible, one, other, at, index, delay_per_m
                 gain[n] = field[i] * factor[i]
                 own_rate[n] = rate[i]
                 incidence[n] = np.arccos(cosine[i])
-                own_hit[n, 0], own_hit[n, 1], own_hit[n, 2] = hit[0, i], hit[1, i], hit[2, i]
+                own_hit[n, 0], own_hit[n, 1], own_hit[n, 2] = east[i], north[i], up[i]
                 own_surface[n] = surface[i]
                 n += 1

@@ -6,7 +6,7 @@ that holds its centre. A cell's expected number of scatterers is the integral of
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import no_type_check
+from typing import Any, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,6 +23,8 @@ FINEST_CELL_M, COARSEST_CELL_M = 2.0**-6, 2.0**6
 # Longest side of a piece over that of a cell, and into how many parts a side is divided at most.
 LONGEST_SIDE, MAX_PARTS = 2.0, 30_000
 MAX_PIECES = 30_000_000
+# Type, and axes beyond the first, of the columns of pieces: triangle, parts, part, place and expected number.
+PIECE: tuple[tuple[Any, ...], ...] = ((np.int32,), (np.int32,), (np.int32,), (np.int32, 3), (np.float64,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +66,7 @@ class Triangles:
     """The triangles of all surfaces of a scene.
 
     first: where those of each surface begin; the last entry is the end of all.
+    corners: in 32 bits, whatever the surfaces have.
     """
 
     vertices_m: Float[np.ndarray, "vertex 3"]
@@ -74,7 +77,7 @@ class Triangles:
     def of(surfaces: Sequence[Surface]) -> "Triangles":
         """Return the triangles of some surfaces."""
         below = np.cumsum([0, *(len(s.vertices_m) for s in surfaces)])
-        corners = [s.faces if start == 0 else s.faces + start for s, start in zip(surfaces, below, strict=False)]
+        corners = [np.asarray(s.faces + start, dtype=np.int32) for s, start in zip(surfaces, below, strict=False)]
         vertices = [s.vertices_m for s in surfaces]
         return Triangles(
             vertices_m=np.concatenate(vertices) if len(vertices) > 1 else vertices[0],
@@ -106,7 +109,8 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
         side *= 2
     face, parts, part, place, expected = found
     several = len(triangles.first) > 2
-    surface = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
+    number = np.searchsorted(triangles.first, face, side="right") - 1 if several else np.zeros_like(face)
+    surface = np.asarray(number, dtype=np.int32)
     cell, count = numbered(place, surface)
     order, edges = grouped(cell, count)
     first = order[edges[:-1]]
@@ -114,7 +118,9 @@ def cells_of(triangles: Triangles, density: DensityMap, region_m: Float[np.ndarr
     along = np.argsort(curve(place[first]), kind="stable")
     order, edges = regrouped(order, edges, along)
     first = order[edges[:-1]]
-    low, high, total = _boxes(order, edges, face, parts, part, expected, *meshes)
+    low, high = np.full((len(first), 3), np.inf), np.full((len(first), 3), -np.inf)
+    total = np.zeros(len(first))
+    _boxes(order, edges, face, parts, part, expected, *meshes, low, high, total)
     return SurfaceCells(
         side_m=side,
         surface=surface[first],
@@ -136,34 +142,47 @@ def _all_pieces(
     side_m: float,
 ) -> list[np.ndarray]:
     """Return triangle, parts, part, place and expected number of scatterers of every piece that bears some."""
-    parts: dict[int, tuple[np.ndarray, ...]] = {}
-    sizes = (side_m, LONGEST_SIDE * side_m, MAX_PARTS, MAX_PIECES)
+    parts: dict[int, list[np.ndarray]] = {}
+    sizes = (side_m, LONGEST_SIDE * side_m, MAX_PARTS)
 
     def search(low: int, high: int) -> None:
-        parts[low] = _pieces(low, high, *meshes, box, density.columns, *sizes)
+        room, at = min(max(1024, (high - low) // 2), MAX_PIECES), np.array([low, 0, 0])
+        columns = [np.empty((room, *size), dtype=kind) for kind, *size in PIECE]
+        while True:
+            _pieces(at, high, *meshes, box, density.columns, *sizes, *columns)
+            count = int(at[2])
+            if at[0] == high or room == MAX_PIECES:
+                break
+            room = min(2 * room, MAX_PIECES)
+            columns = [_grown(column, room) for column in columns]
+        parts[low] = [column[:count] for column in columns]
 
     over_rows(search, len(meshes[1]))
     return [np.concatenate(column) for column in zip(*(parts[low] for low in sorted(parts)), strict=True)]
 
 
+def _grown(column: np.ndarray, room: int) -> np.ndarray:
+    """Return a larger array with the entries of a full one at its beginning."""
+    out = np.empty((room, *column.shape[1:]), dtype=column.dtype)
+    out[: len(column)] = column
+    return out
+
+
 @compiled
 @no_type_check
-def _boxes(order, edges, face, parts, part, expected, vertices, corners):
-    """Return the box around the pieces of each cell, and its expected number of scatterers."""
-    low, high = np.full((len(edges) - 1, 3), np.inf), np.full((len(edges) - 1, 3), -np.inf)
-    total = np.zeros(len(edges) - 1)
+def _boxes(order, edges, face, parts, part, expected, vertices, corners, low, high, total):
+    """Extend the boxes of the cells around their pieces, and add up the pieces' expected numbers of scatterers."""
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
     for cell in range(len(edges) - 1):
         for k in range(edges[cell], edges[cell + 1]):
             own = order[k]
             total[cell] += expected[own]
-            corners_of(face[own], vertices, corners, corner)
-            piece_of(corner, parts[own], part[own], piece)
+            corners_of(np.int64(face[own]), vertices, corners, corner)
+            piece_of(corner, np.int64(parts[own]), np.int64(part[own]), piece)
             for number in range(3):
                 for axis in range(3):
                     low[cell, axis] = min(low[cell, axis], piece[number, axis])
                     high[cell, axis] = max(high[cell, axis], piece[number, axis])
-    return low, high, total
 
 
 @compiled
@@ -232,15 +251,14 @@ def _parts(corner, longest):
 
 @compiled
 @no_type_check
-def _pieces(low, high, vertices, corners, box, density, side, longest, most_parts, most):
-    """Return the pieces that bear scatterers; `most` of them mean that there are too many."""
-    capacity = min(max(1024, (high - low) // 2), most)
-    face, parts = np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=np.int32)
-    part, place = np.empty(capacity, dtype=np.int32), np.empty((capacity, 3), dtype=np.int32)
-    expected = np.empty(capacity)
-    count = 0
+def _pieces(at, high, vertices, corners, box, density, side, longest, most_parts, face, parts, part, place, expected):
+    """Write the pieces that bear scatterers, of the triangles before `high`, as long as there is room.
+
+    at: where to begin, and then where the room ended: triangle (`high` at the end), part of it, and pieces written.
+    """
+    first_part, count = at[1], at[2]
     corner, piece = np.empty((3, 3)), np.empty((3, 3))
-    for f in range(low, high):
+    for f in range(at[0], high):
         corners_of(f, vertices, corners, corner)
         outside, across2 = False, 0.0
         for axis in range(3):
@@ -252,23 +270,21 @@ def _pieces(low, high, vertices, corners, box, density, side, longest, most_part
             continue
         # No side is longer than the box around the triangle.
         m = 1 if across2 <= longest * longest else min(_parts(corner, longest), most_parts)
-        for k in range(m * m):
+        for k in range(first_part, m * m):
             n, area = expected_of(corner, m, k, density, piece)
             if n * area <= 0.0:
                 continue
-            if count == capacity:
-                if capacity >= most:
-                    return face, parts, part, place, expected
-                capacity = min(2 * capacity, most)
-                face, parts, part = _grown(face, capacity), _grown(parts, capacity), _grown(part, capacity)
-                place, expected = _grown_rows(place, capacity), _grown(expected, capacity)
+            if count == len(face):
+                at[0], at[1], at[2] = f, k, count
+                return
             face[count], parts[count], part[count] = f, m, k
             for axis in range(3):
                 centre = (piece[0, axis] + piece[1, axis] + piece[2, axis]) / 3
                 place[count, axis] = int(np.floor(centre / side))
             expected[count] = n * area
             count += 1
-    return face[:count], parts[:count], part[:count], place[:count], expected[:count]
+        first_part = 0
+    at[0], at[2] = high, count
 
 
 @compiled
@@ -276,26 +292,12 @@ def _pieces(low, high, vertices, corners, box, density, side, longest, most_part
 def expected_of(corner, parts, part, density, piece):
     """Write the corners of a piece of a triangle, and return the density of scatterers on it, and its area."""
     if parts == 1:
-        piece[:] = corner
+        for number in range(3):
+            for axis in range(3):
+                piece[number, axis] = corner[number, axis]
     else:
         piece_of(corner, parts, part, piece)
     x = (piece[0, 0] + piece[1, 0] + piece[2, 0]) / 3
     y = (piece[0, 1] + piece[1, 1] + piece[2, 1]) / 3
     n = density_at(x, y, density)
     return n, _area(piece) if n > 0.0 else 0.0
-
-
-@compiled
-@no_type_check
-def _grown(array, size):
-    out = np.empty(size, dtype=array.dtype)
-    out[: len(array)] = array
-    return out
-
-
-@compiled
-@no_type_check
-def _grown_rows(array, size):
-    out = np.empty((size, 3), dtype=array.dtype)
-    out[: len(array)] = array
-    return out
