@@ -29,7 +29,7 @@ SURE = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
+class GroundLink:
     """The strongest range cell of the ground at one range, in closed form.
 
     snr, clutter: mean power of the ground, and of what is in the air there, over all the floors there: noise, leakage,
@@ -70,7 +70,7 @@ class Simulated:
     """
 
     range_m: float
-    ground: "Ground"
+    ground: "GroundLink"
     found: float
     spread_db: float
     passed: float
@@ -78,7 +78,7 @@ class Simulated:
     reason: str = ""
 
     @classmethod
-    def impossible(cls, range_m: float, ground: "Ground", reason: str) -> "Simulated":
+    def impossible(cls, range_m: float, ground: "GroundLink", reason: str) -> "Simulated":
         """Return a range that could not be simulated."""
         nothing = float("nan")
         return cls(
@@ -110,7 +110,7 @@ class Link:
     incidence_deg: float
     rain_mm_per_h: float
     range_m: Float[np.ndarray, " range"]
-    ground: tuple[Ground, ...]
+    ground: tuple[GroundLink, ...]
     simulated: tuple[Simulated, ...]
 
     def of_ground(self, name: str) -> Float[np.ndarray, " range"]:
@@ -331,13 +331,13 @@ def _link(case: GroundCase, detected: Detected, pulses: int) -> Link:
     return replace(link, simulated=tuple(_simulated(case, link, share, detected, pulses) for share in SIMULATED))
 
 
-def _ground(case: GroundCase, expected: Expected, detected: Detected) -> Ground:
+def _ground(case: GroundCase, expected: Expected, detected: Detected) -> GroundLink:
     """Return the closed-form SNR, clutter and detection probabilities of the ground at one range."""
     (echo, clutter), noise, level = expected.strongest, case.floor[expected.peak], case.level(expected)
     beside = clutter + noise
     ratios = np.array([(echo + beside) / max(level, beside), beside / level, (echo + beside) / level])
     detection, false_alarm, passing = detected(ratios - 1)
-    return Ground(
+    return GroundLink(
         snr=float(echo / noise),
         clutter=float(clutter / noise),
         detection=float(detection),

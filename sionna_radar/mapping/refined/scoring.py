@@ -20,7 +20,7 @@ from jaxtyping import Float
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.threads import equal_parts, in_threads
-from sionna_radar.mapping.echo_model.model import EchoModel, Footprints, Sightings
+from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Sightings
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel
 
@@ -88,7 +88,7 @@ def most_probable(
 
     """
     fitted, mixing, middle = first, Mixing(), first.surface.weights(*place_m.T)
-    near: Footprints | None = None
+    near: BeamFootprints | None = None
     nearest, least_m, settled = first, np.inf, False
     for number in range(MAX_SCORING_STEPS):
         advance()
@@ -123,7 +123,7 @@ def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: Te
 
 
 def _on_cells(
-    feet: Footprints, score: Float[np.ndarray, "pulse node"], surface: Heightfield
+    feet: BeamFootprints, score: Float[np.ndarray, "pulse node"], surface: Heightfield
 ) -> Float[np.ndarray, " cell"]:
     """Return the score of the heights of cells, from that of the heights under the nodes."""
     from sionna_radar.mapping.refined.curvature import add_to_cells

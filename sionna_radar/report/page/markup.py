@@ -20,7 +20,7 @@ from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page.scene_data import compressed
 
 
-class Cell(NamedTuple):
+class TableCell(NamedTuple):
     """A cell of a table that is a number of a document: its text, its key and its exact value."""
 
     text: str

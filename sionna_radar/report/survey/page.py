@@ -18,7 +18,7 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels, on_one_thread
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
-from sionna_radar.report.page.markup import Cell, document
+from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import (
     HEIGHT_STEP_M,
     MAX_MAP_CELLS,
@@ -94,12 +94,12 @@ def _errors(survey: Survey) -> dict[str, Any]:
     }
 
 
-def _error_row(key: str, name: str, error: DemError) -> list[Cell | str]:
+def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
     values = asdict(error)
-    cells: list[Cell | str] = [name]
+    cells: list[TableCell | str] = [name]
     for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
         value = float(values[field])
-        cells.append(Cell(number(value, form), f"{key}.{field}", value if value == value else None))
+        cells.append(TableCell(number(value, form), f"{key}.{field}", value if value == value else None))
     return cells
 
 
