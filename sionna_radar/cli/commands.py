@@ -17,22 +17,17 @@ from sionna_radar.cli.session import (
     BackendOption,
     BlockOption,
     MapOption,
-    NetworkOption,
     OutputOption,
     PointsOption,
     QuietOption,
     ReportOption,
     ResumeOption,
-    ScenarioArgument,
-    SchedulerOption,
-    SeedOption,
     Session,
-    SetFileOption,
-    SetOption,
-    WorkersOption,
     complete_key,
     log_to_stderr,
+    on_a_scenario_by_a_team,
     progress_shown,
+    with_options_of,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
@@ -69,32 +64,20 @@ def demo(
     _fly(session, None, map_coordinates, report)
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def run_command(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
+    session: Session,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    if record and (workers is not None or scheduler is not None):
+    if record and (session.workers is not None or session.scheduler is not None):
         problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
@@ -154,18 +137,9 @@ def _fly(
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def crosscheck(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
+    session: Session,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
@@ -173,9 +147,6 @@ def crosscheck(
     from sionna_radar.scenario.loading import identity
     from sionna_radar.studies.crosscheck import run_crosscheck
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     checked = session.load()
 
     def fly(keep: "Keep") -> "CrossCheck":
@@ -193,23 +164,14 @@ def crosscheck(
     )
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def budget(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
+    session: Session,
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
     grades: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
     from sionna_radar.execution.execution import Execution
@@ -217,9 +179,6 @@ def budget(
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
     from sionna_radar.studies.budget import GROWTH, identity_of, run_budget
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
 
@@ -231,8 +190,9 @@ def budget(
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def sweep(
-    scenario: ScenarioArgument,
+    session: Session,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -253,11 +213,6 @@ def sweep(
         ),
     ] = None,
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
     runs: Annotated[
         list[RunsFile] | None,
         typer.Option("--runs", help="Write a row for each survey as runs.csv, runs.parquet or both (repeat)."),
@@ -266,11 +221,6 @@ def sweep(
         str | None,
         typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
     from sionna_radar.execution.execution import Execution
@@ -279,9 +229,6 @@ def sweep(
     from sionna_radar.studies.design import parse_design
     from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
     files = runs or RUNS_FILES
     if RunsFile.PARQUET in files:
@@ -289,7 +236,7 @@ def sweep(
 
     def fly(keep: "Keep") -> "Sweep":
         with session.team() as team:
-            plan = plan_sweep(scenario, design, repeat, session.overrides)
+            plan = plan_sweep(session.scenario, design, repeat, session.overrides)
             execution = Execution(workers=team, checkpoints=keep({**plan.identity(), "shard": str(part or "")}))
             return run_sweep(plan, shard=part, execution=execution)
 

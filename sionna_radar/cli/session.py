@@ -328,6 +328,24 @@ def on_a_scenario(
     return Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
 
 
+def on_a_scenario_by_a_team(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    resume: ResumeOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> Session:
+    """Return the session of a command whose work can be shared, interrupted and resumed."""
+    team = (workers, scheduler)
+    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=team)
+
+
 def with_options_of(session: Callable[..., Session]) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator: a command has the options of a session, which it takes as its first argument, and its own.
 
