@@ -53,7 +53,7 @@ MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py")) if name
 
 
 def imports(path: Path) -> set[str]:
-    """Return all modules that a file imports, those inside functions too, and what it takes from them."""
+    """Return all modules that a file imports, inside functions and by a constant string too, and what it takes."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -61,6 +61,8 @@ def imports(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_module":
+            found |= {argument.value for argument in node.args if isinstance(argument, ast.Constant)}
     return found
 
 
