@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import load_scenario, run
+from sionna_radar import CustomParts, load_scenario, run
 from sionna_radar.flight import Pointing, whisk_broom_from_antenna
 from sionna_radar.radar import Antenna, measured_cut
 
@@ -61,7 +61,7 @@ class NoddingScan:
 
 # %%
 scenario = load_scenario("hills", {"platform.length_m": 20.0})
-survey = run(scenario, antenna=antenna, scan=NoddingScan())
+survey = run(scenario, parts=CustomParts(antenna=antenna, scan=NoddingScan()))
 print(f"{survey.pulses} pulses, {len(survey.points)} echoes")
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.add_subplot()

@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario, run
 from sionna_radar.scenario import NavigationTable
-from sionna_radar.survey import record_survey
+from sionna_radar.survey import observe_survey
 
 small = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 size = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if small else {}
 steps, draws = (3, 1) if small else (9, 4)
 scenario = load_scenario("hills", size)
-survey = record_survey(scenario)
+survey = observe_survey(scenario)
 exact = survey.lit_error(None).rms_m
 lidar = run(scenario.model_copy(update={"sensor": "lidar"})).lit_error.rms_m
 print(f"exact pose: radar {exact:.3f} m, lidar {lidar:.3f} m RMS")

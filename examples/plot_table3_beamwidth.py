@@ -15,7 +15,7 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from sionna_radar import fly_sweep, plan_sweep
+from sionna_radar import plan_sweep, run_sweep
 from sionna_radar.studies import Axis, label
 
 SMALL = "SIONNA_RADAR_SMALL" in os.environ
@@ -36,7 +36,7 @@ axes = (
     Axis(key="radar.antenna.beamwidth_deg", values=beams),
 )
 shorter = {"platform.length_m": 12.0, "tracing.paths_per_pulse": 64, "terrain.spacing_m": 2.0} if SMALL else {}
-sweep = fly_sweep(plan_sweep("hills", axes, repeat=2 if SMALL else 5, overrides=shorter))
+sweep = run_sweep(plan_sweep("hills", axes, repeat=2 if SMALL else 5, overrides=shorter))
 
 # %%
 print(f"{'':44}{'min':>8}{'max':>8}{'std':>8}{'mean':>8}{'RMS':>8}{'coverage':>10}")

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sionna_radar import load_scenario
 from sionna_radar.scenario import NavigationTable
-from sionna_radar.survey import Radar, record_survey
+from sionna_radar.survey import Radar, observe_survey
 
 SMALL = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 SIZE = {"platform.length_m": 20.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64} if SMALL else {}
@@ -33,7 +33,7 @@ CHANGES = {
 
 # %%
 # The same hills are flown three times. What an echo should read is the range of the surface on the beam axis.
-surveys = {name: record_survey(load_scenario("hills", SIZE | changes)) for name, changes in CHANGES.items()}
+surveys = {name: observe_survey(load_scenario("hills", SIZE | changes)) for name, changes in CHANGES.items()}
 
 
 def range_error_m(name):

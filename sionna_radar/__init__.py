@@ -8,6 +8,8 @@ from typing import Any
 
 import lazy_loader
 
+from sionna_radar.notebook import register_with_ipython
+
 _load, _names, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
@@ -18,6 +20,9 @@ def __getattr__(name: str) -> Any:
 
         return version("sionna-radar")
     return _load(name)
+
+
+register_with_ipython()
 
 
 def __dir__() -> list[str]:

@@ -1,4 +1,6 @@
 from .detection import register_range_estimator as register_range_estimator
+from .execution import Execution as Execution
+from .execution import open_workers as open_workers
 from .flight import register_navigation as register_navigation
 from .flight import register_scan as register_scan
 from .foundation import RadarError as RadarError
@@ -17,14 +19,14 @@ from .scenario import to_toml as to_toml
 from .scene import register_terrain as register_terrain
 from .signal import register_receiver_stage as register_receiver_stage
 from .studies.budget import Budget as Budget
-from .studies.budget import navigation_budget as navigation_budget
+from .studies.budget import run_budget as run_budget
 from .studies.crosscheck import CrossCheck as CrossCheck
-from .studies.crosscheck import crosscheck as crosscheck
+from .studies.crosscheck import run_crosscheck as run_crosscheck
 from .studies.images import Imagery as Imagery
-from .studies.images import fly_images as fly_images
+from .studies.images import run_images as run_images
 from .studies.sweep import Sweep as Sweep
-from .studies.sweep import fly_sweep as fly_sweep
 from .studies.sweep import plan_sweep as plan_sweep
+from .studies.sweep import run_sweep as run_sweep
 from .surfaces import register_material as register_material
 from .survey import CustomParts as CustomParts
 from .survey import Prepared as Prepared
@@ -37,43 +39,3 @@ from .survey import run as run
 from .tracing import register_engine as register_engine
 
 __version__: str
-
-__all__ = [
-    "Budget",
-    "CrossCheck",
-    "CustomParts",
-    "Imagery",
-    "Parameters",
-    "Points",
-    "Prepared",
-    "Processed",
-    "RadarError",
-    "Raster",
-    "Scenario",
-    "ScenarioError",
-    "Survey",
-    "Sweep",
-    "crosscheck",
-    "fly_images",
-    "fly_sweep",
-    "load_scenario",
-    "navigation_budget",
-    "parse_scenario",
-    "plan_sweep",
-    "prepare",
-    "process",
-    "register_antenna",
-    "register_dem_method",
-    "register_engine",
-    "register_material",
-    "register_navigation",
-    "register_range_estimator",
-    "register_receiver_stage",
-    "register_scan",
-    "register_sensor",
-    "register_terrain",
-    "run",
-    "shipped_scenarios",
-    "to_toml",
-    "write_survey",
-]

@@ -2,8 +2,8 @@
 
 import gc
 
+from sionna_radar.execution.supervisor import supervised
 from sionna_radar.foundation.interrupts import interrupts_reported
-from sionna_radar.foundation.supervisor import supervised
 
 # New objects after which unused cycles of them are looked for.
 OBJECTS_AT_ONCE = 10_000

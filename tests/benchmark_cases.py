@@ -15,11 +15,12 @@ from typing import Any, no_type_check
 import numpy as np
 from jaxtyping import Float
 
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import document_of
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.progress import peak_memory_mb
 from sionna_radar.foundation.threads import over_rows
-from sionna_radar.foundation.workers import document_of
 from sionna_radar.imaging.aperture import ground_pixels, whole_beam
 from sionna_radar.imaging.sar import ZERO_PADDING, BackProjection
 from sionna_radar.mapping.points import locate
@@ -268,7 +269,7 @@ def over_pulses(count: int) -> dict[str, Any]:
             resident.append((done / total, _resident_mb()))
 
     handles, files = _handles(), _temporary_files()
-    survey = run(long_survey(count), progress=progress)
+    survey = run(long_survey(count), execution=Execution(progress=progress))
     settled = [mb for share, mb in resident if share >= SETTLED_SHARE]
     return {
         "pulses": survey.pulses,
@@ -300,7 +301,7 @@ def _temporary_files() -> int:
 
 
 def _growth_in_process(function: str, count: int) -> dict[str, Any]:
-    says = "from sionna_radar.foundation.workers import document_bytes\nprint(document_bytes"
+    says = "from sionna_radar.execution.workers import document_bytes\nprint(document_bytes"
     heaps = "from sionna_radar.foundation.progress import tune_heaps\ntune_heaps()"
     code = f"{heaps}\nfrom {__name__} import {function}\n{says}({function}({count})).decode())\n"
     # A place of its own for temporary files, so that only what it leaves there is counted.

@@ -9,14 +9,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sionna_radar.execution.workers import document_bytes
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import network_allowed
-from sionna_radar.foundation.progress import Progress
 from sionna_radar.foundation.threads import cores
-from sionna_radar.foundation.workers import document_bytes
 
 
-def look(task: Mapping[str, Any], _: Progress) -> bytes:
+def look(task: Mapping[str, Any]) -> bytes:
     """Do as the task says, and return what this process is."""
     if task["do"] == "refuse":
         raise ScenarioError([Problem("some.key", "1 is refused; give 2")])
@@ -34,11 +33,11 @@ def look(task: Mapping[str, Any], _: Progress) -> bytes:
     return document_bytes(here | {"x": task["x"]})
 
 
-def fly_or_die(task: Mapping[str, Any], progress: Progress) -> bytes:
+def fly_or_die(task: Mapping[str, Any]) -> bytes:
     """Fly the surveys of a sweep, but for those of a beam that ends its worker."""
     if '"beamwidth_deg":6' in task["scenario"]:
         os.kill(os.getpid(), signal.SIGKILL)
     # Only here: the other tasks begin at once.
-    from sionna_radar.studies.sweep import fly_trial
+    from sionna_radar.studies.sweep import trial_task
 
-    return fly_trial(task, progress)
+    return trial_task(task)

@@ -6,9 +6,10 @@ import numpy as np
 
 from sionna_radar import load_scenario
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, UncertaintyCheck, check_uncertainty
+from sionna_radar.execution.execution import Execution
 from sionna_radar.mapping.mapper import build_dem_method
+from sionna_radar.survey.observation import observe, place
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import place, record
 
 NOMINAL = np.array(INTERVALS_PERCENT) / 100
 
@@ -17,15 +18,14 @@ def checked(scene: str, methods: tuple[str, ...], changes: dict[str, object]) ->
     """The maps of one flight, each with its stated uncertainty held against its errors."""
     whole = {"dem.method": "refined"} if set(methods) & {"smooth", "refined"} else {"dem.method": methods[0]}
     prepared = prepare(load_scenario(scene, whole | changes))
-    sensor = prepared.build_sensor()
-    recording = record(prepared, sensor)
-    points = place(recording.echoes, sensor, prepared.flight)
+    sensor, observed = observe(prepared, Execution())
+    points = place(observed.echoes, sensor, prepared.flight)
     checks = {}
     for name in methods:
         method = build_dem_method(prepared.local.dem.model_copy(update={"method": name}))
         mapper = replace(prepared.mapper, method=method, name=name)
-        estimate = mapper.map(points, recording.profiles, prepared.measured)
-        found = prepared.truth().compare(estimate.dem, points, recording.lit)
+        estimate = mapper.map(points, observed.profiles, prepared.measured)
+        found = prepared.truth.compare(estimate.dem, points, observed.hits.lit)
         check = check_uncertainty(found.error, estimate.sigma, found.truth, found.lit, points, estimate.uncertainty)
         covered = " ".join(f"{100 * share:5.1f}" for share in check.cells.coverage.values())
         windows = "  ".join(f"{m.window_m:g} m {m.ratio:.2f} ({m.count})" for m in check.means)

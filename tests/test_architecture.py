@@ -18,6 +18,7 @@ PACKAGE = Path(sionna_radar.__file__).parent
 # radar equation integrates; only the accuracy of a map, and what comes after it, knows the truth.
 ROOMS = (
     "foundation",
+    "execution",
     "raytracer",
     "elevation",
     "weather",
@@ -36,6 +37,7 @@ ROOMS = (
     "studies",
     "report",
     "cli",
+    "notebook",
 )
 RAY_TRACING = {"sionna", "mitsuba", "drjit"}
 KNOW_THE_RAY_TRACER = ("raytracer", "surfaces/sionna_slab.py", "scene", "tracing", "signal/device_beats.py")
@@ -51,7 +53,7 @@ MODULES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py")) if name
 
 
 def imports(path: Path) -> set[str]:
-    """Return all modules that a file imports, those inside functions too, and what it takes from them."""
+    """Return all modules that a file imports, inside functions and by a constant string too, and what it takes."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -59,6 +61,8 @@ def imports(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_module":
+            found |= {argument.value for argument in node.args if isinstance(argument, ast.Constant)}
     return found
 
 

@@ -15,23 +15,3 @@ from .edges import half_footprint_m as half_footprint_m
 from .edges import near_walls as near_walls
 from .illumination import shadowed as shadowed
 from .truth import GroundTruth as GroundTruth
-
-__all__ = [
-    "Breakdown",
-    "CheckpointTest",
-    "DemError",
-    "ErrorClass",
-    "GroundTruth",
-    "Variogram",
-    "break_down",
-    "by_class",
-    "checkpoint_test",
-    "difference",
-    "half_footprint_m",
-    "near_walls",
-    "nmad",
-    "shadowed",
-    "slope_deg",
-    "summarise",
-    "variogram",
-]

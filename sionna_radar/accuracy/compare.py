@@ -73,7 +73,7 @@ def difference(dem: Raster, truth: Raster) -> Raster:
     if dem.grid != truth.grid:
         message = f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other"
         raise ValueError(message)
-    return Raster(grid=dem.grid, height_m=dem.height_m - truth.height_m)
+    return Raster(grid=dem.grid, height_m=dem.height_m - truth.height_m, quantity="height error")
 
 
 def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> DemError:

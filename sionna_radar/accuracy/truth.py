@@ -68,7 +68,10 @@ CLEAR_M = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A DEM against the truth; see `Survey` for what each is."""
+    """A DEM against the truth; see `Survey` for what each is.
+
+    beside_wall: cells within half a footprint of a wall; None where there are no walls.
+    """
 
     truth: Raster
     error: Raster
@@ -77,6 +80,7 @@ class Comparison:
     lit_error: DemError
     off_wall_error: DemError | None
     overhang: Overhang | None
+    beside_wall: Bool[np.ndarray, "row column"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +122,8 @@ class GroundTruth:
         """Return a DEM's error; the points give the size of the footprints next to walls."""
         error = difference(dem, self.surface)
         lit = lit & self.surface.filled
-        off_wall = lit & ~edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls)
+        beside_wall = edge_cells(self.grid, points, self.antenna.beamwidths_rad[1], self.walls)
+        off_wall = lit & ~beside_wall
         return Comparison(
             truth=self.surface,
             error=error,
@@ -127,6 +132,7 @@ class GroundTruth:
             lit_error=summarise(error.within(lit), lit),
             off_wall_error=summarise(error.within(off_wall), off_wall) if self.walls else None,
             overhang=self.overhang,
+            beside_wall=beside_wall if self.walls else None,
         )
 
     def lit_error(self, dem: Raster, lit: Bool[np.ndarray, "row column"]) -> DemError:
@@ -148,6 +154,20 @@ class Counted:
     origin_m: Float[np.ndarray, "lit 3"]
     silent_cell: Int[np.ndarray, " silent"]
     silent_origin_m: Float[np.ndarray, "silent 3"]
+    paths: int
+    rain_echoes: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueHits:
+    """True hits of a survey.
+
+    lit: cells of the DEM that the main beam reached; silent: those that it reached in pulses without an echo.
+    paths: how many were traced; rain_echoes: echoes dominated by rain.
+    """
+
+    lit: Bool[np.ndarray, "row column"]
+    silent: Bool[np.ndarray, "row column"]
     paths: int
     rain_echoes: int
 
@@ -205,13 +225,14 @@ class Tally:
         self.rain_echoes += counted.rain_echoes
         self._told = self._told[0] + counted.paths, self._told[1] + counted.rain_echoes
 
-    def lit(self) -> Bool[np.ndarray, "row column"]:
-        """Return the cells that the main beam reached."""
-        return self._mask(self._illumination)
-
-    def silent(self) -> Bool[np.ndarray, "row column"]:
-        """Return the cells that the main beam of pulses without an echo reached."""
-        return self._mask(self._silence)
+    def hits(self) -> TrueHits:
+        """Return what was counted."""
+        return TrueHits(
+            lit=self._mask(self._illumination),
+            silent=self._mask(self._silence),
+            paths=self.paths,
+            rain_echoes=self.rain_echoes,
+        )
 
     def _mask(self, cells: Illumination) -> Bool[np.ndarray, "row column"]:
         truth = self._truth

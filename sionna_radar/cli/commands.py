@@ -17,29 +17,23 @@ from sionna_radar.cli.session import (
     BackendOption,
     BlockOption,
     MapOption,
-    NetworkOption,
     OutputOption,
     PointsOption,
     QuietOption,
     ReportOption,
     ResumeOption,
-    ScenarioArgument,
-    SchedulerOption,
-    SeedOption,
     Session,
-    SetFileOption,
-    SetOption,
-    WorkersOption,
     complete_key,
     log_to_stderr,
-    progress_of,
+    on_a_scenario_by_a_team,
+    progress_shown,
+    with_options_of,
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.report.files.contents import MARKER, POINTS_FILES, RUNS_FILES, PointsFile, Report, RunsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import Keep
-    from sionna_radar.foundation.progress import Progress
     from sionna_radar.studies.budget import Budget
     from sionna_radar.studies.crosscheck import CrossCheck
     from sionna_radar.studies.sweep import Sweep
@@ -70,32 +64,20 @@ def demo(
     _fly(session, None, map_coordinates, report)
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def run_command(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
+    session: Session,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
     report: ReportOption = True,
     points: PointsOption = None,
     record: RecordOption = None,
     record_as: RecordAsOption = "float64",
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario and write its DEM, points, errors and figures."""
-    if record and (workers is not None or scheduler is not None):
+    if record and (session.workers is not None or session.scheduler is not None):
         problem = Problem("--record", "what is recorded is flown by one process; leave out --workers and --scheduler")
         raise ScenarioError([problem], "command line")
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     _fly(session, block_size, map_coordinates, report, points, record, record_as)
 
 
@@ -108,11 +90,11 @@ def _fly(
     record: list[str] | None = None,
     record_as: str = "float64",
 ) -> None:
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.survey.summary import print_survey
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
-    from sionna_radar.survey.recording import BLOCK_SIZE
 
     checked = session.load()
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
@@ -126,17 +108,16 @@ def _fly(
         # Drawing takes long to import; what was found is printed before.
         from sionna_radar.report.survey.products import write_survey
 
-        with progress_of(session.quiet) as progress:
-            return write_survey(
-                survey, folder, coordinates, report=page, points=files, recordings=inside, progress=progress
-            )
+        with progress_shown(session.quiet):
+            return write_survey(survey, folder, coordinates, report=page, points=files, recordings=inside)
 
-    def fly(progress: "Progress", keep: "Keep") -> "Survey":
+    def fly(keep: "Keep") -> "Survey":
         files, size = outside | inside, block_size or BLOCK_SIZE
         if files:
-            return run(checked, block_size=size, recordings=files, sample_type=sample_type, progress=progress)
+            return run(checked, recordings=files, sample_type=sample_type, execution=Execution(block_size=size))
         with session.team() as team:
-            return run(checked, block_size=size, parts=keep(identity(checked, size)), workers=team, progress=progress)
+            checkpoints = keep(identity(checked, size))
+            return run(checked, execution=Execution(block_size=size, workers=team, checkpoints=checkpoints))
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
@@ -153,34 +134,22 @@ def _fly(
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def crosscheck(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
+    session: Session,
 ) -> None:
     """Fly a scenario with both engines on the same pulses, and say whether they agree; exit code 1 if not."""
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.studies.crosscheck import MARKER, print_crosscheck, write_crosscheck
     from sionna_radar.scenario.loading import identity
-    from sionna_radar.studies.crosscheck import crosscheck as check
-    from sionna_radar.survey.recording import BLOCK_SIZE
+    from sionna_radar.studies.crosscheck import run_crosscheck
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     checked = session.load()
 
-    def fly(progress: "Progress", keep: "Keep") -> "CrossCheck":
+    def fly(keep: "Keep") -> "CrossCheck":
         with session.team() as team:
-            parts = keep(identity(checked, BLOCK_SIZE))
-            return check(checked, progress=progress, parts=parts, workers=team)
+            checkpoints = keep(identity(checked, BLOCK_SIZE))
+            return run_crosscheck(checked, execution=Execution(workers=team, checkpoints=checkpoints))
 
     session.produce(
         fly,
@@ -192,45 +161,35 @@ def crosscheck(
     )
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def budget(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
+    session: Session,
     repeat: Annotated[int, typer.Option(min=1, help="Draws of the random errors.")] = 5,
     grades: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Custom grades of GPS/IMU: TOML tables of platform.navigation keys."),
     ] = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Find how good GPS and IMU must be: the size of each error that alone makes the RMS of the DEM grow by 10 %."""
+    from sionna_radar.execution.execution import Execution
     from sionna_radar.flight.navigation import GRADES, load_grades
     from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
-    from sionna_radar.studies.budget import GROWTH, identity_of, navigation_budget
+    from sionna_radar.studies.budget import GROWTH, identity_of, run_budget
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     checked = session.load()
     known = GRADES | load_grades(grades) if grades else GRADES
 
-    def fly(progress: "Progress", keep: "Keep") -> "Budget":
+    def fly(keep: "Keep") -> "Budget":
         with session.team() as team:
-            parts = keep(identity_of(checked, GROWTH, repeat, known))
-            return navigation_budget(checked, repeat=repeat, grades=known, progress=progress, parts=parts, workers=team)
+            execution = Execution(workers=team, checkpoints=keep(identity_of(checked, GROWTH, repeat, known)))
+            return run_budget(checked, repeat=repeat, grades=known, execution=execution)
 
     session.produce(fly, suffix="_budget", marker=MARKER, write=write_budget, show=print_budget)
 
 
+@with_options_of(on_a_scenario_by_a_team)
 def sweep(
-    scenario: ScenarioArgument,
+    session: Session,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -251,11 +210,6 @@ def sweep(
         ),
     ] = None,
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
     runs: Annotated[
         list[RunsFile] | None,
         typer.Option("--runs", help="Write a row for each survey as runs.csv, runs.parquet or both (repeat)."),
@@ -264,31 +218,24 @@ def sweep(
         str | None,
         typer.Option("--shard", metavar="I/N", help="Fly the I-th of N equal parts, for `merge` to put together."),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Fly a scenario with values varied, listed, sampled or from a table; tabulate and draw the error of its DEM."""
+    from sionna_radar.execution.execution import Execution
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.report.studies.sweep import MARKER, print_sweep, write_sweep
     from sionna_radar.studies.design import parse_design
-    from sionna_radar.studies.sweep import Shard, fly_sweep, plan_sweep
+    from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
 
-    session = Session.of(
-        scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=(workers, scheduler)
-    )
     design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
     files = runs or RUNS_FILES
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")
 
-    def fly(progress: "Progress", keep: "Keep") -> "Sweep":
+    def fly(keep: "Keep") -> "Sweep":
         with session.team() as team:
-            plan = plan_sweep(scenario, design, repeat, session.overrides, progress)
-            parts = keep({**plan.identity(), "shard": str(part or "")})
-            return fly_sweep(plan, progress=progress, parts=parts, shard=part, workers=team)
+            plan = plan_sweep(session.scenario, design, repeat, session.overrides)
+            execution = Execution(workers=team, checkpoints=keep({**plan.identity(), "shard": str(part or "")}))
+            return run_sweep(plan, shard=part, execution=execution)
 
     suffix = f"_sweep_{part.number}_of_{part.count}" if part else "_sweep"
     write = partial(write_sweep, runs=files)

@@ -5,17 +5,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.session import (
-    BackendOption,
-    NetworkOption,
-    OutputOption,
-    QuietOption,
-    ScenarioArgument,
-    SeedOption,
-    Session,
-    SetFileOption,
-    SetOption,
-)
+from sionna_radar.cli.session import Session, on_a_scenario, with_options_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 
 
@@ -25,33 +15,24 @@ def add_to(app: typer.Typer) -> None:
         app.command()(command)
 
 
+@with_options_of(on_a_scenario)
 def link(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
+    session: Session,
     incidence: Annotated[
         str | None,
         typer.Option("--incidence", metavar="A1,A2,...", help="Angles of the beam from nadir, in degrees."),
     ] = None,
     rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
     pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Work out the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
     from sionna_radar.report.studies.link import MARKER, print_link, write_link
-    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, link_budget
+    from sionna_radar.studies.link import INCIDENCES_DEG, RAINS_MM_PER_H, run_link_budget
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     angles, rates = _numbers("--incidence", incidence, INCIDENCES_DEG), _numbers("--rain", rain, RAINS_MM_PER_H)
     checked = session.load()
     session.produce(
-        lambda progress, _: link_budget(
-            checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses, progress=progress
-        ),
+        lambda _: run_link_budget(checked, incidences_deg=angles, rains_mm_per_h=rates, pulses=pulses),
         suffix="_link",
         marker=MARKER,
         write=write_link,
@@ -71,24 +52,15 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
         raise ScenarioError([Problem(option, message)], "command line") from error
 
 
-def image(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> None:
+@with_options_of(on_a_scenario)
+def image(session: Session) -> None:
     """Fly a side-looking scenario and write its slant-range image and, with persistent speckle, the focused one."""
     from sionna_radar.report.studies.imagery import MARKER, print_image, write_imagery
-    from sionna_radar.studies.images import fly_images
+    from sionna_radar.studies.images import run_images
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     session.produce(
-        lambda progress, _: fly_images(checked, progress=progress),
+        lambda _: run_images(checked),
         suffix="_image",
         marker=MARKER,
         write=write_imagery,
@@ -96,26 +68,19 @@ def image(
     )
 
 
+@with_options_of(on_a_scenario)
 def range_doppler(
-    scenario: ScenarioArgument,
-    output: OutputOption = None,
+    session: Session,
     chirps: Annotated[int, typer.Option(min=20, max=65536, help="Chirps of a frame.")] = 64,
     frames: Annotated[int, typer.Option(min=1, max=10_000, help="Frames, one after the other.")] = 8,
-    set_: SetOption = None,
-    set_file: SetFileOption = None,
-    seed: SeedOption = None,
-    network: NetworkOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
 ) -> None:
     """Write the range-Doppler map of frames of chirps from the middle of the flight, with what is detected in it."""
     from sionna_radar.report.studies.range_doppler import MARKER, print_frames, write_frames
-    from sionna_radar.studies.range_doppler import fly_frames
+    from sionna_radar.studies.range_doppler import run_frames
 
-    session = Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
     checked = session.load()
     session.produce(
-        lambda progress, _: fly_frames(checked, chirps=chirps, frames=frames, progress=progress),
+        lambda _: run_frames(checked, chirps=chirps, frames=frames),
         suffix="_range_doppler",
         marker=MARKER,
         write=write_frames,

@@ -12,15 +12,20 @@ from sionna_radar.cli.session import (
     MapOption,
     OutputOption,
     QuietOption,
+    ResumeOption,
+    SchedulerOption,
     Session,
     SetFileOption,
     SetOption,
+    WorkersOption,
 )
-from sionna_radar.foundation.checkpoints import abandoned, staged
+from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 
 if TYPE_CHECKING:
-    from sionna_radar.survey.recording import SampleType
+    from sionna_radar.cli.session import Keep
+    from sionna_radar.survey.observation import SampleType
+    from sionna_radar.survey.result import Processed
 
 KINDS = ("signals", "paths", "profiles")
 RecordOption = Annotated[
@@ -72,7 +77,7 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
 
 def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
     """Return the sample type of recorded signals; ScenarioError if it is unknown or no signals are recorded."""
-    from sionna_radar.survey.recording import SampleType
+    from sionna_radar.survey.observation import SampleType
 
     known: tuple[SampleType, ...] = get_args(SampleType)
     if text != known[0] and "signals" not in kinds:
@@ -110,20 +115,28 @@ def process_command(
     set_file: SetFileOption = None,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    resume: ResumeOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Process recorded beat signals again, or those of a real radar: ranges, points and DEM, without the scene."""
+    from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.drawing import Coordinates
     from sionna_radar.report.studies.processed import MARKER, print_processed, write_processed
-    from sionna_radar.survey.recording import BLOCK_SIZE
-    from sionna_radar.survey.reprocessing import process
+    from sionna_radar.survey.reprocessing import identity_of, process
 
-    coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    session = Session.of(str(recording), output, set_, set_file, None, quiet)
+    coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
+    session = Session.of(str(recording), output, set_, set_file, None, quiet, resume=resume, team=(workers, scheduler))
+
+    def fly(keep: "Keep") -> "Processed":
+        with session.team() as team:
+            checkpoints = keep(identity_of(recording, session.overrides, size))
+            execution = Execution(block_size=size, workers=team, checkpoints=checkpoints)
+            return process(recording, session.overrides, execution=execution)
+
     session.produce(
-        lambda progress, _: process(
-            recording, session.overrides, block_size=block_size or BLOCK_SIZE, progress=progress
-        ),
+        fly,
         suffix="_processed",
         marker=MARKER,
         write=lambda processed, folder: write_processed(processed, folder, coordinates),

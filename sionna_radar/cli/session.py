@@ -3,25 +3,26 @@
 Arguments and options that several commands share are defined here.
 """
 
+import inspect
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from sionna_radar.foundation.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
+from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, shown
 from sionna_radar.report.files.contents import PointsFile
 from sionna_radar.report.files.folder import check_output, finished_as, note_run
 
 if TYPE_CHECKING:
-    from sionna_radar.foundation.progress import Progress
-    from sionna_radar.foundation.workers import Workers
+    from sionna_radar.execution.workers import Workers
     from sionna_radar.scenario import Scenario
 
 
@@ -29,7 +30,7 @@ Result = TypeVar("Result")
 # Begins, or goes on with, the finished parts of a run that a document describes.
 Keep = Callable[[Mapping[str, Any]], Checkpoints]
 # What workers need whatever they are given, and take seconds to load.
-FLYING = ("sionna_radar.survey.shared_flight", "sionna_radar.tracing.engines.persistent.persistent")
+FLYING = ("sionna_radar.survey.observation", "sionna_radar.tracing.engines.persistent.persistent")
 # The key under which a run says which files it writes; parts do not depend on it.
 PRODUCTS = "choice of products"
 
@@ -91,7 +92,7 @@ class Session:
 
     def team(self) -> "AbstractContextManager[Workers]":
         """Return the context of the workers that share the work: this process alone, unless the user has others."""
-        from sionna_radar.foundation.cluster import open_workers
+        from sionna_radar.execution.cluster import open_workers
 
         return open_workers(self.workers, self.scheduler, FLYING)
 
@@ -107,7 +108,7 @@ class Session:
 
     def produce(
         self,
-        fly: "Callable[[Progress, Keep], Result]",
+        fly: "Callable[[Keep], Result]",
         *,
         suffix: str,
         marker: str,
@@ -121,7 +122,7 @@ class Session:
         Parameters
         ----------
         fly:
-            Returns the result, given where progress goes and what keeps finished parts of a run.
+            Returns the result, given what keeps the finished parts of a run.
         suffix, marker:
             Of the default folder's name, and the file by which a folder of such results is known.
         write:
@@ -138,7 +139,7 @@ class Session:
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> Checkpoints:
-                from sionna_radar.foundation.workers import versions
+                from sionna_radar.execution.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
                 # A GPU rounds otherwise than the CPU.
@@ -148,8 +149,8 @@ class Session:
                     self._end_if_finished(directory, described)
                 return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
-            with progress_of(self.quiet) as progress, self.reach():
-                result = fly(progress, keep)
+            with progress_shown(self.quiet), self.reach():
+                result = fly(keep)
             if not self.quiet:
                 # Figures take longer than the flight of a short survey.
                 show(result)
@@ -173,7 +174,7 @@ class Session:
 
 def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: int | None) -> dict[str, Any]:
     """Return values by dotted keys, those of files first."""
-    from sionna_radar.scenario.loading import parse_overrides, read_overrides
+    from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
     overrides: dict[str, Any] = {}
     for file in files or []:
@@ -183,18 +184,19 @@ def overrides_of(assignments: list[str] | None, files: list[Path] | None, seed: 
 
 
 @contextmanager
-def progress_of(quiet: bool) -> "Iterator[Progress]":
-    """Show how far a computation is, unless nobody wants to know."""
-    from sionna_radar.report.terminal import quiet_progress, shown_progress
+def progress_shown(quiet: bool) -> "Iterator[None]":
+    """Show how far a computation is, unless it is to be quiet."""
+    from sionna_radar.foundation.progress import progress_to
+    from sionna_radar.report.terminal import shown_progress
 
     if quiet:
-        yield quiet_progress()
+        yield
         return
     from sionna_radar.foundation.compiled import on_first_compilation
 
     on_first_compilation(lambda: typer.echo("compiling, first run only", err=True))
-    with shown_progress() as progress:
-        yield progress
+    with shown_progress() as progress, progress_to(progress):
+        yield
 
 
 def log_to_stderr(quiet: bool = False) -> None:
@@ -313,3 +315,57 @@ SchedulerOption = Annotated[
     typer.Option("--scheduler", metavar="ADDRESS", help="Share the work among a dask cluster: tcp://HOST:PORT."),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+def on_a_scenario(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> Session:
+    """Return the session of a command that works on a scenario alone."""
+    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network)
+
+
+def on_a_scenario_by_a_team(
+    scenario: ScenarioArgument,
+    output: OutputOption = None,
+    set_: SetOption = None,
+    set_file: SetFileOption = None,
+    seed: SeedOption = None,
+    network: NetworkOption = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    resume: ResumeOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> Session:
+    """Return the session of a command whose work can be shared, interrupted and resumed."""
+    team = (workers, scheduler)
+    return Session.of(scenario, output, set_, set_file, seed, quiet, network=network, resume=resume, team=team)
+
+
+def with_options_of(session: Callable[..., Session]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: a command has the options of a session, which it takes as its first argument, and its own.
+
+    The options stand in the order of `--help`: scenario and output, those of the command, and the others.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        shared = list(inspect.signature(session).parameters.values())
+        _, *own = inspect.signature(command).parameters.values()
+
+        @wraps(command)
+        def called(**given: Any) -> None:
+            command(session(**{each.name: given.pop(each.name) for each in shared}), **given)
+
+        options = [*shared[:2], *own, *shared[2:]]
+        called.__dict__["__signature__"] = inspect.Signature(options)
+        called.__annotations__ = {each.name: each.annotation for each in options}
+        return called
+
+    return decorate

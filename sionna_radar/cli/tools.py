@@ -19,7 +19,7 @@ from sionna_radar.cli.session import (
     SetOption,
     log_to_stderr,
     overrides_of,
-    progress_of,
+    progress_shown,
 )
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
@@ -78,8 +78,8 @@ def plan(
     taken = load_scenario(base) if base else None
     planned = plan_flight(wanted, taken)
     scenario = planned_scenario(planned, taken)
-    with progress_of(quiet=False) as progress:
-        checked = check_plan(planned, scenario, progress)
+    with progress_shown(quiet=False):
+        checked = check_plan(planned, scenario)
     PLAN_FILE.write(output, to_toml(scenario))
     print_plan(planned)
     print_check(checked)
@@ -135,7 +135,7 @@ def doctor() -> None:
     """Report Python, the ray tracer's variant, libLLVM, the GPU and installed plug-ins; trace one ray."""
     import platform
 
-    from sionna_radar.foundation.workers import versions
+    from sionna_radar.execution.workers import versions
     from sionna_radar.raytracer.backend import describe_backend
     from sionna_radar.scenario.parts import custom_parts
     from sionna_radar.scenario.registry import load_plugins
@@ -245,7 +245,7 @@ def log_command(
 
     ground = _ground(over, terrain)
     Session.of(str(file), output, None, None, None, quiet).produce(
-        lambda _, __: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
+        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap),
         suffix="_log",
         marker=MARKER,
         write=write_log,

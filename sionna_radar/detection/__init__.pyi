@@ -13,21 +13,3 @@ from .ranging.estimator import RangeEstimator as RangeEstimator
 from .ranging.estimator import Ranges as Ranges
 from .ranging.estimator import register_range_estimator as register_range_estimator
 from .spectrum import SpectrumAnalyser as SpectrumAnalyser
-
-__all__ = [
-    "ClutterMap",
-    "Detector",
-    "EchoSpans",
-    "Echoes",
-    "Movers",
-    "Profiles",
-    "RangeDoppler",
-    "RangeDopplerMap",
-    "RangeEstimator",
-    "Ranges",
-    "RingCfar",
-    "SpectrumAnalyser",
-    "StaggeredRangeDoppler",
-    "find_movers",
-    "register_range_estimator",
-]

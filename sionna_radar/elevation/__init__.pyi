@@ -1,5 +1,1 @@
 from .heightfield import Heightfield as Heightfield
-
-__all__ = [
-    "Heightfield",
-]

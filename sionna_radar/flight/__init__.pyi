@@ -13,21 +13,3 @@ from .scan import Pointing as Pointing
 from .scan import Scan as Scan
 from .scan import register_scan as register_scan
 from .trajectory import Trajectory as Trajectory
-
-__all__ = [
-    "FlightLog",
-    "Navigation",
-    "Pointing",
-    "Pose",
-    "PulseSchedule",
-    "Pulses",
-    "Scan",
-    "Trajectory",
-    "antenna_pose",
-    "conical_from_antenna",
-    "read_log",
-    "register_navigation",
-    "register_scan",
-    "whisk_broom_from_antenna",
-    "world_from_body",
-]

@@ -17,7 +17,7 @@ from sionna_radar.flight.trajectory import Trajectory
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.scenario.parts import NAVIGATIONS
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 
 Builder = TypeVar("Builder", bound=Callable[..., object])
 
@@ -98,25 +98,12 @@ def antenna_pose(
     )
 
 
+@registers(NAVIGATIONS, "[platform.navigation]")
 def register_navigation(name: str, parameters: type[NavigationParameters]) -> Callable[[Builder], Builder]:
     """Register a navigation system, for `platform.navigation.kind` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[platform.navigation]`.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `Navigation`, called with the parameters, the true trajectory,
-    the chirp rate (Hz) and the scenario's seed. It may return None for a system without errors.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not `NavigationParameters`.
+    It decorates a class or function that builds a `Navigation`, called with the parameters, the true trajectory, the
+    chirp rate (Hz) and the scenario's seed. It may return None for a system without errors.
 
     Examples
     --------

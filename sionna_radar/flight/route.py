@@ -14,7 +14,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.flight.gusts import in_wind
 from sionna_radar.flight.recorded import read_route
 from sionna_radar.flight.trajectory import Course, Flight, Heights, plan_track, plan_trajectory
-from sionna_radar.flight.turns import CurvedTrack, Segment, banked, rounded_track, shortest_way, turn_radius_m
+from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, rounded_track, shortest_way, turn_radius_m
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.scenario.platform import LinesTable, Platform
 
@@ -44,12 +44,12 @@ def lines_track(table: LinesTable, heading_rad: float, radius_m: float | None, l
         sets = [_lines(table, heading_rad + turn, mirrored=mirrored) for turn in turns for mirrored in (False, True)]
         ways_m = [np.hypot(first[0][0] - last[0], first[0][1] - last[1]) for first, *_ in sets]
         lines += sets[int(np.argmin(ways_m))]
-    segments: list[Segment] = []
+    segments: list[TurnSegment] = []
     for start, end in lines:
         length = float(np.hypot(end[0] - start[0], end[1] - start[1]))
         if segments:
             segments += _between(segments[-1].end, start, radius_m, lead_m)
-        segments.append(Segment(start_m=start[:2], heading_rad=start[2], length_m=length))
+        segments.append(TurnSegment(start_m=start[:2], heading_rad=start[2], length_m=length))
     return CurvedTrack(segments=tuple(segments))
 
 
@@ -69,7 +69,7 @@ def _lines(table: LinesTable, heading_rad: float, *, mirrored: bool = False) -> 
     return found
 
 
-def _between(start: Place, end: Place, radius_m: float | None, lead_m: float) -> list[Segment]:
+def _between(start: Place, end: Place, radius_m: float | None, lead_m: float) -> list[TurnSegment]:
     """Return the way from the end of a line to the start of the next."""
     if radius_m is None:
         east, north = end[0] - start[0], end[1] - start[1]
@@ -77,13 +77,13 @@ def _between(start: Place, end: Place, radius_m: float | None, lead_m: float) ->
         if length == 0:
             return []
         heading = float(np.arctan2(east, north))
-        return [Segment(start_m=start[:2], heading_rad=heading, length_m=length, on_line=False)]
-    out = [Segment(start_m=start[:2], heading_rad=start[2], length_m=lead_m, on_line=False)] if lead_m else []
+        return [TurnSegment(start_m=start[:2], heading_rad=heading, length_m=length, on_line=False)]
+    out = [TurnSegment(start_m=start[:2], heading_rad=start[2], length_m=lead_m, on_line=False)] if lead_m else []
     left = out[-1].end if out else start
     back = (end[0] - lead_m * np.sin(end[2]), end[1] - lead_m * np.cos(end[2]), end[2])
     way = [*out, *shortest_way(left, (float(back[0]), float(back[1]), back[2]), radius_m)]
     if lead_m:
-        way.append(Segment(start_m=back[:2], heading_rad=end[2], length_m=lead_m, on_line=False))
+        way.append(TurnSegment(start_m=back[:2], heading_rad=end[2], length_m=lead_m, on_line=False))
     return way
 
 

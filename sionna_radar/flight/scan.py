@@ -12,7 +12,7 @@ from sionna_radar.flight.frames import conical_from_antenna, steering, whisk_bro
 from sionna_radar.scenario.bases import ScanParameters
 from sionna_radar.scenario.parts import SCANS
 from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Scan"])
 
@@ -59,24 +59,11 @@ class Scan(Protocol):
         ...
 
 
+@registers(SCANS, "[radar.scan]")
 def register_scan(name: str, parameters: type[ScanParameters]) -> Callable[[Builder], Builder]:
     """Register a scan, for `radar.scan.mode` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[radar.scan]`.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `Scan`; it is called with the parameters.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not `ScanParameters`.
+    It decorates a class or function that builds a `Scan`; it is called with the parameters.
 
     Examples
     --------

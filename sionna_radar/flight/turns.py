@@ -24,7 +24,7 @@ MIN_TURN_RAD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segment:
+class TurnSegment:
     """A straight leg or an arc: where it starts, its heading there (clockwise from north), curvature and length.
 
     curvature_per_m: heading per metre; positive turns right. on_line: whether it is a line to be surveyed.
@@ -43,7 +43,7 @@ class Segment:
         return float(east), float(north), self.heading_rad + self.curvature_per_m * self.length_m
 
 
-def _along(distance_m: Float[np.ndarray, " n"], segment: Segment) -> Float[np.ndarray, "n 2"]:
+def _along(distance_m: Float[np.ndarray, " n"], segment: TurnSegment) -> Float[np.ndarray, "n 2"]:
     """Return points of a segment: the integral of (sin, cos) of the heading."""
     half = segment.curvature_per_m * distance_m / 2
     chord = distance_m * np.sinc(half / np.pi)
@@ -55,7 +55,7 @@ def _along(distance_m: Float[np.ndarray, " n"], segment: Segment) -> Float[np.nd
 class CurvedTrack:
     """Segments one after the other; a `Course`."""
 
-    segments: tuple[Segment, ...]
+    segments: tuple[TurnSegment, ...]
 
     @cached_property
     def _starts_m(self) -> Float[np.ndarray, " leg"]:
@@ -140,15 +140,15 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
             "or move the waypoints"
         )
         raise ScenarioError([Problem("platform.turn_radius_m", message)])
-    segments: list[Segment] = []
+    segments: list[TurnSegment] = []
     at = (float(waypoints_m[0, 0]), float(waypoints_m[0, 1]))
     for leg in range(len(length)):
-        segments.append(Segment(start_m=at, heading_rad=float(heading[leg]), length_m=float(left[leg])))
+        segments.append(TurnSegment(start_m=at, heading_rad=float(heading[leg]), length_m=float(left[leg])))
         at = segments[-1].end[:2]
         if leg < len(turn) and abs(turn[leg]) > MIN_TURN_RAD:
             curvature = float(np.sign(turn[leg])) / radius_m
             segments.append(
-                Segment(
+                TurnSegment(
                     start_m=at,
                     heading_rad=float(heading[leg]),
                     length_m=float(abs(turn[leg])) * radius_m,
@@ -161,7 +161,7 @@ def rounded_track(waypoints_m: Float[np.ndarray, "k 2"], radius_m: float) -> Cur
 
 def shortest_way(
     start: tuple[float, float, float], end: tuple[float, float, float], radius_m: float
-) -> Sequence[Segment]:
+) -> Sequence[TurnSegment]:
     """Return the shortest way between two places with headings (east, north, rad) whose turns have a radius.
 
     It has at most three parts, arcs and a straight one or three arcs (Dubins 1957). None of it is a line to survey.
@@ -172,12 +172,14 @@ def shortest_way(
         if lengths is not None and (best is None or sum(lengths) < sum(length for _, length in best)):
             best = [(turn / radius_m, length) for turn, length in zip(turns, lengths, strict=True)]
     assert best is not None  # two turns the same way always have a way
-    segments: list[Segment] = []
+    segments: list[TurnSegment] = []
     at = start
     for curvature, length in best:
         if length > 1e-9:
             segments.append(
-                Segment(start_m=at[:2], heading_rad=at[2], length_m=length, curvature_per_m=curvature, on_line=False)
+                TurnSegment(
+                    start_m=at[:2], heading_rad=at[2], length_m=length, curvature_per_m=curvature, on_line=False
+                )
             )
             at = segments[-1].end
     return segments

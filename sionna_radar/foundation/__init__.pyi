@@ -1,4 +1,3 @@
-from .cluster import open_workers as open_workers
 from .errors import BackendError as BackendError
 from .errors import InputFileError as InputFileError
 from .errors import KeptElsewhereError as KeptElsewhereError
@@ -16,26 +15,3 @@ from .randomness import pulse_uniforms as pulse_uniforms
 from .raster import Georeference as Georeference
 from .raster import Grid as Grid
 from .raster import Raster as Raster
-from .workers import Workers as Workers
-
-__all__ = [
-    "BackendError",
-    "Georeference",
-    "Grid",
-    "InputFileError",
-    "KeptElsewhereError",
-    "OutputError",
-    "PluginError",
-    "Problem",
-    "Progress",
-    "RadarError",
-    "Raster",
-    "ScenarioError",
-    "Stream",
-    "WorkerError",
-    "Workers",
-    "allow_network",
-    "open_workers",
-    "pulse_generator",
-    "pulse_uniforms",
-]

@@ -1,14 +1,18 @@
-"""Progress, time and memory of long computations."""
+"""Progress, time and memory of long computations.
+
+Progress and time are reported like log messages: from anywhere, to the listener and the stopwatch of the context.
+"""
 
 import math
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from itertools import pairwise
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from sionna_radar.foundation.interrupts import raise_received
 
@@ -28,64 +32,22 @@ MIN_TIMED_S, MIN_TIMED_SHARE, MAX_WAIT = 3.0, 0.05, 0.25
 MAX_TIMES = 200
 
 
-# Called after each step by what does not know of which stage it is a part.
-Step = Callable[[], object]
-
-
 def silent(stage: str, done: int, total: int) -> None:
     """Report nothing."""
 
 
-def no_step() -> None:
-    """Count nothing."""
+class _Stage:
+    """A stage of a computation, and how many of its steps are done; a total of 0 is unknown."""
+
+    def __init__(self, name: str, total: int) -> None:
+        self.name, self.total, self.done = name, total, 0
+
+    def report(self) -> None:
+        report(self.name, self.done, self.total)
 
 
-class Steps:
-    """Counts the steps of a stage, and reports each.
-
-    Parameters
-    ----------
-    progress, stage:
-        Whom to tell, and of what.
-    total:
-        Number of steps; 0 if unknown.
-
-    """
-
-    def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
-        self._progress, self._stage, self._total, self._done = progress, stage, total, 0
-        progress(stage, 0, total)
-
-    def __call__(self, count: int = 1) -> None:
-        """Count some steps."""
-        self._done += count
-        self._progress(self._stage, self._done, self._total)
-
-    def finish(self) -> None:
-        """Report the end of a stage of which the number of steps was unknown, or too large."""
-        if self._done != self._total or self._done == 0:
-            last = max(self._done, self._total, 1)
-            self._progress(self._stage, last, last)
-
-
-class Overheard:
-    """Passes progress on, and completes a stage that another ends before its last step or does not count at all."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._last: dict[str, tuple[int, int]] = {}
-
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report a step."""
-        self._last[stage] = done, total
-        self._progress(stage, done, total)
-
-    def complete(self, stage: str) -> None:
-        """Report the end of a stage, unless its last step was reported."""
-        done, total = self._last.get(stage, (0, 0))
-        if done != total or done == 0:
-            last = max(done, total, 1)
-            self._progress(stage, last, last)
+_listener: ContextVar[Progress] = ContextVar("listener", default=silent)
+_current: ContextVar[_Stage | None] = ContextVar("current stage", default=None)
 
 
 class TimeLeft:
@@ -127,13 +89,83 @@ class TimeLeft:
 
 
 @contextmanager
-def default_progress(progress: Progress | None) -> Iterator[Progress]:
-    """Yield a progress callback: the caller's if given, otherwise a bar in a notebook and nothing in a script."""
-    if progress is not None or not in_notebook():
-        yield progress or silent
-        return
-    with notebook_bar() as shown:
-        yield shown
+def progress_to(listener: Progress) -> Iterator[None]:
+    """Report what is computed in this context to a listener, and count no steps for stages outside."""
+    listening, stage_before = _listener.set(listener), _current.set(None)
+    try:
+        yield
+    finally:
+        _listener.reset(listening)
+        _current.reset(stage_before)
+
+
+def report(stage: str, done: int, total: int) -> None:
+    """Report the steps of a stage that are done to the listener; total 0 if unknown."""
+    raise_received()
+    _listener.get()(stage, done, total)
+
+
+@contextmanager
+def stage(name: str, total: int = 0) -> Iterator[None]:
+    """Compute a stage, whose steps are counted by `advance`; without an exception it ends with all of them done.
+
+    Parameters
+    ----------
+    name:
+        What is shown.
+    total:
+        Number of steps; 0 if unknown, or until `expect_steps` gives it.
+
+    """
+    own = _Stage(name, total)
+    own.report()
+    before = _current.set(own)
+    try:
+        yield
+    finally:
+        _current.reset(before)
+    if own.done != own.total or own.done == 0:
+        own.done = own.total = max(own.done, own.total, 1)
+        own.report()
+
+
+def expect_steps(total: int) -> None:
+    """Set the number of steps of the current stage, none of which is done."""
+    current = _current.get()
+    if current is not None:
+        current.done, current.total = 0, total
+        current.report()
+
+
+def advance(count: int = 1) -> None:
+    """Count steps of the current stage, and raise an interrupt that has come.
+
+    In the threads of a pool there is no stage; see `foundation.threads.several_at_once`.
+    """
+    raise_received()
+    current = _current.get()
+    if current is not None and count > 0:
+        current.done += count
+        current.report()
+
+
+def steps_done() -> int:
+    """Return how many steps of the current stage are done."""
+    current = _current.get()
+    return 0 if current is None else current.done
+
+
+@contextmanager
+def shown_progress(listener: Progress | None) -> Iterator[None]:
+    """Report to a listener; without one to a bar in a notebook, and in a script to whoever listens already."""
+    if listener is not None:
+        with progress_to(listener):
+            yield
+    elif in_notebook() and _listener.get() is silent:
+        with notebook_bar() as bar, progress_to(bar):
+            yield
+    else:
+        yield
 
 
 def in_notebook() -> bool:
@@ -227,6 +259,31 @@ class Stopwatch:
         return {**self._spent, "total": perf_counter() - self._start}
 
 
+_stopwatch: ContextVar[Stopwatch | None] = ContextVar("stopwatch", default=None)
+
+
+@contextmanager
+def timing() -> Iterator[Stopwatch]:
+    """Yield a stopwatch that adds up what is `timed` in this context."""
+    watch = Stopwatch()
+    before = _stopwatch.set(watch)
+    try:
+        yield watch
+    finally:
+        _stopwatch.reset(before)
+
+
+@contextmanager
+def timed(stage: str) -> Iterator[None]:
+    """Add the time of a block to a stage of the context's stopwatch."""
+    watch = _stopwatch.get()
+    if watch is None:
+        yield
+        return
+    with watch(stage):
+        yield
+
+
 # Parameters of glibc's `mallopt` (malloc.h), and what they are set to: how many heaps threads share, how much free
 # memory a heap keeps at its end, and from which size on an array is a mapping of its own; glibc allows no larger one.
 M_ARENA_MAX, ARENAS = -8, 2
@@ -268,11 +325,13 @@ def release_memory() -> None:
     trim(0)
 
 
-def let_rest(part: object) -> None:
-    """Let what has a method `rest` give back memory until it is used again."""
-    rest: Callable[[], None] | None = getattr(part, "rest", None)
-    if rest is not None:
-        rest()
+@runtime_checkable
+class HoldsMemory(Protocol):
+    """A part of the simulation that keeps arrays for its next call."""
+
+    def release_memory(self) -> None:
+        """Give them back until it is called again."""
+        ...
 
 
 def peak_memory_mb() -> float:

@@ -1,17 +1,28 @@
 """Elevation rasters in the local frame, and the position of that frame on the Earth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from pyproj import CRS, Geod, Transformer
 from scipy.ndimage import map_coordinates
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import shown
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from xarray import DataArray
+
+Quantity = Literal["height", "height error", "standard deviation of the height"]
+COLOURS: dict[Quantity, str] = {
+    "height": "terrain",
+    "height error": "RdBu_r",
+    "standard deviation of the height": "viridis",
+}
 # Cells of the largest raster that is read as a whole, 800 MB in memory.
 MAX_READ_CELLS = 100_000_000
 REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <spacing> <spacing>"
@@ -19,13 +30,17 @@ REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <sp
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Square cells in the horizontal plane, by their centres; rows run from south to north."""
+    """Square cells in the horizontal plane, by their centres; rows run from south to north.
+
+    georeference: place of the local frame on the map, which makes no difference to the cells; None if unknown.
+    """
 
     west_m: float
     south_m: float
     spacing_m: float
     columns: int
     rows: int
+    georeference: "Georeference | None" = field(default=None, compare=False, repr=False)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -68,6 +83,14 @@ class Grid:
         inside = (row >= 0) & (row < self.rows) & (column >= 0) & (column < self.columns)
         return np.clip(row, 0, self.rows - 1), np.clip(column, 0, self.columns - 1), inside
 
+    def transform(self, georeference: "Georeference | None") -> tuple[float, ...]:
+        """Return the six numbers from columns and rows, counted from the north-west corner, to map coordinates."""
+        east_m, north_m = georeference.origin_m[:2] if georeference else (0.0, 0.0)
+        west_edge, _, _, north_edge = self.extent_m
+        # To a micrometre: sums of local and map coordinates have round-off that other rasters of the same cells lack.
+        # Not rasterio's from_origin: its multiplication causes a warning with affine 3.
+        return self.spacing_m, 0.0, round(west_edge + east_m, 6), 0.0, -self.spacing_m, round(north_edge + north_m, 6)
+
     def cut(self, rows: slice, columns: slice) -> "Grid":
         """Return a part of the grid; both slices need a start and a stop within it."""
         return Grid(
@@ -76,6 +99,7 @@ class Grid:
             spacing_m=self.spacing_m,
             columns=columns.stop - columns.start,
             rows=rows.stop - rows.start,
+            georeference=self.georeference,
         )
 
     @staticmethod
@@ -107,10 +131,11 @@ def _cells_over(low_m: float, high_m: float, spacing_m: float) -> tuple[int, int
 
 @dataclass(frozen=True, kw_only=True)
 class Raster:
-    """Heights on a grid.
+    """Heights on a grid, or what is known of their errors.
 
     grid: west and south are the centres of the first cells, in metres; rows go north.
     height_m: heights in metres, shape (row, column); an empty cell is NaN.
+    quantity: what the values are; heights count from the local origin.
 
     Examples
     --------
@@ -123,6 +148,7 @@ class Raster:
 
     grid: Grid
     height_m: Float[np.ndarray, "row column"]
+    quantity: Quantity = "height"
 
     @staticmethod
     def from_array(
@@ -185,7 +211,7 @@ class Raster:
 
     def within(self, cells: Bool[np.ndarray, "row column"]) -> "Raster":
         """Return the raster with all other cells emptied."""
-        return Raster(grid=self.grid, height_m=np.where(cells, self.height_m, np.nan))
+        return replace(self, height_m=np.where(cells, self.height_m, np.nan))
 
     def at(self, point_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
         """Return bilinear heights; NaN outside the cell centres or next to an empty cell."""
@@ -193,6 +219,74 @@ class Raster:
         column = (point_m[:, 0] - grid.west_m) / grid.spacing_m
         row = (point_m[:, 1] - grid.south_m) / grid.spacing_m
         return map_coordinates(self.height_m, [row, column], order=1, cval=np.nan)
+
+    @property
+    def map_height_m(self) -> Float[np.ndarray, "row column"]:
+        """The values, heights over the datum of the map where the place of the local frame is known."""
+        place = self.grid.georeference
+        return self.height_m + (place.origin_m[2] if place and self.quantity == "height" else 0.0)
+
+    def to_geotiff(self, path: str | Path) -> None:
+        """Write a cloud-optimised GeoTIFF in map coordinates, or in local ones where the place is not known.
+
+        Rows go from north to south, empty cells are NaN. A file that is there already is not overwritten.
+
+        Raises OutputError for a file that exists, or a folder that cannot be written.
+        """
+        from sionna_radar.foundation.geotiff import write_pixels
+
+        path = Path(path)
+        if path.exists():
+            message = f"{shown(path)} exists already; name another file, or remove it"
+            raise OutputError(message)
+        place = self.grid.georeference
+        try:
+            pixels = self.map_height_m[::-1].astype(np.float32)
+            write_pixels(path, pixels, self.grid.transform(place), place.crs_wkt if place else None, self.quantity)
+        except OSError as error:
+            message = f"{shown(path)} cannot be written ({error}); name another folder, or free some space"
+            raise OutputError(message) from error
+
+    def to_xarray(self) -> "DataArray":
+        """Return the values with their coordinates, as an `xarray.DataArray` of the dimensions y and x.
+
+        The coordinates are cell centres, on the map where the place of the local frame is known (then with a
+        `spatial_ref` of CF), otherwise local; y increases with the rows. Needs the extra `arrays`.
+        """
+        from xarray import DataArray
+
+        place, grid = self.grid.georeference, self.grid
+        east_m, north_m = place.origin_m[:2] if place else (0.0, 0.0)
+        array = DataArray(
+            self.map_height_m,
+            dims=("y", "x"),
+            coords={"y": grid.y_m + north_m, "x": grid.x_m + east_m},
+            name=self.quantity.replace(" ", "_"),
+            attrs={"long_name": self.quantity, "units": "m"},
+        )
+        for axis, way in (("x", "east"), ("y", "north")):
+            array[axis].attrs = {"long_name": f"{way}ing" if place else f"{way} of the local origin", "units": "m"}
+        if place:
+            array = array.assign_coords(spatial_ref=((), 0, CRS.from_wkt(place.crs_wkt).to_cf()))
+        return array
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the raster with a colour bar, into the current figure without axes, and return the axes."""
+        import matplotlib.pyplot as plt
+
+        axes = axes or plt.gca()
+        limit = float(np.nanmax(np.abs(self.height_m), initial=0.0)) if self.quantity == "height error" else None
+        image = axes.imshow(
+            np.ma.masked_invalid(self.height_m),
+            origin="lower",
+            extent=self.grid.extent_m,
+            cmap=COLOURS[self.quantity],
+            vmin=None if limit is None else -limit,
+            vmax=limit,
+        )
+        axes.set(xlabel="East (m)", ylabel="North (m)", title=self.quantity.capitalize())
+        axes.figure.colorbar(image, ax=axes, label="m")
+        return axes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,12 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from functools import cache
 from typing import TypeVar
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.interrupts import raise_received
-from sionna_radar.foundation.progress import Step
+from sionna_radar.foundation.progress import advance, steps_done
 
 Result = TypeVar("Result")
 
@@ -43,39 +43,29 @@ def in_threads(function: Callable[[int, int], Result], bounds: list[tuple[int, i
     return _pool().map(function, *zip(*bounds, strict=True)) if bounds else iter(())
 
 
-def several_at_once(
-    work: Callable[[int, Step], Result], numbers: Sequence[int], steps: Sequence[int], step: Step
-) -> Iterator[Result]:
+def several_at_once(work: Callable[[int], Result], numbers: Sequence[int], steps: Sequence[int]) -> Iterator[Result]:
     """Yield what a function returns for each number, in their order, as many at once as there are cores.
 
     Parameters
     ----------
     work:
-        Called with a number, and what it may call after each of its steps. It should spend its time where Python's lock
-        is released. One alone has all cores for loops of its own.
+        Called with a number. It should spend its time where Python's lock is released. One alone has all cores for
+        loops of its own.
     numbers, steps:
-        What to do, and how many steps each takes at the most.
-    step:
-        Told of the steps: of one alone as they are done, of several when each has finished.
+        What to do, and how many steps of the current stage each takes at most: counted as they are done if there is one
+        number alone, otherwise when each has finished.
 
     """
     if own_cores() == 1 or len(numbers) < 2:
         for number, most in zip(numbers, steps, strict=True):
-            left = iter(range(most))
-
-            def counted(left: Iterator[int] = left) -> None:
-                next(left, None)
-                step()
-
-            result = work(number, counted)
-            for _ in left:
-                step()
+            before = steps_done()
+            result = work(number)
+            advance(most - (steps_done() - before))
             yield result
         return
-    results = _pool().map(lambda number: work(number, raise_received), numbers)
+    results = _pool().map(work, numbers)
     for most, result in zip(steps, results, strict=True):
-        for _ in range(most):
-            step()
+        advance(most)
         yield result
 
 
@@ -100,7 +90,7 @@ def beside(function: Callable[[], Result]) -> Callable[[], Result]:
     if cores() == 1:
         found = function()
         return lambda: found
-    return _aside(os.getpid()).submit(function).result
+    return _aside(os.getpid()).submit(copy_context().run, function).result
 
 
 def own_cores() -> int:

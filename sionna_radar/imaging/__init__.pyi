@@ -12,20 +12,3 @@ from .strip import ground_range_resolution_m as ground_range_resolution_m
 from .strip import half_power_width as half_power_width
 from .strip import real_aperture_resolution_m as real_aperture_resolution_m
 from .strip import slant_range_resolution_m as slant_range_resolution_m
-
-__all__ = [
-    "Aperture",
-    "BackProjection",
-    "PixelGrid",
-    "SarImage",
-    "SideLooking",
-    "SlantImage",
-    "azimuth_resolution_m",
-    "ground_pixels",
-    "ground_range_resolution_m",
-    "half_power_width",
-    "real_aperture_resolution_m",
-    "slant_range_resolution_m",
-    "to_ground",
-    "whole_beam",
-]

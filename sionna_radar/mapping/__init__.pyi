@@ -4,12 +4,3 @@ from .mapper import Mapper as Mapper
 from .mapper import register_dem_method as register_dem_method
 from .points import Points as Points
 from .points import locate as locate
-
-__all__ = [
-    "DemMethod",
-    "MapInputs",
-    "Mapper",
-    "Points",
-    "locate",
-    "register_dem_method",
-]

@@ -17,7 +17,6 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Overheard, Progress, silent
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.coverage import closing_cells
 from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
@@ -30,7 +29,7 @@ from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario.parts import DEM_METHODS
 from sionna_radar.scenario.processing import DemTable
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.scenario.table import Table
 
 # Error in range cells that all ranges behind a volume share, as its mean echo is learned from the survey itself: the
@@ -62,7 +61,6 @@ class MapInputs:
     grid: Grid
     max_gap_m: float
     shadow_incidence_rad: float
-    progress: Progress = silent
     look: Callable[[], Looks | None] = lambda: None
     each_piece: EachPiece = pieces_here
 
@@ -91,7 +89,8 @@ class Estimate:
     @classmethod
     def known_by(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
         """Return a DEM with the standard deviations of its cells."""
-        sigma = Raster(grid=dem.grid, height_m=uncertainty.sigma_m(dem.grid, dem.filled))
+        sigma_m = uncertainty.sigma_m(dem.grid, dem.filled)
+        sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
         return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
 
     def where_known(self, least_m: float) -> "Estimate":
@@ -126,24 +125,11 @@ class TiledMethod(DemMethod, Protocol):
         ...
 
 
+@registers(DEM_METHODS, "[dem.method_parameters]")
 def register_dem_method(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a DEM method, for `dem.method` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[dem.method_parameters]`; None if it takes none.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `DemMethod`; it is called with the parameters, if any.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not a `Table`.
+    It decorates a class or function that builds a `DemMethod`; it is called with the parameters, if any.
 
     Examples
     --------
@@ -207,7 +193,6 @@ class Mapper:
         points: Points,
         profiles: Profiles | None,
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
-        progress: Progress = silent,
         each_piece: EachPiece = pieces_here,
     ) -> Estimate:
         """Return the DEM of a survey, with what its method knows of its errors.
@@ -220,8 +205,6 @@ class Mapper:
             Range profiles around them; None if the sensor provides none.
         measured:
             Returns the measured poses of pulses by their indices.
-        progress:
-            Called with the method's steps, and at the end of the stage "mapping".
         each_piece:
             Has the pieces of a map in tiles made; without it, by this process.
 
@@ -234,16 +217,14 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError([Problem("dem.method", message)])
-        overheard = Overheard(progress)
         sightings = self._seen(profiles, measured)
-        given = self.inputs(points, sightings, overheard, partial(self._looks, points, measured), each_piece)
+        given = self.inputs(points, sightings, partial(self._looks, points, measured), each_piece)
         made = self.method(given)
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)
         dem = estimate.dem
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             message = f"DEM method {self.name!r}: return a `Raster` on the grid that is given, {self.grid}"
             raise PluginError(message)
-        overheard.complete("mapping")
         if estimate.sigma is not None:
             sigma_m = np.hypot(estimate.sigma.height_m, np.hypot(self.microrelief_m, self._shared_m(points)))
             estimate = replace(estimate, sigma=replace(estimate.sigma, height_m=sigma_m))
@@ -285,7 +266,6 @@ class Mapper:
         self,
         points: Points,
         sightings: Sightings | None = None,
-        progress: Progress = silent,
         look: Callable[[], Looks | None] = lambda: None,
         each_piece: EachPiece = pieces_here,
     ) -> MapInputs:
@@ -296,7 +276,6 @@ class Mapper:
             grid=self.grid,
             max_gap_m=self.max_gap_m,
             shadow_incidence_rad=self.shadow_incidence_rad,
-            progress=progress,
             look=look,
             each_piece=each_piece,
         )
@@ -402,7 +381,7 @@ def dem_grid(spacing_m: float, extent_m: Extent, max_gap_m: float, place: Georef
         )
         raise ScenarioError([Problem("dem.spacing_m", message)])
     centre_m = place.cell_centre_m(spacing_m) if place else (0.0, 0.0)
-    grid = Grid.covering(west, south, east, north, spacing_m, centre_m)
+    grid = replace(Grid.covering(west, south, east, north, spacing_m, centre_m), georeference=place)
     border = 2 * closing_cells(max_gap_m, spacing_m)
     if (grid.rows + border) * (grid.columns + border) > MAX_CLOSED_CELLS:
         message = (

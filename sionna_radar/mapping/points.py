@@ -1,7 +1,8 @@
 """Placing echoes in the world: on the beam axis, or where in the beam they come from, from the measured pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from hashlib import sha256
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,6 +10,9 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +46,19 @@ class Points(Columns):
     snr_db: Float[np.ndarray, " point"]
     across_sigma_m: Float[np.ndarray, " point"] | None = None
     reach: Float[np.ndarray, " point"] | None = None
+
+    def to_dataframe(self) -> "DataFrame":
+        """Return the points as a `pandas.DataFrame`, one row each; needs the extra `arrays`.
+
+        Columns are those of the table, without those that it lacks; positions become `x_m`, `y_m`, `z_m`, and
+        `origin_x_m` and so on, east, north and up of the local origin.
+        """
+        from pandas import DataFrame
+
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name, prefix in (("position_m", ""), ("origin_m", "origin_")):
+            columns |= dict(zip((f"{prefix}{axis}_m" for axis in "xyz"), columns.pop(name).T, strict=True))
+        return DataFrame({name: column for name, column in columns.items() if column is not None})
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""

@@ -16,24 +16,3 @@ from .equation import plane_echo as plane_echo
 from .pattern import ProductPattern as ProductPattern
 from .pattern import SphericalPattern as SphericalPattern
 from .pattern_files.reader import read_pattern as read_pattern
-
-__all__ = [
-    "Antenna",
-    "ArrayPattern",
-    "Chirp",
-    "Cut",
-    "ElementPattern",
-    "ProductPattern",
-    "SphericalPattern",
-    "antenna_of",
-    "array_factor",
-    "build_antenna",
-    "build_chirp",
-    "build_sweeps",
-    "measured_cut",
-    "plane_echo",
-    "read_pattern",
-    "register_antenna",
-    "steered",
-    "taylor_cut",
-]

@@ -20,7 +20,7 @@ from sionna_radar.radar.two_way_grid import TwoWayGrid, two_way_grid
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import ANTENNAS
-from sionna_radar.scenario.registry import PACKAGE, require
+from sionna_radar.scenario.registry import PACKAGE, registers, require
 
 Builder = TypeVar("Builder", bound=Callable[..., "Antenna"])
 
@@ -326,24 +326,11 @@ def measured_cut(angle_rad: Float[np.ndarray, " n"], power_db: Float[np.ndarray,
     return Cut(10 ** (level_db / 20))
 
 
+@registers(ANTENNAS, "[radar.antenna]")
 def register_antenna(name: str, parameters: type[AntennaParameters]) -> Callable[[Builder], Builder]:
     """Register an antenna, for `radar.antenna.kind` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[radar.antenna]`.
-
-    Returns
-    -------
-    A decorator for a function that builds an `Antenna`; it is called with the parameters.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not `AntennaParameters`.
+    It decorates a function that builds an `Antenna`; it is called with the parameters.
 
     Examples
     --------

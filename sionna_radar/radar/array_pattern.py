@@ -12,6 +12,7 @@ from functools import cached_property
 import finufft
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.ndimage import map_coordinates
 
 from sionna_radar.flight.frames import steering
 from sionna_radar.radar.antenna import Antenna, Pattern, antenna_of
@@ -62,11 +63,7 @@ class ArrayFactor:
         rows, columns = self.samples.shape
         row = (up + REACH) * ((rows - 1) / (2 * REACH))
         column = (left + REACH) * ((columns - 1) / (2 * REACH))
-        low, near = row.astype(np.int64), column.astype(np.int64)
-        a, b = row - low, column - near
-        below = self.samples[low, near] * (1 - b) + self.samples[low, near + 1] * b
-        above = self.samples[low + 1, near] * (1 - b) + self.samples[low + 1, near + 1] * b
-        return below * (1 - a) + above * a
+        return map_coordinates(self.samples, [row, column], output=np.float64, order=1)
 
 
 def array_factor(

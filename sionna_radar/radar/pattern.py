@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from scipy.integrate import trapezoid
+from scipy.ndimage import map_coordinates
 
 # Samples of a whole sphere, 0.05 deg apart; finer ones would take gigabytes.
 MAX_SAMPLES = 30_000_000
@@ -91,12 +92,7 @@ class SphericalPattern:
         rows, columns = self.samples.shape
         row = (elevation + np.pi / 2) * ((rows - 1) / np.pi)
         column = (azimuth + np.pi) * ((columns - 1) / (2 * np.pi))
-        below = np.clip(row.astype(np.int64), 0, rows - 2)
-        left = np.clip(column.astype(np.int64), 0, columns - 2)
-        a, b = row - below, column - left
-        low = self.samples[below, left] * (1 - b) + self.samples[below, left + 1] * b
-        high = self.samples[below + 1, left] * (1 - b) + self.samples[below + 1, left + 1] * b
-        return low * (1 - a) + high * a
+        return map_coordinates(self.samples, [row, column], output=np.float64, order=1, mode="nearest")
 
     @cached_property
     def directivity(self) -> float:

@@ -1,9 +1,3 @@
 from .backend import BackendReport as BackendReport
 from .backend import describe_backend as describe_backend
 from .backend import load_mitsuba as load_mitsuba
-
-__all__ = [
-    "BackendReport",
-    "describe_backend",
-    "load_mitsuba",
-]

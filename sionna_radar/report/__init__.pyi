@@ -24,32 +24,3 @@ from .survey.figures import draw_error as draw_error
 from .survey.figures import draw_power as draw_power
 from .survey.page import survey_page as survey_page
 from .survey.products import write_survey as write_survey
-
-__all__ = [
-    "Coordinates",
-    "PointsFile",
-    "Report",
-    "colour_bar",
-    "draw_chirp",
-    "draw_dem",
-    "draw_environment",
-    "draw_error",
-    "draw_floors",
-    "draw_link",
-    "draw_log",
-    "draw_power",
-    "empty_patch",
-    "finish_map",
-    "show_page",
-    "show_raster",
-    "survey_page",
-    "write_budget",
-    "write_comparison",
-    "write_crosscheck",
-    "write_frames",
-    "write_imagery",
-    "write_link",
-    "write_log",
-    "write_survey",
-    "write_sweep",
-]

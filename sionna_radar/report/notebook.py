@@ -3,8 +3,6 @@
 import base64
 import html
 import io
-from collections.abc import Iterator
-from functools import singledispatch
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -31,50 +29,29 @@ DPI = 80
 PRE = "<pre style='line-height: 1.2'>{code}</pre>"
 
 
-def html_of(result: object) -> str | None:
-    """Return a result as HTML; None for one without a table."""
+def html_of(result: object) -> str:
+    """Return a result as HTML."""
     parts = [_html_of_table(part) if isinstance(part, Table) else _html_of_figure(part) for part in shown(result)]
     parts += [f"<p>warning: {html.escape(warning)}</p>" for warning in getattr(result, "warnings", ())]
-    return "\n".join(parts) or None
+    return "\n".join(parts)
 
 
-@singledispatch
-def shown(result: object) -> Iterator[Table | Figure]:
-    """Yield the tables and figures that show a result."""
-    yield from ()
-
-
-@shown.register
-def _(result: Survey) -> Iterator[Table | Figure]:
-    yield survey_table(result)
-    yield draw_dem(result)
-
-
-@shown.register
-def _(result: Sweep) -> Iterator[Table | Figure]:
-    yield sweep_table(result)
-    if any(case.trials for case in result.cases):
-        yield sweep_figures.errors(result)
-
-
-@shown.register
-def _(result: CrossCheck) -> Iterator[Table | Figure]:
-    yield crosscheck_table(result)
-    yield crosscheck_figures.dems(result)
-
-
-@shown.register
-def _(result: Budget) -> Iterator[Table | Figure]:
-    yield limits_table(result)
-    if result.grades:
-        yield grades_table(result)
-    yield budget_figures.draw(result)
-
-
-@shown.register
-def _(result: Imagery) -> Iterator[Table | Figure]:
-    yield image_table(result)
-    yield imagery_figures.slant_range(result)
+def shown(result: object) -> list[Table | Figure]:
+    """Return the tables and figures that show a result."""
+    match result:
+        case Survey():
+            return [survey_table(result), draw_dem(result)]
+        case Sweep():
+            flown = any(case.trials for case in result.cases)
+            return [sweep_table(result), *([sweep_figures.errors(result)] if flown else [])]
+        case CrossCheck():
+            return [crosscheck_table(result), crosscheck_figures.dems(result)]
+        case Budget():
+            grades = [grades_table(result)] if result.grades else []
+            return [limits_table(result), *grades, budget_figures.draw(result)]
+        case Imagery():
+            return [image_table(result), imagery_figures.slant_range(result)]
+    return []
 
 
 def _html_of_table(table: Table) -> str:

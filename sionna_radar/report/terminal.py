@@ -84,8 +84,3 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
             write(", ".join(filter(None, [f"{stage}: {done:,} of {total:,}" if total else stage, until_end])))
 
     return report
-
-
-def quiet_progress() -> Report:
-    """Return a report that shows nothing, but still handles interrupts."""
-    return lambda stage, done, total: raise_received()

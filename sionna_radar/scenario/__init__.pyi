@@ -7,7 +7,6 @@ from .bases import StageParameters as StageParameters
 from .bases import TerrainParameters as TerrainParameters
 from .lidar import LidarTable as LidarTable
 from .loading import load_scenario as load_scenario
-from .loading import parse_overrides as parse_overrides
 from .loading import parse_scenario as parse_scenario
 from .loading import shipped_scenarios as shipped_scenarios
 from .loading import to_toml as to_toml
@@ -25,6 +24,7 @@ from .objects import Footprints as Footprints
 from .objects import MeshObject as MeshObject
 from .objects import PointTarget as PointTarget
 from .objects import TargetMesh as TargetMesh
+from .overrides import parse_overrides as parse_overrides
 from .platform import NavigationTable as NavigationTable
 from .platform import Platform as Platform
 from .processing import CfarTable as CfarTable
@@ -54,62 +54,3 @@ from .terrain import RasterTerrain as RasterTerrain
 from .terrain import SampleTerrain as SampleTerrain
 from .tracing import TracingTable as TracingTable
 from .weather import WeatherTable as WeatherTable
-
-__all__ = [
-    "AntennaParameters",
-    "AntennaTable",
-    "ArrayAntennaTable",
-    "Building",
-    "CfarTable",
-    "CityTerrain",
-    "ConstantGamma",
-    "CoveredTerrain",
-    "DemTable",
-    "ElectronicScanTable",
-    "FlatTerrain",
-    "Footprints",
-    "FractalTerrain",
-    "HillsTerrain",
-    "IntegralEquation",
-    "Kirchhoff",
-    "Lambertian",
-    "LidarTable",
-    "MaterialParameters",
-    "MeasuredTable",
-    "MeshObject",
-    "MeshTerrain",
-    "NavigationParameters",
-    "NavigationTable",
-    "NonNegative",
-    "OscillatorTable",
-    "Parameters",
-    "PatternAntennaTable",
-    "PhysicalOptics",
-    "Platform",
-    "PointTarget",
-    "Positive",
-    "ProcessingTable",
-    "RadarTable",
-    "RasterTerrain",
-    "Real",
-    "ReceiverTable",
-    "SampleTerrain",
-    "ScanParameters",
-    "ScanTable",
-    "Scenario",
-    "SionnaItu",
-    "SmallPerturbation",
-    "StageParameters",
-    "TargetMesh",
-    "TerrainParameters",
-    "TracingTable",
-    "UlabyDobson",
-    "WeatherTable",
-    "load_scenario",
-    "parse_overrides",
-    "parse_scenario",
-    "reference",
-    "scenario_schema",
-    "shipped_scenarios",
-    "to_toml",
-]

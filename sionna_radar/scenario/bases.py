@@ -14,64 +14,55 @@ Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
 
 
 class ScanParameters(Table):
-    """A scan, by its mode.
-
-    stabilised: roll and pitch of the platform are taken out of the pointing.
-    """
+    """A scan, by its mode."""
 
     mode: str
     stabilised: bool = Field(default=True, strict=True)
+    """roll and pitch of the platform are taken out of the pointing."""
 
 
 class AntennaParameters(Table):
-    """An antenna, by its kind.
-
-    polarization: as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave).
-    receive_polarization: "co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same
-    sense, in which spheres and mirrors return nothing, and "cross" the opposite sense.
-    """
+    """An antenna, by its kind."""
 
     kind: str
     polarization: Literal["V", "H", "RHCP", "LHCP"] = "V"
+    """as sent: V or H, or circular to the right or the left (IEEE: as seen along the way of the wave)."""
     receive_polarization: Literal["co", "cross"] = "co"
+    """"co" receives the same, "cross" the orthogonal one. Of a circular antenna "co" is the same sense, in which
+    spheres and mirrors return nothing, and "cross" the opposite sense."""
 
 
 class NavigationParameters(Table):
-    """A navigation system, by its kind.
-
-    lever_arm_m: from it to the antenna: nose, right, down.
-    """
+    """A navigation system, by its kind."""
 
     kind: str
     lever_arm_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
+    """from it to the antenna: nose, right, down."""
 
 
 class TerrainParameters(Table):
-    """A terrain, by its kind.
-
-    centre_lonlat_deg: longitude and latitude (WGS 84) of the local origin. Without it a file's own middle, or, for
-    ground that is on no map, none: everything about it is then in local metres.
-    """
+    """A terrain, by its kind."""
 
     kind: str
     centre_lonlat_deg: Point2 | None = None
+    """longitude and latitude (WGS 84) of the local origin. Without it a file's own middle, or, for ground that is on no
+    map, none: everything about it is then in local metres."""
 
 
 class CoveredTerrain(TerrainParameters):
     """Ground of one material, with others over it: classes of a raster, then of a vector file, then polygons.
 
     Each covers those before it; polygons do in the order given.
-
-    material: of the ground; a name of the scenario's materials.
-    cover_raster: a raster of land-cover classes.
-    cover_vector: a vector file of land-cover classes.
-    cover: polygons of other materials.
     """
 
     material: str = "ground"
+    """of the ground; a name of the scenario's materials."""
     cover_raster: CoverRaster | None = None
+    """a raster of land-cover classes."""
     cover_vector: CoverVector | None = None
+    """a vector file of land-cover classes."""
     cover: tuple[CoverPolygon, ...] = ()
+    """polygons of other materials."""
 
 
 class MaterialParameters(Table):
@@ -81,9 +72,7 @@ class MaterialParameters(Table):
 
 
 class StageParameters(Table):
-    """A stage of the receiver, by its name.
-
-    stage: what it is called.
-    """
+    """A stage of the receiver, by its name."""
 
     stage: str
+    """what it is called."""

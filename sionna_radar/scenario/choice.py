@@ -92,11 +92,6 @@ class NameIn:
         return name
 
 
-def name_in(registry: Registry, *also: str) -> NameIn:
-    """Return the check of a key that names a registered part, or is one of some other words."""
-    return NameIn(registry, also)
-
-
 @dataclass(frozen=True)
 class ParametersOf:
     """Validation of the parameters of the part that the key `name` of the same table names."""

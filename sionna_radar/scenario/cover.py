@@ -10,39 +10,33 @@ from sionna_radar.scenario.table import InputPath, Point2, Positive, Real, Table
 
 
 class MaterialField(Table):
-    """A rectangle of another material on the terrain.
-
-    centre_m: of the rectangle: east and north.
-    size_m: of the rectangle along east and north.
-    material: on it; a name of the scenario's materials.
-    """
+    """A rectangle of another material on the terrain."""
 
     centre_m: Point2
+    """of the rectangle: east and north."""
     size_m: tuple[Positive, Positive]
+    """of the rectangle along east and north."""
     material: str
+    """on it; a name of the scenario's materials."""
 
 
 class CoverPolygon(Table):
-    """A polygon of another material on the terrain, by its corners in local metres.
-
-    polygon_m: corners of the polygon in their order, each in the coordinates of the scenario.
-    material: on it; a name of the scenario's materials.
-    """
+    """A polygon of another material on the terrain, by its corners in local metres."""
 
     polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)]
+    """corners of the polygon in their order, each in the coordinates of the scenario."""
     material: str
+    """on it; a name of the scenario's materials."""
 
 
 class CoverRaster(Table):
-    """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid.
-
-    path: the raster.
-    classes: material by class value; ground of any other class keeps `terrain.material`. Over synthetic
-    ground the raster's own coordinates are the local metres, and it has no CRS.
-    """
+    """A raster of class values, each mapped to a material: GeoTIFF, PNG or a grid."""
 
     path: InputPath
+    """the raster."""
     classes: dict[str, str]
+    """material by class value; ground of any other class keeps `terrain.material`. Over synthetic ground the raster's
+    own coordinates are the local metres, and it has no CRS."""
 
     @model_validator(mode="after")
     def _whole_classes(self) -> CoverRaster:
@@ -64,17 +58,16 @@ class CoverVector(Table):
 
     Where polygons overlap the later one in the file covers the earlier. They are transformed from the file's CRS; over
     ground that is on no map their coordinates are local metres.
-
-    path: the vector file.
-    attribute: that which holds the class.
-    classes: material by class; ground of any other class, and beyond all polygons, keeps `terrain.material`.
-    layer: of a GeoPackage with several.
     """
 
     path: InputPath
+    """the vector file."""
     attribute: Annotated[str, Field(min_length=1)]
+    """that which holds the class."""
     classes: dict[str, str]
+    """material by class; ground of any other class, and beyond all polygons, keeps `terrain.material`."""
     layer: str | None = None
+    """of a GeoPackage with several."""
 
     @model_validator(mode="after")
     def _some_class(self) -> CoverVector:
@@ -89,28 +82,26 @@ class VegetationTable(Table):
     Both values are of the whole stand, gaps included; the wind turns the phases of the plants (`weather.wind_mps`).
     Measured millimetre-wave extinction is for instance in Recommendation ITU-R P.833, and by Jones, Espeland and
     Violette (NTIA, conifers in October 1987, 9.6 to 96.1 GHz).
-
-    polygon_m: its outline on the map: corners in their order, each in the coordinates of the scenario; where stands
-        overlap the last one counts. With path it may be left out: all of the raster.
-    height_m: of its top over the ground.
-    path: instead of it, a raster of such heights in metres: a canopy-height model, as lidar gives it; or a point cloud,
-        LAS or LAZ, whose highest points over the ground they are. One without a CRS is in local metres about its
-        middle.
-    classes: of a point cloud's plants.
-    cloud_spacing_m: of the cells in which the highest of its points is taken.
-    least_height_m: where that is lower, nothing stands.
-    extinction_db_per_m: of power, one way.
-    backscatter_db_per_m: radar cross-section of a cubic metre, in dB over a square metre.
     """
 
     polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)] | None = None
+    """its outline on the map: corners in their order, each in the coordinates of the scenario; where stands overlap the
+    last one counts. With path it may be left out: all of the raster."""
     height_m: Annotated[Positive, Field(le=100)] | None = None
+    """of its top over the ground."""
     path: InputPath | None = None
+    """instead of it, a raster of such heights in metres: a canopy-height model, as lidar gives it; or a point cloud,
+    LAS or LAZ, whose highest points over the ground they are. One without a CRS is in local metres about its middle."""
     classes: Annotated[tuple[Annotated[int, Field(strict=True, ge=0, le=255)], ...], Field(min_length=1)] = (3, 4, 5)
+    """of a point cloud's plants."""
     cloud_spacing_m: Annotated[Real, Field(ge=0.05, le=100)] = 1.0
+    """of the cells in which the highest of its points is taken."""
     least_height_m: Positive = 0.5
+    """where that is lower, nothing stands."""
     extinction_db_per_m: Annotated[Real, Field(ge=0, le=100)]
+    """of power, one way."""
     backscatter_db_per_m: Annotated[Real, Field(ge=-100, le=30)]
+    """radar cross-section of a cubic metre, in dB over a square metre."""
 
     @model_validator(mode="after")
     def _one_height(self) -> VegetationTable:

@@ -16,21 +16,10 @@ from pydantic_core import PydanticSerializationError
 
 from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, shown, why_not
-from sionna_radar.scenario.overrides import apply_overrides, give_way, parse_overrides, read_overrides, resolve_paths
+from sionna_radar.scenario.overrides import apply_overrides, give_way, resolve_paths
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import Table
-
-__all__ = [
-    "find_scenario",
-    "load_scenario",
-    "parse_overrides",
-    "parse_scenario",
-    "read_overrides",
-    "scenes_directory",
-    "shipped_scenarios",
-    "to_toml",
-]
 
 
 def scenes_directory() -> Path:

@@ -23,91 +23,77 @@ Fraction = Annotated[Real, Field(ge=0, le=1)]
 
 
 class Soil(Table):
-    """Unfrozen moist soil.
-
-    temperature_c: of the soil.
-    sand_percent: by weight, of the dry soil.
-    clay_percent: by weight, of the dry soil.
-    water_fraction: by volume.
-    specific_gravity: of the dry grains.
-    bulk_density_g_cm3: of the dry soil; without it that which its composition has.
-    """
+    """Unfrozen moist soil."""
 
     kind: Literal["soil"] = "soil"
     temperature_c: Real
+    """of the soil."""
     sand_percent: Percent
+    """by weight, of the dry soil."""
     clay_percent: Percent
+    """by weight, of the dry soil."""
     water_fraction: Fraction
+    """by volume."""
     specific_gravity: Positive
+    """of the dry grains."""
     bulk_density_g_cm3: Positive | None = None
+    """of the dry soil; without it that which its composition has."""
 
 
 class Water(Table):
-    """Pure liquid water.
-
-    temperature_c: of the water.
-    """
+    """Pure liquid water."""
 
     kind: Literal["water"] = "water"
     temperature_c: Real
+    """of the water."""
 
 
 class Ice(Table):
-    """Pure ice.
-
-    temperature_c: of the ice.
-    """
+    """Pure ice."""
 
     kind: Literal["ice"] = "ice"
     temperature_c: Real
+    """of the ice."""
 
 
 class DrySnow(Table):
-    """Dry snow: absorption only, no scattering by its grains.
-
-    temperature_c: of the snow.
-    density_g_cm3: of the snow.
-    """
+    """Dry snow: absorption only, no scattering by its grains."""
 
     kind: Literal["dry_snow"] = "dry_snow"
     temperature_c: Real
+    """of the snow."""
     density_g_cm3: Positive
+    """of the snow."""
 
 
 class WetSnow(Table):
-    """Wet snow.
-
-    temperature_c: of the snow.
-    dry_density_g_cm3: without its liquid water.
-    liquid_fraction: by volume.
-    """
+    """Wet snow."""
 
     kind: Literal["wet_snow"] = "wet_snow"
     temperature_c: Real
+    """of the snow."""
     dry_density_g_cm3: Positive
+    """without its liquid water."""
     liquid_fraction: Fraction
+    """by volume."""
 
 
 class Vegetation(Table):
-    """Leaves and stalks themselves, not a canopy.
-
-    temperature_c: of the leaves.
-    water_fraction: by mass.
-    """
+    """Leaves and stalks themselves, not a canopy."""
 
     kind: Literal["vegetation"] = "vegetation"
     temperature_c: Real
+    """of the leaves."""
     water_fraction: NonNegative
+    """by mass."""
 
 
 class Asphalt(Table):
-    """A dry asphalt road.
-
-    mix: asphalt concrete or stone mastic, with the largest grain in millimetres.
-    """
+    """A dry asphalt road."""
 
     kind: Literal["asphalt"] = "asphalt"
     mix: Literal["AC11DS", "SMA8S", "SMA11S"]
+    """asphalt concrete or stone mastic, with the largest grain in millimetres."""
 
 
 class BuildingMedium(Table):
@@ -149,27 +135,25 @@ TERRAIN_CLASSES = {
 
 
 class SurfaceTable(MaterialParameters):
-    """What all materials share.
-
-    cross_polar_db: cross-polar sigma0 over the co-polar one, the weaker of V and H. Without it a linear antenna
-    meets none, and a circular one a typical one.
-    copolar_correlation: of VV and HH from 20 deg off nadir on, for circular waves; without it that of a surface alike
-    from all sides about the line of sight, 1 - 2 cross-polar ratio: 0.8 at -10 dB.
-    specular: also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone.
-    permittivity: [real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from.
-    medium: what the surface is made of, for a permittivity by a published formula; instead of one given.
-    motion: what `weather.wind_mps` moves: plants, each scatterer with a Doppler shift of its own, which shows where
-        speckle persists, or water, by its waves.
-    fetch_m: of water, along which the wind has blown over it.
-    """
+    """What all materials share."""
 
     cross_polar_db: Annotated[Real, Field(ge=-100, le=0)] | None = None
+    """cross-polar sigma0 over the co-polar one, the weaker of V and H. Without it a linear antenna meets none, and a
+    circular one a typical one."""
     copolar_correlation: Annotated[Real, Field(ge=0, le=1)] | None = None
+    """of VV and HH from 20 deg off nadir on, for circular waves; without it that of a surface alike from all sides
+    about the line of sight, 1 - 2 cross-polar ratio: 0.8 at -10 dB."""
     specular: bool = Field(default=False, strict=True)
+    """also reflect as a mirror, at right angles, from plane facets large against the Fresnel zone."""
     permittivity: tuple[Annotated[Real, Field(ge=1)], NonNegative] | None = None
+    """[real, loss], that is eps' and eps'' of eps' - j eps''; or a `medium` to compute it from."""
     medium: Medium | None = None
+    """what the surface is made of, for a permittivity by a published formula; instead of one given."""
     motion: Literal["still", "plants", "water"] = "still"
+    """what `weather.wind_mps` moves: plants, each scatterer with a Doppler shift of its own, which shows where speckle
+    persists, or water, by its waves."""
     fetch_m: Annotated[Real, Field(ge=1, le=1e6)] = 1000.0
+    """of water, along which the wind has blown over it."""
 
     @model_validator(mode="after")
     def _fetch_of_water(self) -> SurfaceTable:
@@ -189,12 +173,10 @@ class SurfaceTable(MaterialParameters):
 
 
 class EmpiricalTable(SurfaceTable):
-    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it.
-
-    rms_height_m: roughness of the mirror; 0 for a smooth one.
-    """
+    """A model of the diffuse return alone; the mirror's roughness and medium are given beside it."""
 
     rms_height_m: NonNegative | None = None
+    """roughness of the mirror; 0 for a smooth one."""
 
     @model_validator(mode="after")
     def _mirror(self) -> EmpiricalTable:
@@ -209,15 +191,13 @@ class EmpiricalTable(SurfaceTable):
 
 
 class ConstantGamma(EmpiricalTable):
-    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value.
-
-    terrain_class: a class of the paper's Table 1.
-    gamma_db: the value itself, instead of a class.
-    """
+    """sigma0 = gamma cos(incidence): the paper's model, by its terrain class or by value."""
 
     model: Literal["constant_gamma"] = "constant_gamma"
     terrain_class: Literal["city", "mountain", "forest", "rolling_hills", "desert"] | None = None
+    """a class of the paper's Table 1."""
     gamma_db: Level | None = None
+    """the value itself, instead of a class."""
 
     @model_validator(mode="after")
     def _one_source(self) -> ConstantGamma:
@@ -235,41 +215,38 @@ class ConstantGamma(EmpiricalTable):
 
 
 class Lambertian(EmpiricalTable):
-    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection.
-
-    nadir_sigma0_db: sigma0 at normal incidence.
-    """
+    """sigma0 = sigma0(nadir) cos^2(incidence): Lambert's law of diffuse reflection."""
 
     model: Literal["lambertian"] = "lambertian"
     nadir_sigma0_db: Level
+    """sigma0 at normal incidence."""
 
 
 class UlabyDobson(EmpiricalTable):
     """sigma0 (dB) = p1 + p2 exp(-p3 t) + p4 cos(p5 t + p6), t in radians, with the user's own parameters.
 
     None is shipped: those published could not be read for this band (see `surfaces.backscatter`).
-
-    p1: level in dB.
-    p2: in dB.
-    p3: per radian.
-    p4: in dB.
-    p5: without unit.
-    p6: in radians.
-    min_incidence_deg: from which on the parameters are valid.
-    max_incidence_deg: up to which the parameters are valid.
-    source: of the parameters: document, band, polarization.
     """
 
     model: Literal["ulaby_dobson"] = "ulaby_dobson"
     p1: Real
+    """level in dB."""
     p2: Real
+    """in dB."""
     p3: Real
+    """per radian."""
     p4: Real
+    """in dB."""
     p5: Real
+    """without unit."""
     p6: Real
+    """in radians."""
     min_incidence_deg: Incidence
+    """from which on the parameters are valid."""
     max_incidence_deg: Incidence
+    """up to which the parameters are valid."""
     source: Annotated[str, Field(min_length=1)]
+    """of the parameters: document, band, polarization."""
 
     @model_validator(mode="after")
     def _increasing(self) -> UlabyDobson:
@@ -284,26 +261,22 @@ class UlabyDobson(EmpiricalTable):
 
 
 class MeasuredTable(EmpiricalTable):
-    """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db.
-
-    path: the CSV file.
-    """
+    """sigma0 measured: a CSV file with the columns incidence_deg and sigma0_db."""
 
     model: Literal["table"] = "table"
     path: InputPath
+    """the CSV file."""
 
 
 class RoughTable(SurfaceTable):
-    """A randomly rough surface of a homogeneous medium.
-
-    rms_height_m: standard deviation of the surface's height.
-    correlation_length_m: over which heights are alike.
-    correlation: shape of the correlation function.
-    """
+    """A randomly rough surface of a homogeneous medium."""
 
     rms_height_m: Positive
+    """standard deviation of the surface's height."""
     correlation_length_m: Positive
+    """over which heights are alike."""
     correlation: Literal["gaussian", "exponential"] = "gaussian"
+    """shape of the correlation function."""
 
     @model_validator(mode="after")
     def _of_something(self) -> RoughTable:
@@ -343,12 +316,11 @@ class IntegralEquation(RoughTable):
 
     "transition" goes from "incidence" to "nadir" as the surface gets rougher. At "nadir" sigma0 grows without bound
     toward grazing.
-
-    fresnel_angle: where the reflection coefficient is taken.
     """
 
     model: Literal["integral_equation"] = "integral_equation"
     fresnel_angle: Literal["transition", "incidence", "nadir"] = "transition"
+    """where the reflection coefficient is taken."""
 
 
 class SionnaItu(MaterialParameters):
@@ -356,18 +328,17 @@ class SionnaItu(MaterialParameters):
 
     The scattering matrix is that of the materials above, which keeps the polarization at every scan angle; Sionna's
     own loses 4.5 to 24 dB of the co-polar echo off nadir.
-
-    itu_type: material of ITU-R P.2040, as Sionna RT names it.
-    scattering_coefficient: share of the reflected field that scatters.
-    xpd_coefficient: share of the scattered power that is cross-polarized.
-    thickness_m: of the slab.
     """
 
     model: Literal["sionna_itu"] = "sionna_itu"
     itu_type: str
+    """material of ITU-R P.2040, as Sionna RT names it."""
     scattering_coefficient: Annotated[Real, Field(gt=0, le=1)]
+    """share of the reflected field that scatters."""
     xpd_coefficient: Annotated[Real, Field(ge=0, lt=1)] = 0.0
+    """share of the scattered power that is cross-polarized."""
     thickness_m: Positive = 0.1
+    """of the slab."""
 
     @field_validator("itu_type")
     @classmethod

@@ -12,31 +12,27 @@ from sionna_radar.scenario.terrain import MeshFile, MeshShape
 
 
 class Building(Table):
-    """A box that stands on the lowest ground under it; heading 0 puts its length along north.
-
-    position_m: of its middle.
-    size_m: length, width and height.
-    heading_deg: of its length, clockwise from north.
-    material: of its walls and roof.
-    """
+    """A box that stands on the lowest ground under it; heading 0 puts its length along north."""
 
     position_m: Point2
+    """of its middle."""
     size_m: tuple[Positive, Positive, Positive]
+    """length, width and height."""
     heading_deg: Real = 0.0
+    """of its length, clockwise from north."""
     material: str = "building"
+    """of its walls and roof."""
 
 
 class MeshObject(MeshFile):
-    """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang.
-
-    position_m: place of the file's origin, or of the middle of its box (`centre`). With `on_ground`, east and north,
-        and the lowest point of the mesh stands on the lowest ground in its outline; without it a third number, the
-        height of that place, in the heights of the terrain (above its datum where it has one).
-    on_ground: whether it stands on the ground.
-    """
+    """A mesh that stands in the scene: a pylon, a bridge, a tree, a house. It may overhang."""
 
     position_m: Annotated[tuple[Real, ...], Field(min_length=2, max_length=3)]
+    """place of the file's origin, or of the middle of its box (`centre`). With `on_ground`, east and north, and the
+    lowest point of the mesh stands on the lowest ground in its outline; without it a third number, the height of that
+    place, in the heights of the terrain (above its datum where it has one)."""
     on_ground: bool = Field(default=True, strict=True)
+    """whether it stands on the ground."""
 
     @model_validator(mode="after")
     def _height_given_once(self) -> MeshObject:
@@ -50,16 +46,6 @@ class MeshObject(MeshFile):
 class Footprints(Table):
     """Buildings from the outlines of a vector file: GeoJSON, GeoPackage or Shapefile, such as OpenStreetMap's.
 
-    layer: of a GeoPackage with several.
-    height: attribute with the height: metres, or text as in OpenStreetMap, such as "12", "12.5 m" or "40 ft".
-    levels: attribute with the number of storeys, where that is not known, of `level_height_m` each.
-    height_m: height of all outlines for which the attributes say nothing; without it these are left out.
-    path: the vector file.
-    level_height_m: height of a storey.
-    material: of walls and roofs.
-    material_attribute: attribute that says of what a building is, such as OpenStreetMap's building:material.
-    materials: materials of the scenario by its values; others are of `material`.
-
     Outlines are transformed from the file's CRS; over ground that is on no map their coordinates are local metres.
     Each stands with its base on the lowest ground along its outline, and its height counts from there, as that of
     `[[buildings]]` does; courtyards stay open. Outlines that lie beyond the survey's reach are not built, and those
@@ -67,14 +53,23 @@ class Footprints(Table):
     """
 
     path: InputPath
+    """the vector file."""
     layer: str | None = None
+    """of a GeoPackage with several."""
     height: str | None = None
+    """attribute with the height: metres, or text as in OpenStreetMap, such as "12", "12.5 m" or "40 ft"."""
     levels: str | None = None
+    """attribute with the number of storeys, where that is not known, of `level_height_m` each."""
     level_height_m: Positive = 3.0
+    """height of a storey."""
     height_m: Positive | None = None
+    """height of all outlines for which the attributes say nothing; without it these are left out."""
     material: str = "building"
+    """of walls and roofs."""
     material_attribute: str | None = None
+    """attribute that says of what a building is, such as OpenStreetMap's building:material."""
     materials: dict[str, str] = {}
+    """materials of the scenario by its values; others are of `material`."""
 
     @model_validator(mode="after")
     def _some_height(self) -> Footprints:
@@ -86,24 +81,22 @@ class Footprints(Table):
 
 
 class RotorTable(Table):
-    """Blades that turn on a target: a propeller, a wheel. Each is a row of points along its length.
-
-    offset_m: of the hub from the target: forward, to the right, and up.
-    axis: about which the blades turn.
-    radius_m: of the blades' tips.
-    rotation_rpm: negative to turn the other way.
-    blades: how many.
-    points: in which each blade is divided.
-    rcs_dbsm: mean radar cross-section of a blade, in dB over a square metre.
-    """
+    """Blades that turn on a target: a propeller, a wheel. Each is a row of points along its length."""
 
     offset_m: tuple[Real, Real, Real] = (0.0, 0.0, 0.0)
+    """of the hub from the target: forward, to the right, and up."""
     axis: Literal["up", "forward", "right"] = "up"
+    """about which the blades turn."""
     radius_m: Annotated[Positive, Field(le=100)]
+    """of the blades' tips."""
     rotation_rpm: Annotated[Real, Field(ge=-1e6, le=1e6)]
+    """negative to turn the other way."""
     blades: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
+    """how many."""
     points: Annotated[int, Field(strict=True, ge=1, le=64)] = 8
+    """in which each blade is divided."""
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)]
+    """mean radar cross-section of a blade, in dB over a square metre."""
 
 
 class TargetMesh(MeshShape):
@@ -111,43 +104,41 @@ class TargetMesh(MeshShape):
 
     It hides what lies behind it; faces behind others return nothing. Edges, creeping waves and reflections between
     faces are left out. Its own origin stands at the target's position.
-
-    reflectivity_db: of its surface, power over that of a perfect conductor.
     """
 
     reflectivity_db: Annotated[Real, Field(ge=-100, le=0)] = 0.0
+    """of its surface, power over that of a perfect conductor."""
 
 
 class PointTarget(Table):
     """A point of given mean radar cross-section, constant or by Swerling's cases, or a body, above the ground.
 
     It stands, or moves along a way at one speed; a point does not hide anything.
-
-    position_m: east and north; where its way begins.
-    height_m: above the ground.
-    rcs_dbsm: mean radar cross-section, in dB over a square metre.
-    rcs_table: instead of it, a CSV with the columns azimuth_deg,rcs_dbsm and, if wanted, elevation_deg: by the
-        direction from which the target is seen, clockwise from its front, and above its horizon.
-    mesh: instead of both, its shape.
-    swerling: case 0 (constant) to 4.
-    waypoints_m: places to which it moves from there, one after another, at its height above the ground.
-    speed_mps: at which it moves.
-    closed: whether its way leads back to its beginning, again and again; without it, it stands at the last place.
-    heading_deg: of its front while it has no way, clockwise from north; on its way it looks ahead.
-    rotors: blades that turn on it.
     """
 
     position_m: Point2
+    """east and north; where its way begins."""
     height_m: NonNegative = 0.0
+    """above the ground."""
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)] | None = None
+    """mean radar cross-section, in dB over a square metre."""
     rcs_table: InputPath | None = None
+    """instead of it, a CSV with the columns azimuth_deg,rcs_dbsm and, if wanted, elevation_deg: by the direction from
+    which the target is seen, clockwise from its front, and above its horizon."""
     mesh: TargetMesh | None = None
+    """instead of both, its shape."""
     swerling: Annotated[int, Field(strict=True, ge=0, le=4)] = 0
+    """case 0 (constant) to 4."""
     waypoints_m: tuple[Point2, ...] = ()
+    """places to which it moves from there, one after another, at its height above the ground."""
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
+    """at which it moves."""
     closed: bool = Field(default=False, strict=True)
+    """whether its way leads back to its beginning, again and again; without it, it stands at the last place."""
     heading_deg: Real = 0.0
+    """of its front while it has no way, clockwise from north; on its way it looks ahead."""
     rotors: tuple[RotorTable, ...] = ()
+    """blades that turn on it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> PointTarget:

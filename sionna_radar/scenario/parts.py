@@ -17,100 +17,82 @@ from sionna_radar.scenario.registry import PACKAGE, Registry
 
 RANGE_ESTIMATORS = Registry(
     "range estimator",
-    {
-        "peak": "sionna_radar.detection.ranging.estimators",
-        "centroid": "sionna_radar.detection.ranging.estimators",
-        "leading_edge": "sionna_radar.detection.ranging.estimators",
-        "model_fit": "sionna_radar.detection.ranging.estimators",
-    },
+    {"detection.ranging.estimators": ("peak", "centroid", "leading_edge", "model_fit")},
 )
 DEM_METHODS = Registry(
     "DEM method",
     {
-        "linear": "sionna_radar.mapping.linear.linear",
-        "smooth": "sionna_radar.mapping.refined.refinement",
-        "refined": "sionna_radar.mapping.refined.refinement",
-        "stepped": "sionna_radar.mapping.stepped.surface",
+        "mapping.linear.linear": ("linear",),
+        "mapping.refined.refinement": ("smooth", "refined"),
+        "mapping.stepped.surface": ("stepped",),
     },
 )
 SCANS = Registry(
     "scan",
-    {
-        "whisk_broom": "sionna_radar.flight.scan",
-        "conical": "sionna_radar.flight.scan",
-        "fixed": "sionna_radar.flight.scan",
-        "side_looking": "sionna_radar.flight.scan",
-        "electronic": "sionna_radar.flight.scan",
-    },
+    {"flight.scan": ("whisk_broom", "conical", "fixed", "side_looking", "electronic")},
     ScanParameters,
 )
 ANTENNAS = Registry(
     "antenna",
     {
-        "taylor": "sionna_radar.radar.array_antenna",
-        "pattern": "sionna_radar.radar.pattern_files.reader",
-        "array": "sionna_radar.radar.array_antenna",
+        "radar.array_antenna": ("taylor", "array"),
+        "radar.pattern_files.reader": ("pattern",),
     },
     AntennaParameters,
 )
 NAVIGATIONS = Registry(
     "navigation",
-    {"errors": "sionna_radar.flight.navigation", "from_log": "sionna_radar.flight.navigation"},
+    {"flight.navigation": ("errors", "from_log")},
     NavigationParameters,
 )
 SENSORS = Registry(
     "sensor",
-    {"radar": "sionna_radar.survey.sensors.device_radar", "lidar": "sionna_radar.survey.sensors.lidar"},
+    {
+        "survey.sensors.device_radar": ("radar",),
+        "survey.sensors.lidar": ("lidar",),
+    },
 )
 ENGINES = Registry(
     "tracing engine",
-    {
-        "sionna": "sionna_radar.tracing.engines.ours",
-        "gamma": "sionna_radar.tracing.engines.ours",
-        "path_solver": "sionna_radar.tracing.engines.ours",
-    },
+    {"tracing.engines.ours": ("sionna", "gamma", "path_solver")},
 )
 TERRAINS = Registry(
     "terrain",
     {
-        "flat": "sionna_radar.scene.terrains.synthetic",
-        "hills": "sionna_radar.scene.terrains.synthetic",
-        "fractal": "sionna_radar.scene.terrains.synthetic",
-        "jacksboro": "sionna_radar.scene.terrains.elevation",
-        "raster": "sionna_radar.scene.terrains.elevation",
-        "points": "sionna_radar.scene.terrains.points",
-        "mesh": "sionna_radar.scene.terrains.mesh",
-        "sionna:san_francisco": "sionna_radar.scene.terrains.city",
-        "sionna:munich": "sionna_radar.scene.terrains.city",
-        "sionna:florence": "sionna_radar.scene.terrains.city",
-        "sionna:etoile": "sionna_radar.scene.terrains.city",
+        "scene.terrains.synthetic": ("flat", "hills", "fractal"),
+        "scene.terrains.elevation": ("jacksboro", "raster"),
+        "scene.terrains.points": ("points",),
+        "scene.terrains.mesh": ("mesh",),
+        "scene.terrains.city": ("sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"),
     },
     TerrainParameters,
 )
 MATERIALS = Registry(
     "material",
     {
-        "constant_gamma": "sionna_radar.surfaces.surface_models",
-        "lambertian": "sionna_radar.surfaces.surface_models",
-        "ulaby_dobson": "sionna_radar.surfaces.surface_models",
-        "table": "sionna_radar.surfaces.surface_models",
-        "kirchhoff": "sionna_radar.surfaces.surface_models",
-        "physical_optics": "sionna_radar.surfaces.surface_models",
-        "small_perturbation": "sionna_radar.surfaces.surface_models",
-        "integral_equation": "sionna_radar.surfaces.surface_models",
-        "sionna_itu": "sionna_radar.surfaces.sionna_slab",
+        "surfaces.surface_models": (
+            "constant_gamma",
+            "lambertian",
+            "ulaby_dobson",
+            "table",
+            "kirchhoff",
+            "physical_optics",
+            "small_perturbation",
+            "integral_equation",
+        ),
+        "surfaces.sionna_slab": ("sionna_itu",),
     },
     MaterialParameters,
 )
 RECEIVER_STAGES = Registry(
     "receiver stage",
     {
-        "leakage": "sionna_radar.signal.leakage",
-        "mixer": "sionna_radar.signal.mixer",
-        "interference": "sionna_radar.signal.interference",
-        "noise": "sionna_radar.signal.receiver",
-        "filters": "sionna_radar.signal.filters",
-        "converter": "sionna_radar.signal.converter",
+        "signal.leakage": ("leakage",),
+        "signal.mixer": ("mixer",),
+        "signal.interference": ("interference",),
+        "signal.receiver": ("noise",),
+        "signal.filters": ("filters",),
+        "signal.converter": ("converter",),
     },
     StageParameters,
 )

@@ -25,12 +25,11 @@ class LoggedErrorsTable(NavigationParameters):
     Standard deviations come from the covariance of the log's filter, or else from its innovations; what errs in the
     flight is a first-order Gauss-Markov process of that size, drawn from the seed. A part of the pose that the
     log says nothing of is known exactly.
-
-    correlation_s: correlation times of position, velocity and attitude; those of `NavigationTable`.
     """
 
     kind: Literal["from_log"] = "from_log"
     correlation_s: tuple[Positive, Positive, Positive] = (60.0, 10.0, 60.0)
+    """correlation times of position, velocity and attitude; those of `NavigationTable`."""
 
 
 class NavigationTable(NavigationParameters):
@@ -40,40 +39,39 @@ class NavigationTable(NavigationParameters):
     first-order Gauss-Markov process with a correlation time. The lever arm leads from the navigation system to
     the antenna (nose, right, down) and is believed to be longer by its error; the mount of the antenna is
     believed to be turned by boresight_error_deg about the same axes.
-
-    position_constant_m: constant error of the position.
-    position_white_m: standard deviation from chirp to chirp.
-    position_markov_m: standard deviation of its Gauss-Markov part.
-    position_correlation_s: correlation time of that part.
-    velocity_constant_mps: constant error of the velocity.
-    velocity_white_mps: standard deviation from chirp to chirp.
-    velocity_markov_mps: standard deviation of its Gauss-Markov part.
-    velocity_correlation_s: correlation time of that part.
-    attitude_constant_deg: constant error of the attitude.
-    attitude_white_deg: standard deviation from chirp to chirp.
-    attitude_markov_deg: standard deviation of its Gauss-Markov part.
-    attitude_correlation_s: correlation time of that part.
-    time_offset_s: lag of the report behind the radar's clock.
-    lever_arm_error_m: nose, right, down.
-    boresight_error_deg: about the nose, right and down axes.
     """
 
     kind: Literal["errors"] = "errors"
     position_constant_m: Axes = 0.0
+    """constant error of the position."""
     position_white_m: SpreadAxes = 0.0
+    """standard deviation from chirp to chirp."""
     position_markov_m: SpreadAxes = 0.0
+    """standard deviation of its Gauss-Markov part."""
     position_correlation_s: Positive = 60.0
+    """correlation time of that part."""
     velocity_constant_mps: Axes = 0.0
+    """constant error of the velocity."""
     velocity_white_mps: SpreadAxes = 0.0
+    """standard deviation from chirp to chirp."""
     velocity_markov_mps: SpreadAxes = 0.0
+    """standard deviation of its Gauss-Markov part."""
     velocity_correlation_s: Positive = 10.0
+    """correlation time of that part."""
     attitude_constant_deg: Axes = 0.0
+    """constant error of the attitude."""
     attitude_white_deg: SpreadAxes = 0.0
+    """standard deviation from chirp to chirp."""
     attitude_markov_deg: SpreadAxes = 0.0
+    """standard deviation of its Gauss-Markov part."""
     attitude_correlation_s: Positive = 60.0
+    """correlation time of that part."""
     time_offset_s: Offset = 0.0
+    """lag of the report behind the radar's clock."""
     lever_arm_error_m: Axes = 0.0
+    """nose, right, down."""
     boresight_error_deg: Axes = 0.0
+    """about the nose, right and down axes."""
 
     @property
     def has_errors(self) -> bool:
@@ -98,22 +96,21 @@ class WindTable(Table):
 
     The flight keeps its ground speed and its track. With `crab` the nose points along the motion through the air, as
     that of an aeroplane; without, along the track, as that of a multirotor.
-
-    speed_mps: mean wind.
-    from_deg: where it comes from, clockwise from grid north.
-    gust_mps: standard deviation of the vertical gusts; without it a tenth of the wind at 20 feet (MIL-F-8785C), taken
-        as the mean wind. Horizontal ones follow from the height.
-    attitude_response_s: time constant with which the attitude follows the angle of the gusts.
-    position_response_s: period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns.
-    crab: whether the nose points along the motion through the air.
     """
 
     speed_mps: Annotated[NonNegative, Field(le=100.0)] = 0.0
+    """mean wind."""
     from_deg: Real = 0.0
+    """where it comes from, clockwise from grid north."""
     gust_mps: Annotated[NonNegative, Field(le=50.0)] | None = None
+    """standard deviation of the vertical gusts; without it a tenth of the wind at 20 feet (MIL-F-8785C), taken as the
+    mean wind. Horizontal ones follow from the height."""
     crab: bool = Field(default=True, strict=True)
+    """whether the nose points along the motion through the air."""
     attitude_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 0.5
+    """time constant with which the attitude follows the angle of the gusts."""
     position_response_s: Annotated[Positive, Field(ge=0.05, le=100.0)] = 1.0
+    """period of the autopilot's position loop over 2 pi; gusts displace the aircraft, and it returns."""
 
 
 class LinesTable(Table):
@@ -121,21 +118,20 @@ class LinesTable(Table):
 
     They run along `platform.heading_deg`, side by side about centre_m. With bank_deg or turn_radius_m the
     aircraft turns outside of them, in a bulb where they are nearer than two radii.
-
-    count: of the lines.
-    spacing_m: between them.
-    length_m: of each.
-    centre_m: middle of the area; without it the local origin.
-    crossing: a second set, at right angles to the first, is flown after it.
-    transmit_in_turns: the radar also transmits on the way from one line to the next.
     """
 
     count: Annotated[int, Field(strict=True, ge=1, le=1000)]
+    """of the lines."""
     spacing_m: Positive
+    """between them."""
     length_m: Positive
+    """of each."""
     centre_m: Point2 | None = None
+    """middle of the area; without it the local origin."""
     crossing: bool = Field(default=False, strict=True)
+    """a second set, at right angles to the first, is flown after it."""
     transmit_in_turns: bool = Field(default=False, strict=True)
+    """the radar also transmits on the way from one line to the next."""
 
 
 class Platform(Table):
@@ -143,69 +139,68 @@ class Platform(Table):
 
     Planned flights
     ---------------
-    altitude_m: height above the ground under the start.
-    speed_mps: over the ground.
-    start_m: east and north of the start; without it the track is centred on the local origin.
-    heading_deg: of the track, clockwise from grid north.
-    length_m: of the track.
-    waypoints_m: corners of the track, instead of start, heading and length.
-    height: level, or at altitude_m above the ground under the track.
-    follow_length_m: over which the ground is smoothed that the flight follows.
-    profile: the cruise alone, or with take-off and landing.
-    climb_rate_mps: of the take-off.
-    descent_rate_mps: of the landing.
-    acceleration_mps2: of take-off, climb, descent and landing.
-    takeoff_height_m: over the ground, where the take-off ends and the climb begins.
-    navigation: errors of the measured pose, or from_log.
-    bank_deg: of the turns at waypoints, which are arcs then; without it or a radius they are instantaneous.
-    turn_radius_m: of the turns, instead of a bank.
-    roll_in_s: how long the aircraft takes to roll into a turn, and out of it.
-    wind: wind and gusts.
-    lines: parallel lines over an area, instead of one track.
 
     Recorded flights
     ----------------
-    log: PX4 ULog, ArduPilot DataFlash or telemetry log, GPX, or CSV; see `sionna_radar.flight.logs.csv_log`.
-    log_start_s: where the part of it begins that is flown, from its first position.
-    log_stop_s: where it ends; without it with the log.
-    log_shift: "to_terrain" moves its middle to the local origin; or metres east, north and up.
-    log_height: what heights are taken for. "datum": heights in the vertical datum of the terrain, without any change of
-        datum (metres of a log that is on no map: local ones); "above_takeoff": above the ground under the first
-        position of the log; a number: the first position that is flown is this high above the ground. Without it
-        "above_takeoff" for a log that is moved to the terrain, or whose heights count from its take-off, and "datum"
-        otherwise.
-    log_gap_s: longest time without a position or an attitude that is interpolated.
-    log_columns: columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }.
     """
 
     log: InputPath | None = None
+    """PX4 ULog, ArduPilot DataFlash or telemetry log, GPX, or CSV; see `sionna_radar.flight.logs.csv_log`."""
     altitude_m: Annotated[Positive, Field(le=1e5)] | None = None
+    """height above the ground under the start."""
     speed_mps: Annotated[Positive, Field(le=1e4)] | None = None
+    """over the ground."""
     start_m: Point2 | None = None
+    """east and north of the start; without it the track is centred on the local origin."""
     heading_deg: Real = 90.0
+    """of the track, clockwise from grid north."""
     length_m: Positive = 100.0
+    """of the track."""
     waypoints_m: tuple[Point2, ...] = ()
+    """corners of the track, instead of start, heading and length."""
     height: Literal["level", "terrain_following"] = "level"
+    """level, or at altitude_m above the ground under the track."""
     follow_length_m: Positive = 50.0
+    """over which the ground is smoothed that the flight follows."""
     profile: Literal["cruise", "full"] = "cruise"
+    """the cruise alone, or with take-off and landing."""
     climb_rate_mps: Positive = 2.0
+    """of the take-off."""
     descent_rate_mps: Positive = 2.0
+    """of the landing."""
     acceleration_mps2: Positive = 2.0
+    """of take-off, climb, descent and landing."""
     takeoff_height_m: Positive = 5.0
+    """over the ground, where the take-off ends and the climb begins."""
     bank_deg: Annotated[Positive, Field(le=80.0)] | None = None
+    """of the turns at waypoints, which are arcs then; without it or a radius they are instantaneous."""
     turn_radius_m: Positive | None = None
+    """of the turns, instead of a bank."""
     roll_in_s: Annotated[NonNegative, Field(le=60.0)] = 1.0
+    """how long the aircraft takes to roll into a turn, and out of it."""
     wind: WindTable | None = None
+    """wind and gusts."""
     lines: LinesTable | None = None
+    """parallel lines over an area, instead of one track."""
     log_start_s: NonNegative = 0.0
+    """where the part of it begins that is flown, from its first position."""
     log_stop_s: Positive | None = None
+    """where it ends; without it with the log."""
     log_shift: Literal["none", "to_terrain"] | tuple[Shift, Shift, Shift] = "none"
+    """"to_terrain" moves its middle to the local origin; or metres east, north and up."""
     log_height: Literal["datum", "above_takeoff"] | Annotated[Positive, Field(le=1e5)] | None = None
+    """what heights are taken for. "datum": heights in the vertical datum of the terrain, without any change of datum
+    (metres of a log that is on no map: local ones); "above_takeoff": above the ground under the first position of the
+    log; a number: the first position that is flown is this high above the ground. Without it "above_takeoff" for a log
+    that is moved to the terrain, or whose heights count from its take-off, and "datum" otherwise."""
     log_gap_s: Annotated[Positive, Field(le=3600.0)] = 2.0
+    """longest time without a position or an attitude that is interpolated."""
     log_columns: dict[str, str] = {}
+    """columns of a CSV log by our names, where it has others: { time_s = "Zeit", height_m = "Höhe" }."""
     navigation: Annotated[NavigationParameters, ChosenBy("kind", NAVIGATIONS, "errors", by_name=True)] = (
         NavigationTable()
     )
+    """errors of the measured pose, or from_log."""
 
     @field_validator("altitude_m", "speed_mps")
     @classmethod

@@ -6,26 +6,24 @@ from pydantic import Field, field_validator, model_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.numerics import window as window_of
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
 from sionna_radar.scenario.table import InputPath, NonNegative, Positive, Real, Table, refuse
 
 
 class CfarTable(Table):
-    """Constant false-alarm rate detection; guard and training count range cells on each side.
-
-    kind: cell averaging, greatest of, smallest of, or ordered statistic.
-    guard: range cells next to the cell under test that are left out, on each side.
-    training: range cells whose power is the noise, on each side.
-    rank: of an ordered statistic, as a share of the training cells.
-    false_alarm_probability: in one cell.
-    """
+    """Constant false-alarm rate detection; guard and training count range cells on each side."""
 
     kind: Literal["CA", "GO", "SO", "OS"] = "SO"
+    """cell averaging, greatest of, smallest of, or ordered statistic."""
     guard: Annotated[int, Field(strict=True, ge=0, le=4096)] = 48
+    """range cells next to the cell under test that are left out, on each side."""
     training: Annotated[int, Field(strict=True, ge=1, le=512)] = 32
+    """range cells whose power is the noise, on each side."""
     rank: Annotated[Real, Field(gt=0, le=1)] = 0.75
+    """of an ordered statistic, as a share of the training cells."""
     false_alarm_probability: Annotated[Real, Field(ge=1e-12, le=0.1)] = 1e-6
+    """in one cell."""
 
     @model_validator(mode="after")
     def _rank_of_a_cell(self) -> "CfarTable":
@@ -39,17 +37,15 @@ class CfarTable(Table):
 
 
 class AverageTable(Table):
-    """Several chirps in a row that make one pulse, measured in their middle.
-
-    chirps: of a pulse. The pulse rate is radar.chirp_rate_hz over it.
-    mode: "coherent" takes the mean of the beat signals, each turned by what the measured velocity changes the range of
-        still ground on the beam's axis: noise falls by the number of chirps, and so does ground whose Doppler shifts
-        differ by more than one over the burst's duration. "incoherent" takes the mean of the power spectra, which
-        steadies noise, and speckle as far as it changes from chirp to chirp.
-    """
+    """Several chirps in a row that make one pulse, measured in their middle."""
 
     chirps: Annotated[int, Field(strict=True, ge=1, le=32)] = 1
+    """of a pulse. The pulse rate is radar.chirp_rate_hz over it."""
     mode: Literal["coherent", "incoherent"] = "coherent"
+    """"coherent" takes the mean of the beat signals, each turned by what the measured velocity changes the range of
+    still ground on the beam's axis: noise falls by the number of chirps, and so does ground whose Doppler shifts differ
+    by more than one over the burst's duration. "incoherent" takes the mean of the power spectra, which steadies noise,
+    and speckle as far as it changes from chirp to chirp."""
 
     @property
     def powers(self) -> int:
@@ -58,65 +54,61 @@ class AverageTable(Table):
 
 
 class ExpectedGroundTable(Table):
-    """Where the ground is expected, so that echoes from elsewhere are none: rain, birds, the far side of a valley.
-
-    path: a rough DEM in metres, in the terrain's vertical datum; without it level ground `platform.altitude_m` below
-        the platform, as an altimeter reports it.
-    tolerance_m: by how much the ground may lie above or below.
-    """
+    """Where the ground is expected, so that echoes from elsewhere are none: rain, birds, the far side of a valley."""
 
     path: InputPath | None = None
+    """a rough DEM in metres, in the terrain's vertical datum; without it level ground `platform.altitude_m` below the
+    platform, as an altimeter reports it."""
     tolerance_m: Positive
+    """by how much the ground may lie above or below."""
 
 
 class ProcessingTable(Table):
-    """From beat signals to ranges.
-
-    ranging: "peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises,
-    moved to its middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that
-    is not far below the ground it is the range that the whole scan line makes most probable instead.
-    Custom range estimators are named here as well.
-    ranging_parameters: of a custom range estimator that has some.
-    volume_clutter: "auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there
-    is one, for the ground that ends it; "off" takes rain for ground where it is the stronger.
-    expected_ground: ranges in which the ground of a pulse may lie; without it all.
-    window: of `scipy.signal.get_window`.
-    zero_padding: bins of the spectrum in a range cell.
-    cfar: detection.
-    echoes: which echoes of a pulse are kept; without it "all" where dem.method is "stepped".
-    merge_gap_m: detected cells no farther apart are one echo.
-    dynamic_range_db: echoes this far under the strongest of their pulse are dropped.
-    min_range_m: nothing nearer is detected.
-    angle: angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
-        receivers, "monopulse" from the ratio of difference and sum, "row" by MUSIC from a row of receivers, which tells
-        two surfaces in one range cell apart; each echo becomes a series of points, one for each stretch of its ranges.
-        "off" places an echo on the beam's axis.
-    angle_length_m: slant range that is averaged into one point; without it as much as leaves the resolution on the
-        ground to the beam's width across.
-    leakage: "subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
-    transmitter is the same in all of them, echoes of ground are not. "keep" leaves it.
-    interference: "zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars.
-    average: chirps that are averaged to one pulse.
-    doppler_correction: whether the measured velocity takes the Doppler shift of still ground out of the ranges.
-    """
+    """From beat signals to ranges."""
 
     window: str = "hann"
+    """of `scipy.signal.get_window`."""
     zero_padding: Annotated[int, Field(strict=True, ge=1, le=16)] = 2
+    """bins of the spectrum in a range cell."""
     cfar: CfarTable = CfarTable()
+    """detection."""
     echoes: Literal["first", "strongest", "all"] = "strongest"
+    """which echoes of a pulse are kept; without it "all" where dem.method is "stepped"."""
     merge_gap_m: NonNegative = 3.0
+    """detected cells no farther apart are one echo."""
     dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
-    ranging: Annotated[str, name_in(RANGE_ESTIMATORS)] = "centroid"
+    """echoes this far under the strongest of their pulse are dropped."""
+    ranging: Annotated[str, NameIn(RANGE_ESTIMATORS)] = "centroid"
+    """"peak" takes the strongest bin of an echo, "centroid" its mean range, "leading_edge" where it rises, moved to its
+    middle, "model_fit" the range, slope and power of the plane whose echo fits best. Behind a volume that is not far
+    below the ground it is the range that the whole scan line makes most probable instead. Custom range estimators are
+    named here as well."""
     ranging_parameters: Annotated[Table | None, ParametersOf("ranging", RANGE_ESTIMATORS)] = None
+    """of a custom range estimator that has some."""
     min_range_m: NonNegative = 3.0
+    """nothing nearer is detected."""
     volume_clutter: Literal["auto", "off"] = "auto"
+    """"auto" looks in the survey for an echo that fills the beam (rain, snowfall, dust) and, where there is one, for
+    the ground that ends it; "off" takes rain for ground where it is the stronger."""
     expected_ground: ExpectedGroundTable | None = None
+    """ranges in which the ground of a pulse may lie; without it all."""
     angle: Literal["off", "interferometric", "monopulse", "row"] = "off"
+    """angle of arrival inside the beam, by radar.second_receiver: "interferometric" from the phase between the
+    receivers, "monopulse" from the ratio of difference and sum, "row" by MUSIC from a row of receivers, which tells two
+    surfaces in one range cell apart; each echo becomes a series of points, one for each stretch of its ranges. "off"
+    places an echo on the beam's axis."""
     angle_length_m: Positive | None = None
+    """slant range that is averaged into one point; without it as much as leaves the resolution on the ground to the
+    beam's width across."""
     leakage: Literal["keep", "subtract"] = "keep"
+    """"subtract" takes the mean of some chirps, spread over the survey, out of every chirp: what leaks from the
+    transmitter is the same in all of them, echoes of ground are not. "keep" leaves it."""
     interference: Literal["keep", "zeroing"] = "keep"
+    """"zeroing" sets samples of a chirp to zero that stand out of all others, as do bursts of other radars."""
     average: AverageTable = AverageTable()
+    """chirps that are averaged to one pulse."""
     doppler_correction: bool = Field(default=True, strict=True)
+    """whether the measured velocity takes the Doppler shift of still ground out of the ranges."""
 
     @model_validator(mode="after")
     def _length_of_points(self) -> "ProcessingTable":
@@ -142,35 +134,32 @@ class ProcessingTable(Table):
 
 
 class DemTable(Table):
-    """The elevation model: its grid, and how the echoes become heights.
+    """The elevation model: its grid, and how the echoes become heights."""
 
-    method: "auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air holds
-        nothing that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two
-        footprints, and "linear" elsewhere. "linear" interpolates between the located
-        echoes. "smooth" lays the most probable surface through the mean ranges of the whole echoes (or through the
-        points, without range profiles), each weighted by its uncertainty, under a covariance that is learned from
-        them. "refined" goes on from there: it predicts every echo from the surface and the known beam, and moves the
-        surface to where the measured echoes are most likely. "stepped" is for built-up ground: it first finds where
-        the surface breaks, from what all echoes say for and against every height, and maps each level by itself.
-        Custom methods are named here as well.
-    method_parameters: of a custom method that has some.
-    spacing_m: size of a cell.
-    max_gap_m: farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on
-        level ground, and no less than two cells.
-    microrelief_m: standard deviation of relief that is finer than the footprint, of which no echo tells: part of
-        `dem_sigma.tif`. Without it 0.03 m over terrain from a file and in recordings of real radars, as fields and
-        forest floors have, and 0 over synthetic terrain, which is smooth between its posts.
-    min_confidence_m: cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is.
-    shadow_incidence_deg: surfaces seen at a greater incidence count as shadow.
-    """
-
-    method: Annotated[str, name_in(DEM_METHODS, "auto")] = "auto"
+    method: Annotated[str, NameIn(DEM_METHODS, ("auto",))] = "auto"
+    """"auto" takes "stepped" over a scenario with buildings, if the sensor has range profiles, the air holds nothing
+    that would be taken for walls and the lines of a whisk-broom scan are no farther apart than two footprints, and
+    "linear" elsewhere. "linear" interpolates between the located echoes. "smooth" lays the most probable surface
+    through the mean ranges of the whole echoes (or through the points, without range profiles), each weighted by its
+    uncertainty, under a covariance that is learned from them. "refined" goes on from there: it predicts every echo from
+    the surface and the known beam, and moves the surface to where the measured echoes are most likely. "stepped" is for
+    built-up ground: it first finds where the surface breaks, from what all echoes say for and against every height, and
+    maps each level by itself. Custom methods are named here as well."""
     method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
+    """of a custom method that has some."""
     spacing_m: Positive = 1.0
+    """size of a cell."""
     max_gap_m: Positive | None = None
+    """farthest that a filled cell is from a measured one; without it the distance between neighbouring beams on level
+    ground, and no less than two cells."""
     microrelief_m: NonNegative | None = None
+    """standard deviation of relief that is finer than the footprint, of which no echo tells: part of `dem_sigma.tif`.
+    Without it 0.03 m over terrain from a file and in recordings of real radars, as fields and forest floors have, and 0
+    over synthetic terrain, which is smooth between its posts."""
     min_confidence_m: Positive | None = None
+    """cells whose standard deviation (`dem_sigma.tif`) is more are left out; without it none is."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
+    """surfaces seen at a greater incidence count as shadow."""
 
     @property
     def map_method(self) -> str:

@@ -28,20 +28,18 @@ from sionna_radar.scenario.weather import WeatherTable
 
 
 class AntennaTable(AntennaParameters):
-    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane.
-
-    axial_ratio_db: major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's.
-    beamwidth_deg: half-power, one way; or [azimuth, elevation].
-    side_lobe_db: nearest side lobes under the peak, one way.
-    """
+    """A planar array with a Taylor taper, sized from its half-power beamwidth in each plane."""
 
     kind: Literal["taylor"] = "taylor"
     beamwidth_deg: (
         Annotated[Real, Field(ge=0.2, le=60)]
         | tuple[Annotated[Real, Field(ge=0.2, le=60)], Annotated[Real, Field(ge=0.2, le=60)]]
     ) = 2.0
+    """half-power, one way; or [azimuth, elevation]."""
     side_lobe_db: Annotated[Real, Field(ge=-50, le=-15)] = -20.0
+    """nearest side lobes under the peak, one way."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+    """major over minor axis of a circular antenna's ellipse, 0 for a perfect one; the major one is V's."""
 
     @model_validator(mode="after")
     def _ellipse_is_circular(self) -> AntennaTable:
@@ -61,25 +59,23 @@ class AntennaTable(AntennaParameters):
 
 
 class PatternAntennaTable(AntennaParameters):
-    """An antenna with a measured or computed pattern, from a file of cuts or of the whole sphere.
-
-    pattern: a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left and up) or
-        theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt, .ffs). In
-        dBi or relative: the directivity is the pattern's own integral.
-    receive_pattern: another one for reception; without it the same.
-    boresight: in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and
-        the y axis up; for "x" the y axis is left and the z axis up. Also "x" for MSI Planet files whose vertical angles
-        count from the zenith.
-    efficiency_db: gain over directivity, each way.
-    axial_ratio_db: see `AntennaTable`.
-    """
+    """An antenna with a measured or computed pattern, from a file of cuts or of the whole sphere."""
 
     kind: Literal["pattern"] = "pattern"
     pattern: InputPath
+    """a CSV with the columns angle_deg,azimuth_db,elevation_db (angles from boresight to the left and up) or
+    theta_deg,phi_deg,gain_db; MSI Planet (.msi, .pln); HFSS (report as .csv, field as .ffd); CST (.txt, .ffs). In dBi
+    or relative: the directivity is the pattern's own integral."""
     receive_pattern: InputPath | None = None
+    """another one for reception; without it the same."""
     boresight: Literal["z", "x"] = "z"
+    """in files of theta and phi, the axis along which the antenna looks. For "z" the x axis is left of it and the y
+    axis up; for "x" the y axis is left and the z axis up. Also "x" for MSI Planet files whose vertical angles count
+    from the zenith."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
+    """gain over directivity, each way."""
     axial_ratio_db: Annotated[Real, Field(ge=0, le=20)] = 0.0
+    """see `AntennaTable`."""
 
 
 Spacing = Annotated[Real, Field(ge=0.05, le=20)]
@@ -87,30 +83,28 @@ Elements = Annotated[int, Field(strict=True, ge=1, le=1024)]
 
 
 class ArrayAntennaTable(AntennaParameters):
-    """A planar array, by its elements.
-
-    elements: number of columns (left) and rows (up) of a rectangular array.
-    spacing_wavelengths: between them; or [columns, rows].
-    taper_db: side lobes of a Taylor taper over both; without it the weights are uniform.
-    path: instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
-        phase_deg: one row an element.
-    element_exponent: power of the cosine of the angle from an element's axis that its power pattern follows.
-    element_pattern: instead of it, a file as in `PatternAntennaTable`.
-    element_boresight: see boresight there.
-    steer_deg: of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic".
-    efficiency_db: gain over directivity, each way.
-    """
+    """A planar array, by its elements."""
 
     kind: Literal["array"] = "array"
     elements: tuple[Elements, Elements] | None = None
+    """number of columns (left) and rows (up) of a rectangular array."""
     spacing_wavelengths: Spacing | tuple[Spacing, Spacing] = 0.5
+    """between them; or [columns, rows]."""
     taper_db: Annotated[Real, Field(ge=-50, le=-15)] | None = None
+    """side lobes of a Taylor taper over both; without it the weights are uniform."""
     path: InputPath | None = None
+    """instead of these, a CSV with the columns left_wavelengths,up_wavelengths and, if wanted, amplitude_db and
+    phase_deg: one row an element."""
     element_exponent: Annotated[Real, Field(ge=0, le=100)] = 1.0
+    """power of the cosine of the angle from an element's axis that its power pattern follows."""
     element_pattern: InputPath | None = None
+    """instead of it, a file as in `PatternAntennaTable`."""
     element_boresight: Literal["z", "x"] = "z"
+    """see boresight there."""
     steer_deg: tuple[Annotated[Real, Field(ge=-80, le=80)], Annotated[Real, Field(ge=-80, le=80)]] = (0.0, 0.0)
+    """of the beam from the normal of the face, to the left and up; not with a scan of mode = "electronic"."""
     efficiency_db: Annotated[Real, Field(ge=-30, le=0)] = 0.0
+    """gain over directivity, each way."""
 
     @model_validator(mode="after")
     def _one_description(self) -> ArrayAntennaTable:
@@ -126,19 +120,19 @@ class ElectronicScanTable(ScanParameters):
     """An array whose beam is steered by its phases, in equal steps of direction cosine, from left to right.
 
     The array's face looks forward at incidence_deg from nadir, or to a side of the track.
-    beams: directions of a scan.
-    half_swath_deg: of the outermost ones from the face's normal.
-    scans_per_s: from left to right; the beam goes back at once.
-    look: where the array's face looks: along the track, or to a side of it.
-    incidence_deg: of the face's normal from nadir.
     """
 
     mode: Literal["electronic"] = "electronic"
     look: Literal["forward", "left", "right"] = "forward"
+    """where the array's face looks: along the track, or to a side of it."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
+    """of the face's normal from nadir."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=75)] = 40.0
+    """of the outermost ones from the face's normal."""
     beams: Annotated[int, Field(strict=True, ge=2, le=256)] = 41
+    """directions of a scan."""
     scans_per_s: Annotated[Real, Field(ge=1e-3, le=1e6)] = 4.0
+    """from left to right; the beam goes back at once."""
 
 
 class ScanTable(ScanParameters):
@@ -146,22 +140,21 @@ class ScanTable(ScanParameters):
 
     side_looking does not move: it looks to one side of the track, at incidence_deg from nadir, its azimuth beam along
     the track.
-
-    mode: whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
-        still.
-    side: to which a side-looking antenna looks.
-    incidence_deg: of the beam from nadir in the middle of the scan.
-    half_swath_deg: of the sector in which the radar transmits, to either side of its middle; 180 for all around.
-    rotation_rpm: of the antenna.
-    start_deg: scan angle at the start of the flight.
     """
 
     mode: Literal["whisk_broom", "conical", "fixed", "side_looking"] = "whisk_broom"
+    """whisk_broom turns about the direction of flight, conical about the vertical; fixed and side_looking stand
+    still."""
     side: Literal["left", "right"] = "right"
+    """to which a side-looking antenna looks."""
     incidence_deg: Annotated[Real, Field(ge=0, lt=90)] = 45.0
+    """of the beam from nadir in the middle of the scan."""
     half_swath_deg: Annotated[Real, Field(gt=0, le=180)] = 50.0
+    """of the sector in which the radar transmits, to either side of its middle; 180 for all around."""
     rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 120.0
+    """of the antenna."""
     start_deg: Real = 0.0
+    """scan angle at the start of the flight."""
 
     @model_validator(mode="after")
     def _consistent(self) -> ScanTable:
@@ -186,46 +179,43 @@ def _published(name: str) -> str:
 
 
 class RadarTable(Table):
-    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure.
-
-    preset: a published radar, whose figures stand where none are given; `sionna-radar presets` lists them.
-    carrier_hz: frequency in the middle of the sweep.
-    bandwidth_hz: of the sweep: the range cell is c over twice it.
-    chirp_rate_hz: chirps a second, each as long as its period; of a triangle, pairs of sweeps a second.
-    stagger: how much longer than a chirp the radar waits before every second one, over its duration: range-Doppler
-        maps then tell range rates apart that even intervals leave ambiguous. 0.5 tells twice as many, 0.25 four times.
-    samples_per_chirp: of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as
-        many.
-    sweep: rising, falling, or one after the other.
-    sampling: real, or in phase and quadrature.
-    snr_db: of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers.
-    transmit_power_dbm: at the antenna.
-    noise_figure_db: of the receiver.
-    temperature_k: of the noise that the figure counts from.
-    receiver: between antenna and samples.
-    antenna: its beam and polarization.
-    second_receiver: one that tells the angle of arrival inside the beam; without it there is none.
-    scan: how the beam moves.
-    """
+    """A linear FMCW radar; noise from a signal-to-noise ratio, or from transmit power and noise figure."""
 
     preset: Annotated[str, AfterValidator(_published)] | None = None
+    """a published radar, whose figures stand where none are given; `sionna-radar presets` lists them."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
+    """frequency in the middle of the sweep."""
     bandwidth_hz: Annotated[Real, Field(ge=1e5)] = 500e6
+    """of the sweep: the range cell is c over twice it."""
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] = 360.0
+    """chirps a second, each as long as its period; of a triangle, pairs of sweeps a second."""
     stagger: Annotated[Real, Field(ge=0, le=1)] = 0.0
+    """how much longer than a chirp the radar waits before every second one, over its duration: range-Doppler maps then
+    tell range rates apart that even intervals leave ambiguous. 0.5 tells twice as many, 0.25 four times."""
     samples_per_chirp: Annotated[int, Field(strict=True, ge=32, le=2**18)] = 1024
+    """of each sweep; with real samples half as many range cells are unambiguous, with I/Q samples as many."""
     sweep: Literal["up", "down", "triangular"] = "up"
+    """rising, falling, or one after the other."""
     sampling: Literal["real", "iq"] = "real"
+    """real, or in phase and quadrature."""
     snr_db: Annotated[Real, Field(ge=-100, le=200)] | None = None
+    """of a sample: the echo of level ground in the middle of the scan over the noise; instead of powers."""
     transmit_power_dbm: Annotated[Real, Field(ge=-60, le=60)] | None = None
+    """at the antenna."""
     noise_figure_db: Annotated[Real, Field(ge=0, le=60)] | None = None
+    """of the receiver."""
     temperature_k: Annotated[Real, Field(ge=0.01, le=1e6)] = 290.0
+    """of the noise that the figure counts from."""
     receiver: ReceiverTable = ReceiverTable()
+    """between antenna and samples."""
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
+    """its beam and polarization."""
     second_receiver: SecondReceiverTable | None = None
+    """one that tells the angle of arrival inside the beam; without it there is none."""
     scan: Annotated[ScanParameters, ChosenBy("mode", SCANS, "whisk_broom")] = ScanTable()
+    """how the beam moves."""
 
     @model_validator(mode="before")
     @classmethod

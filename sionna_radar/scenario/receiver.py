@@ -77,36 +77,35 @@ class OscillatorTable(Table):
     """What the frequency of the sweep is besides ideal: echoes are mixed with the same sweep, which has gone on since.
 
     Errors of frequency are those of the transmitted wave.
-
-    phase_noise_dbc_hz: pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between
-        them decibels are linear in the logarithm of the offset, below the first they go on as between the first two,
-        beyond the last they stay.
-    phase_noise_preset: instead of it, that of a published oscillator.
-    quadratic_hz: error of frequency at both ends of the sweep that grows with the square of the time from its middle.
-    cubic_hz: error at the end of the sweep that grows with the cube, the negative at its start.
-    sinusoidal_hz: amplitude of an error that repeats itself.
-    sinusoidal_periods: how often in a sweep.
-    settling_hz: error at the start of the sweep that dies away exponentially.
-    settling_time_s: in which it falls to 1/e.
-    sweep_error: a CSV with the columns time_s, from the start of the sweep, and error_hz, added to these.
-    drift_ppm_per_k: of the reference that slope, carrier and sampling follow, for each kelvin.
-    warmer_k: temperature over that at which the reference was measured.
-    used_window: the shares of the sweep between which samples are used: fewer samples of less bandwidth, at the same
-        rate. The time of a pulse is that of their middle.
     """
 
     phase_noise_dbc_hz: tuple[Offset, ...] = ()
+    """pairs of an offset from the carrier in Hz and the level of one sideband there, dBc/Hz. Between them decibels are
+    linear in the logarithm of the offset, below the first they go on as between the first two, beyond the last they
+    stay."""
     phase_noise_preset: Annotated[str, AfterValidator(_published)] | None = None
+    """instead of it, that of a published oscillator."""
     quadratic_hz: Real = 0.0
+    """error of frequency at both ends of the sweep that grows with the square of the time from its middle."""
     cubic_hz: Real = 0.0
+    """error at the end of the sweep that grows with the cube, the negative at its start."""
     sinusoidal_hz: Real = 0.0
+    """amplitude of an error that repeats itself."""
     sinusoidal_periods: Annotated[Real, Field(gt=0, le=1e4)] = 1.0
+    """how often in a sweep."""
     settling_hz: Real = 0.0
+    """error at the start of the sweep that dies away exponentially."""
     settling_time_s: Positive | None = None
+    """in which it falls to 1/e."""
     sweep_error: InputPath | None = None
+    """a CSV with the columns time_s, from the start of the sweep, and error_hz, added to these."""
     drift_ppm_per_k: Annotated[Real, Field(ge=-1e4, le=1e4)] = 0.0
+    """of the reference that slope, carrier and sampling follow, for each kelvin."""
     warmer_k: Annotated[Real, Field(ge=-200, le=200)] = 0.0
+    """temperature over that at which the reference was measured."""
     used_window: tuple[Annotated[Real, Field(ge=0, le=1)], Annotated[Real, Field(ge=0, le=1)]] = (0.0, 1.0)
+    """the shares of the sweep between which samples are used: fewer samples of less bandwidth, at the same rate. The
+    time of a pulse is that of their middle."""
 
     @model_validator(mode="after")
     def _consistent(self) -> OscillatorTable:
@@ -143,48 +142,42 @@ class OscillatorTable(Table):
 
 
 class LeakageTable(Table):
-    """A way of the transmitted wave into the receiver that never changes: between the antennas, off a radome.
-
-    delay_ns: from transmitter to receiver.
-    level_db: of what arrives, over the transmitted power.
-    """
+    """A way of the transmitted wave into the receiver that never changes: between the antennas, off a radome."""
 
     delay_ns: Annotated[Real, Field(ge=0, le=1e6)]
+    """from transmitter to receiver."""
     level_db: Annotated[Real, Field(ge=-250, le=0)]
+    """of what arrives, over the transmitted power."""
 
 
 class AmplifierTable(Table):
-    """A stage of amplification, or with a negative gain of loss, in front of the converter.
-
-    gain_db: of power.
-    noise_figure_db: of the stage alone; that of a passive one is its loss.
-    """
+    """A stage of amplification, or with a negative gain of loss, in front of the converter."""
 
     gain_db: Annotated[Real, Field(ge=-100, le=150)]
+    """of power."""
     noise_figure_db: Annotated[Real, Field(ge=0, le=100)]
+    """of the stage alone; that of a passive one is its loss."""
 
 
 class ConverterTable(Table):
-    """The analogue-to-digital converter and what is in front of it; each part of I/Q samples has one.
-
-    bits: of a sample; without them it is not rounded.
-    full_scale_dbm: power of the sine that just fills the converter, at its input.
-    full_scale_over_noise_db: instead of it, over the thermal noise of a sample.
-    gain_db: fixed gain between antenna and converter, beside that of the amplifiers.
-    agc_headroom_db: instead of a fixed gain, one for each sweep that puts its strongest sample so far under full scale.
-    dc_offset_db: of an offset of the converter, in both parts of I/Q samples: its amplitude over full scale.
-    iq_gain_db: amplification of the quadrature part over that of the other.
-    iq_phase_deg: by which the quadrature part lags behind a quarter of a turn.
-    """
+    """The analogue-to-digital converter and what is in front of it; each part of I/Q samples has one."""
 
     bits: Annotated[int, Field(strict=True, ge=1, le=24)] | None = None
+    """of a sample; without them it is not rounded."""
     full_scale_dbm: Annotated[Real, Field(ge=-200, le=60)] | None = None
+    """power of the sine that just fills the converter, at its input."""
     full_scale_over_noise_db: Annotated[Real, Field(ge=0, le=250)] | None = None
+    """instead of it, over the thermal noise of a sample."""
     gain_db: Annotated[Real, Field(ge=-100, le=200)] = 0.0
+    """fixed gain between antenna and converter, beside that of the amplifiers."""
     agc_headroom_db: Annotated[Real, Field(ge=0, le=60)] | None = None
+    """instead of a fixed gain, one for each sweep that puts its strongest sample so far under full scale."""
     dc_offset_db: Annotated[Real, Field(ge=-250, le=0)] | None = None
+    """of an offset of the converter, in both parts of I/Q samples: its amplitude over full scale."""
     iq_gain_db: Annotated[Real, Field(ge=-10, le=10)] = 0.0
+    """amplification of the quadrature part over that of the other."""
     iq_phase_deg: Annotated[Real, Field(ge=-45, le=45)] = 0.0
+    """by which the quadrature part lags behind a quarter of a turn."""
 
     @model_validator(mode="after")
     def _consistent(self) -> ConverterTable:
@@ -219,15 +212,14 @@ class RangeGainTable(Table):
 
     Behind the mixer and before the converter. Echoes beyond to_hz keep the receiver's gain, nearer ones lose some: from
     from_hz to to_hz it rises by 6 dB an octave for each order, below it is even. Spectra are calibrated for it.
-
-    from_hz: beat frequency at which the gain begins to rise.
-    to_hz: at which it ends.
-    order: 1 against the spreading of a volume that fills the beam, 2 against that of points.
     """
 
     from_hz: Positive
+    """beat frequency at which the gain begins to rise."""
     to_hz: Positive
+    """at which it ends."""
     order: Order = 2
+    """1 against the spreading of a volume that fills the beam, 2 against that of points."""
 
     @model_validator(mode="after")
     def _rising(self) -> RangeGainTable:
@@ -237,32 +229,30 @@ class RangeGainTable(Table):
 
 
 class ReceiverTable(Table):
-    """The receiver between antenna and samples; what is not given is ideal.
-
-    high_pass_corner_hz: of a Butterworth high-pass on the beat signal; 0 for none.
-    high_pass_order: of that filter.
-    range_gain: over beat frequency, beside the high-pass; without it even.
-    anti_alias_corner_hz: of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the
-        sampled band. With I/Q samples it counts from the middle of their band.
-    anti_alias_order: of that filter.
-    oscillator: phase noise, a sweep that is not straight, drift.
-    leakage: ways of the transmitted wave into the receiver.
-    amplifiers: gains and noise figures from the antenna on, instead of `radar.noise_figure_db`.
-    converter: bits, full scale, and errors of I/Q samples.
-    stages: stages of the receiver that custom ones replace, by their names: leakage, mixer,
-        interference, noise, filters, converter.
-    """
+    """The receiver between antenna and samples; what is not given is ideal."""
 
     high_pass_corner_hz: NonNegative = 0.0
+    """of a Butterworth high-pass on the beat signal; 0 for none."""
     high_pass_order: Order = 2
+    """of that filter."""
     range_gain: RangeGainTable | None = None
+    """over beat frequency, beside the high-pass; without it even."""
     anti_alias_corner_hz: NonNegative = 0.0
+    """of a Butterworth low-pass in front of the converter; 0 for an ideal one that ends with the sampled band. With I/Q
+    samples it counts from the middle of their band."""
     anti_alias_order: Annotated[int, Field(strict=True, ge=1, le=8)] = 4
+    """of that filter."""
     oscillator: OscillatorTable = OscillatorTable()
+    """phase noise, a sweep that is not straight, drift."""
     leakage: tuple[LeakageTable, ...] = ()
+    """ways of the transmitted wave into the receiver."""
     amplifiers: tuple[AmplifierTable, ...] = ()
+    """gains and noise figures from the antenna on, instead of `radar.noise_figure_db`."""
     converter: ConverterTable = ConverterTable()
+    """bits, full scale, and errors of I/Q samples."""
     stages: dict[Place, Stage] = {}
+    """stages of the receiver that custom ones replace, by their names: leakage, mixer, interference, noise, filters,
+    converter."""
 
     @model_validator(mode="after")
     def _consistent(self) -> ReceiverTable:
@@ -300,30 +290,28 @@ class ReceiverTable(Table):
 
 
 class Interferer(Table):
-    """Another radar, in the line of sight of ours, whose waves our antenna receives directly.
-
-    kind: a linear sweep, or a steady carrier.
-    position_m: east and north.
-    height_m: above the ground.
-    power_dbm: transmitted.
-    antenna_gain_db: of its antenna toward ours, dBi, less what its polarization loses.
-    carrier_hz: in the middle of its sweep.
-    bandwidth_hz: of its sweep.
-    chirp_rate_hz: its sweeps a second, each as long as its period.
-    sweep: rising or falling.
-    offset_s: when a sweep of its begins, after the start of the survey.
-    """
+    """Another radar, in the line of sight of ours, whose waves our antenna receives directly."""
 
     kind: Literal["fmcw", "cw"] = "fmcw"
+    """a linear sweep, or a steady carrier."""
     position_m: Point2
+    """east and north."""
     height_m: NonNegative = 0.0
+    """above the ground."""
     power_dbm: Annotated[Real, Field(ge=-100, le=90)]
+    """transmitted."""
     antenna_gain_db: Annotated[Real, Field(ge=-100, le=80)] = 0.0
+    """of its antenna toward ours, dBi, less what its polarization loses."""
     carrier_hz: Annotated[Real, Field(ge=1e9, le=300e9)] = 77e9
+    """in the middle of its sweep."""
     bandwidth_hz: Annotated[Real, Field(ge=0, le=1e11)] | None = None
+    """of its sweep."""
     chirp_rate_hz: Annotated[Real, Field(ge=1e-2, le=1e7)] | None = None
+    """its sweeps a second, each as long as its period."""
     sweep: Literal["up", "down"] = "up"
+    """rising or falling."""
     offset_s: Annotated[Real, Field(ge=-1e6, le=1e6)] = 0.0
+    """when a sweep of its begins, after the start of the survey."""
 
     @model_validator(mode="after")
     def _sweep_is_given(self) -> Interferer:
@@ -337,28 +325,25 @@ class Interferer(Table):
 
 
 class SecondReceiverTable(Table):
-    """What a second receiver sees beside the first, which stays as it is; both have the noise of one.
-
-    kind: "interferometer" has the antenna's pattern and a phase centre of its own; "monopulse" the difference of the
-        antenna's two halves, its sum being the first receiver's; "row" stands for several like an interferometer's,
-        evenly spaced with the first: receivers, or virtual ones of a MIMO radar that tells its transmitters apart.
-    receivers: of a row, with the first.
-    axis: along which its phase centre lies, or the halves do: the antenna's elevation (up) or azimuth (left); "both"
-        adds a third receiver, so that each axis has its own; a row then lies along the elevation, with one receiver
-        beside it.
-    baseline_wavelengths: between the phase centres of an interferometer; without it such that the phase scatters by a
-        quarter of a radian over the two-way beam. Between neighbours in a row; without it half of the longest that is
-        unambiguous.
-    baseline_error_wavelengths: by how much the phase centre lies farther out than processing believes.
-    phase_error_deg: of a second receiver against the first, not calibrated out; not for "monopulse".
-    """
+    """What a second receiver sees beside the first, which stays as it is; both have the noise of one."""
 
     kind: Literal["interferometer", "monopulse", "row"] = "interferometer"
+    """"interferometer" has the antenna's pattern and a phase centre of its own; "monopulse" the difference of the
+    antenna's two halves, its sum being the first receiver's; "row" stands for several like an interferometer's, evenly
+    spaced with the first: receivers, or virtual ones of a MIMO radar that tells its transmitters apart."""
     receivers: Annotated[int, Field(strict=True, ge=3, le=32)] | None = None
+    """of a row, with the first."""
     axis: Literal["elevation", "azimuth", "both"] = "both"
+    """along which its phase centre lies, or the halves do: the antenna's elevation (up) or azimuth (left); "both" adds
+    a third receiver, so that each axis has its own; a row then lies along the elevation, with one receiver beside
+    it."""
     baseline_wavelengths: Annotated[Real, Field(ge=0.05, le=1000)] | None = None
+    """between the phase centres of an interferometer; without it such that the phase scatters by a quarter of a radian
+    over the two-way beam. Between neighbours in a row; without it half of the longest that is unambiguous."""
     baseline_error_wavelengths: Annotated[Real, Field(ge=-1, le=1)] = 0.0
+    """by how much the phase centre lies farther out than processing believes."""
     phase_error_deg: Annotated[Real, Field(ge=-180, le=180)] = 0.0
+    """of a second receiver against the first, not calibrated out; not for "monopulse"."""
 
     @model_validator(mode="after")
     def _halves_have_no_baseline(self) -> SecondReceiverTable:

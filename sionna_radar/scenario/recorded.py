@@ -28,24 +28,22 @@ SLOWEST_WAVE_MPS = 1e6
 
 
 class RecordedRadar(Table):
-    """The radar of a recording, by the attributes of its variable `radar`.
-
-    carrier_hz: the frequency in the middle of the recorded samples.
-    bandwidth_hz: swept during the recorded samples: slope times samples over the sampling rate.
-    sweep: "triangular" for an up- and a down-sweep in each pulse.
-    propagation_mps: speed of the wave, c / sqrt(permittivity) in a medium such as ice.
-    transmit_power_w: of a simulated radar.
-    noise_power_w: of a sample of a simulated radar.
-    sampling_rate_hz: of the recorded samples.
-    """
+    """The radar of a recording, by the attributes of its variable `radar`."""
 
     carrier_hz: Annotated[Real, Field(ge=1e6, le=1e12)]
+    """the frequency in the middle of the recorded samples."""
     bandwidth_hz: Annotated[Real, Field(ge=1e3, le=1e12)]
+    """swept during the recorded samples: slope times samples over the sampling rate."""
     sampling_rate_hz: Annotated[Real, Field(ge=1.0, le=1e12)]
+    """of the recorded samples."""
     sweep: Literal["up", "down", "triangular"] = "up"
+    """"triangular" for an up- and a down-sweep in each pulse."""
     propagation_mps: Annotated[Real, Field(ge=SLOWEST_WAVE_MPS, le=speed_of_light)] = speed_of_light
+    """speed of the wave, c / sqrt(permittivity) in a medium such as ice."""
     transmit_power_w: Positive | None = None
+    """of a simulated radar."""
     noise_power_w: NonNegative | None = None
+    """of a sample of a simulated radar."""
 
     @model_validator(mode="after")
     def _narrow(self) -> RecordedRadar:
@@ -55,19 +53,17 @@ class RecordedRadar(Table):
 
 
 class RecordedReception(Table):
-    """What the processing of a real recording must be told of its radar.
-
-    antenna: its beam.
-    receiver: its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
-        samples.
-    conjugate: whether the Q samples have the other sign, so that echoes have negative beats.
-    """
+    """What the processing of a real recording must be told of its radar."""
 
     antenna: Annotated[AntennaParameters, ChosenBy("kind", ANTENNAS, "taylor", implied=IMPLIED_ANTENNAS)] = (
         AntennaTable()
     )
+    """its beam."""
     receiver: ReceiverTable = ReceiverTable()
+    """its high-pass and its gain over range, which calibrated spectra divide out; all else has happened to the
+    samples."""
     conjugate: bool = False
+    """whether the Q samples have the other sign, so that echoes have negative beats."""
 
     @model_validator(mode="after")
     def _only_the_high_pass(self) -> RecordedReception:
@@ -81,16 +77,14 @@ class RecordedReception(Table):
 
 
 class RecordedSettings(Table):
-    """How a recording without a scenario is processed: the tables of a scenario that apply.
-
-    radar: what must be known of the radar.
-    processing: how beat signals are turned into ranges.
-    dem: how echoes are turned into heights.
-    """
+    """How a recording without a scenario is processed: the tables of a scenario that apply."""
 
     radar: RecordedReception = RecordedReception()
+    """what must be known of the radar."""
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
+    """how beat signals are turned into ranges."""
     dem: DemTable = Field(default_factory=DemTable)
+    """how echoes are turned into heights."""
 
 
 def recorded_scenario(text: str, overrides: Mapping[str, Any], source: str) -> Scenario:

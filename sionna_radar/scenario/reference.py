@@ -13,7 +13,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 from sionna_radar.scenario.scenario import Scenario
-from sionna_radar.scenario.table import LARGEST, meanings, summary, unit_of
+from sionna_radar.scenario.table import LARGEST, summary, unit_of
 
 # How pydantic calls a bound that it checks after something else, and how the standard does.
 BOUNDS = {"ge": "minimum", "le": "maximum", "gt": "exclusiveMinimum", "lt": "exclusiveMaximum"}
@@ -28,11 +28,10 @@ class _WithMeanings(GenerateJsonSchema):
         table = schema["cls"]
         if issubclass(table, BaseModel):
             found["description"] = summary(table)
-            known = meanings(table)
             for name, about in found.get("properties", {}).items():
                 unit = f" ({unit_of(name)})" if unit_of(name) else ""
-                if name in known:
-                    about["description"] = known[name] + unit
+                if "description" in about:
+                    about["description"] = " ".join(about["description"].split()) + unit
                 about.pop("title", None)
         return found
 

@@ -7,6 +7,7 @@ whatever a script registers before it reads a scenario.
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -77,15 +78,15 @@ class Registry:
     kind:
         What the parts are, in words.
     ours:
-        Names of this package's own parts, with the modules that register them; loaded when first asked for.
+        Names of this package's own parts, by the modules that register them, which are loaded when first asked for.
     base:
         Table that the parameters of every part derive from.
 
     """
 
-    def __init__(self, kind: str, ours: Mapping[str, str], base: type[Table] = Table) -> None:
+    def __init__(self, kind: str, ours: Mapping[str, tuple[str, ...]], base: type[Table] = Table) -> None:
         self.kind, self.base = kind, base
-        self._ours = dict(ours)
+        self._ours = {name: f"{PACKAGE}.{module}" for module, names in ours.items() for name in names}
         self._entries: dict[str, Entry] = {}
 
     def register(
@@ -108,7 +109,7 @@ class Registry:
             The name is taken, or the table would let a misspelt key pass.
 
         """
-        if not isinstance(name, str) or not NAME.fullmatch(name) or name == "none":
+        if not NAME.fullmatch(name) or name == "none":
             message = f"{self.kind} {shown(name)}: not a name; give letters, digits and any of _ - + : . (not 'none')"
             raise PluginError(message)
         if parameters is None and self.base is not Table:
@@ -122,10 +123,6 @@ class Registry:
             raise PluginError(message)
 
         def add(build: Builder) -> Builder:
-            decorated: object = build
-            if not callable(decorated):
-                message = f"{self.kind} {name!r}: {shown(build)} builds nothing; decorate a class or a function"
-                raise PluginError(message)
             self._add(
                 Entry(
                     kind=self.kind,
@@ -181,6 +178,38 @@ class Registry:
         """Return the tables of parameters of all parts, each once."""
         entries = [self.entry(name) for name in self.known()]
         return list(dict.fromkeys(entry.parameters for entry in entries if entry.parameters is not None))
+
+
+SECTIONS = """
+Parameters
+----------
+name:
+    Its name in scenarios.
+parameters:
+    Its table of parameters, `{table}`{none}.
+
+Raises
+------
+PluginError
+    The name is taken, or the parameters are not a `{base}`.
+
+Examples
+"""
+
+
+def registers(registry: Registry, table: str) -> Callable[[Builder], Builder]:
+    """Return a decorator that adds to the docstring of a function what all that register parts have in common.
+
+    table: the place of the parameters in a scenario.
+    """
+    none = "; None if it takes none" if registry.base is Table else ""
+    sections = SECTIONS.format(table=table, none=none, base=registry.base.__name__)
+
+    def add(function: Builder) -> Builder:
+        function.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("\nExamples\n", sections, 1)
+        return function
+
+    return add
 
 
 _loading: list[str] = []

@@ -20,7 +20,7 @@ from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.angle_of_arrival import check_angle
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.map_choice import with_map
@@ -70,31 +70,10 @@ def _literal(text: str) -> str:
 class Scenario(Table):
     """A whole survey: what is flown, over what, with which radar, and how the echoes are processed.
 
-    description: in a line; it stands over tables and figures.
-    seed: of all random numbers.
-    coordinates: what horizontal positions of the platform, cover polygons, buildings, objects, targets and vegetation
-    are given in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in
-    degrees; or a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on
-    the map. Headings count from the grid north of the map.
-    sensor: what is flown: a radar, a lidar, or a custom sensor.
-    sensor_parameters: of a custom sensor that has some.
-    terrain: the ground.
-    buildings: boxes on it.
-    objects: meshes on it.
-    footprints: buildings from a file of outlines.
-    targets: points of a given radar cross-section.
-    interferers: other radars that transmit into ours.
-    vegetation: stands of plants.
-    materials: by their names, which surfaces refer to.
-    platform: the flight.
-    radar: the radar.
-    weather: what the air holds.
-    lidar: the lidar.
-    tracing: how the scene is turned into paths.
-    processing: how beat signals are turned into ranges.
-    dem: how echoes are turned into heights.
-
-    Raises ScenarioError, with every problem, for values that do not fit.
+    Raises
+    ------
+    ScenarioError
+        With every problem, for values that do not fit.
 
     Examples
     --------
@@ -110,26 +89,49 @@ class Scenario(Table):
     """
 
     description: Annotated[str, AfterValidator(_literal)] = ""
+    """in a line; it stands over tables and figures."""
     seed: Seed = 1
+    """of all random numbers."""
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
-    sensor: Annotated[str, name_in(SENSORS)] = "radar"
+    """what horizontal positions of the platform, cover polygons, buildings, objects, targets and vegetation are given
+    in: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or
+    a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" needs terrain with a place on the map.
+    Headings count from the grid north of the map."""
+    sensor: Annotated[str, NameIn(SENSORS)] = "radar"
+    """what is flown: a radar, a lidar, or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
+    """of a custom sensor that has some."""
     terrain: Terrain
+    """the ground."""
     buildings: tuple[Building, ...] = ()
+    """boxes on it."""
     objects: tuple[MeshObject, ...] = ()
+    """meshes on it."""
     footprints: tuple[Footprints, ...] = ()
+    """buildings from a file of outlines."""
     targets: tuple[PointTarget, ...] = ()
+    """points of a given radar cross-section."""
     interferers: tuple[Interferer, ...] = ()
+    """other radars that transmit into ours."""
     vegetation: tuple[VegetationTable, ...] = ()
+    """stands of plants."""
     materials: dict[str, Material] = {}
+    """by their names, which surfaces refer to."""
     platform: Platform
+    """the flight."""
     radar: RadarTable
+    """the radar."""
     weather: WeatherTable = WeatherTable()
+    """what the air holds."""
     lidar: LidarTable = LidarTable()
+    """the lidar."""
     # Their parameters are checked by the parts themselves, whose modules import this package.
     tracing: TracingTable = Field(default_factory=TracingTable)
+    """how the scene is turned into paths."""
     processing: ProcessingTable = Field(default_factory=ProcessingTable)
+    """how beat signals are turned into ranges."""
     dem: DemTable = Field(default_factory=DemTable)
+    """how echoes are turned into heights."""
 
     @cached_property
     def source(self) -> str:

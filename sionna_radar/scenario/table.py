@@ -1,12 +1,10 @@
 """The base of all tables of a scenario: frozen models, strict finite numbers, errors with a key, key meanings.
 
-The meaning of a key is its entry in the docstring of its table, `name: ...` or `name, other: ...`, or the description
-of its field, which a custom table may have instead. Its unit is the end of its name.
+The meaning of a key is the string under its field, or the field's description. Its unit is the end of its name.
 """
 
 import inspect
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -62,7 +60,9 @@ InputSource = Annotated[InputPath | Address, BeforeValidator(_a_source)]
 class Table(BaseModel):
     """A table of the scenario: frozen, and no key passes unnoticed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, use_attribute_docstrings=True
+    )
 
     if not TYPE_CHECKING:  # editors take the names and types of the arguments from the fields
 
@@ -93,8 +93,7 @@ class Parameters(Table):
     """
 
 
-ENTRY = re.compile(r"^(?P<names>[a-z_0-9]+(?:(?:, | or | and )[a-z_0-9]+)*): (?P<text>.+)$")
-RULE = re.compile(r"^-{3,}$")
+RULE = re.compile(r"\n.*\n-{3,}\n")
 # By the end of a key's name, the longest first.
 UNITS = {
     "_mm_per_h": "mm/h",
@@ -130,37 +129,7 @@ def unit_of(name: str) -> str:
     return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
 
 
-def meanings(table: type[BaseModel]) -> dict[str, str]:
-    """Return the meaning of each key of a table that has one, those of its bases included."""
-    found: dict[str, str] = {}
-    for base in reversed(table.__mro__):
-        if issubclass(base, Table):
-            for names, text in _entries(inspect.cleandoc(base.__doc__ or "")):
-                found |= dict.fromkeys((name for name in names if name in table.model_fields), text)
-    return found | {name: field.description for name, field in table.model_fields.items() if field.description}
-
-
 def summary(table: type[BaseModel]) -> str:
-    """Return the summary of a table: its docstring without the entries of its keys, and without examples."""
-    lines = inspect.cleandoc(table.__doc__ or "").splitlines()
-    for number, line in enumerate(lines):
-        if RULE.match(line):  # the heading of a section stands above its rule
-            return "\n".join(lines[: number - 1]).strip()
-        if ENTRY.match(line):
-            return "\n".join(lines[:number]).strip()
-    return "\n".join(lines).strip()
-
-
-def _entries(text: str) -> Iterator[tuple[list[str], str]]:
-    names: list[str] = []
-    words: list[str] = []
-    for line in [*text.splitlines(), ""]:
-        entry = ENTRY.match(line)
-        if entry or not line.strip():
-            if names:
-                yield names, " ".join(words)
-            names, words = [], []
-        if entry:
-            names, words = re.split(r", | or | and ", entry["names"]), [entry["text"]]
-        elif names:
-            words.append(line.strip())
+    """Return the docstring of a table without examples."""
+    # The heading of a section stands above its rule.
+    return RULE.split(inspect.cleandoc(table.__doc__ or "") + "\n")[0].strip()

@@ -30,20 +30,18 @@ METRES = {
 
 
 class MeshShape(Table):
-    """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna.
-
-    path: the file.
-    units: of its coordinates.
-    up: its axis that points up; without it y of GLB and glTF, whose standard says so, and z of all others.
-    scale: what it is enlarged by besides.
-    heading_deg: clockwise turn of its y axis (of -z where y is up) from north; on a target from the target's front.
-    """
+    """A file of triangles: PLY, OBJ, STL, GLB, glTF, or an XML scene of Mitsuba or Sionna."""
 
     path: InputPath
+    """the file."""
     units: Unit = "m"
+    """of its coordinates."""
     up: Literal["y", "z"] | None = None
+    """its axis that points up; without it y of GLB and glTF, whose standard says so, and z of all others."""
     scale: Positive = 1.0
+    """what it is enlarged by besides."""
     heading_deg: Real = 0.0
+    """clockwise turn of its y axis (of -z where y is up) from north; on a target from the target's front."""
 
     @property
     def metres_per_unit(self) -> float:
@@ -52,18 +50,16 @@ class MeshShape(Table):
 
 
 class MeshFile(MeshShape):
-    """A file of triangles, with what it is made of.
-
-    material: of all of it but what `materials` names; a table is taken for `materials`.
-    materials: materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of
-        its objects where these have no material.
-    centre: what of it stands at `position_m`: the file's origin, or the middle of its box in plan, at its lowest point,
-        for files whose coordinates are far from their origin.
-    """
+    """A file of triangles, with what it is made of."""
 
     material: str = "building"
+    """of all of it but what `materials` names; a table is taken for `materials`."""
     materials: dict[str, str] = {}
+    """materials of the scenario by the mesh's own material names (without Sionna's "mat-"), or by the names of its
+    objects where these have no material."""
     centre: Literal["origin", "box"] = "origin"
+    """what of it stands at `position_m`: the file's origin, or the middle of its box in plan, at its lowest point, for
+    files whose coordinates are far from their origin."""
 
     @model_validator(mode="before")
     @classmethod
@@ -80,125 +76,117 @@ KEEP_SIONNA = "sionna"
 
 
 class FlatTerrain(CoveredTerrain):
-    """A horizontal plane.
-
-    size_m: along east and north.
-    spacing_m: of the posts.
-    fields: rectangles of other materials.
-    """
+    """A horizontal plane."""
 
     kind: Literal["flat"] = "flat"
     size_m: tuple[Positive, Positive] = (300.0, 300.0)
+    """along east and north."""
     spacing_m: Positive = 5.0
+    """of the posts."""
     fields: tuple[MaterialField, ...] = ()
+    """rectangles of other materials."""
 
 
 class HillsTerrain(CoveredTerrain):
-    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height.
-
-    size_m: along east and north.
-    spacing_m: of the posts.
-    filter_sigma_m: standard deviation of the Gaussian filter, over which heights are alike.
-    height_m: of the highest point over the lowest.
-    seed: of the surface.
-    fields: rectangles of other materials.
-    """
+    """A seeded Gaussian random surface: white noise, Gaussian filter, scaled to a largest height."""
 
     kind: Literal["hills"] = "hills"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
+    """along east and north."""
     spacing_m: Positive = 0.5
+    """of the posts."""
     filter_sigma_m: Positive = 25.0
+    """standard deviation of the Gaussian filter, over which heights are alike."""
     height_m: Positive = 8.0
+    """of the highest point over the lowest."""
     seed: Seed = 1
+    """of the surface."""
     fields: tuple[MaterialField, ...] = ()
+    """rectangles of other materials."""
 
 
 class FractalTerrain(CoveredTerrain):
-    """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent.
-
-    size_m: along east and north.
-    spacing_m: of the posts.
-    hurst: exponent: near 1 smooth, near 0 rough.
-    height_m: of the highest point over the lowest.
-    seed: of the surface.
-    fields: rectangles of other materials.
-    """
+    """A seeded self-affine Gaussian random surface: height differences over d spread like d to the Hurst exponent."""
 
     kind: Literal["fractal"] = "fractal"
     size_m: tuple[Positive, Positive] = (320.0, 320.0)
+    """along east and north."""
     spacing_m: Positive = 0.5
+    """of the posts."""
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.8
+    """exponent: near 1 smooth, near 0 rough."""
     height_m: Positive = 10.0
+    """of the highest point over the lowest."""
     seed: Seed = 1
+    """of the surface."""
     fields: tuple[MaterialField, ...] = ()
+    """rectangles of other materials."""
 
 
 class SampleTerrain(CoveredTerrain):
-    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data.
-
-    spacing_m: of the posts; without it the tile's.
-    """
+    """The SRTM tile of Jacksboro, Tennessee, from matplotlib's sample data."""
 
     kind: Literal["jacksboro"] = "jacksboro"
     spacing_m: Positive | None = None
+    """of the posts; without it the tile's."""
 
 
 class Roughness(Table):
-    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square.
-
-    hurst: exponent: near 1 smooth, near 0 rough.
-    rms_m: root mean square of the detail.
-    seed: of the detail.
-    """
+    """Seeded detail that a file's spacing leaves out: self-affine, of a Hurst exponent and a root mean square."""
 
     hurst: Annotated[Real, Field(gt=0, lt=1)] = 0.7
+    """exponent: near 1 smooth, near 0 rough."""
     rms_m: Annotated[Positive, Field(le=100)]
+    """root mean square of the detail."""
     seed: Seed = 1
+    """of the detail."""
 
 
 class RasterTerrain(CoveredTerrain):
-    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid.
-
-    path: a file; or the address of a cloud-optimised GeoTIFF (https://, s3://, ...), read only with --allow-network.
-    holes: cells without data are kept as holes, filled from around them, or refused.
-    roughen: adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's.
-    crs, vertical_crs, height_unit: what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and
-    "ft" or "ftUS"; without them what the file says, and metres where it says nothing of its heights.
-    spacing_m: of the posts; without it the file's.
-    """
+    """The user's own elevation raster: GeoTIFF, Esri ASCII grid, SRTM .hgt, DTED or another plain grid."""
 
     kind: Literal["raster"] = "raster"
     path: InputSource
+    """a file; or the address of a cloud-optimised GeoTIFF (https://, s3://, ...), read only with --allow-network."""
     crs: str | None = None
+    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
+    what the file says, and metres where it says nothing of its heights."""
     vertical_crs: str | None = None
+    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
+    what the file says, and metres where it says nothing of its heights."""
     height_unit: Literal["m", "ft", "ftUS"] | None = None
+    """what the file's coordinates and heights are, such as "EPSG:2154", "EPSG:5703" and "ft" or "ftUS"; without them
+    what the file says, and metres where it says nothing of its heights."""
     spacing_m: Positive | None = None
+    """of the posts; without it the file's."""
     holes: Literal["keep", "fill", "refuse"] = "keep"
+    """cells without data are kept as holes, filled from around them, or refused."""
     roughen: Roughness | None = None
+    """adds detail below the file's spacing; the mesh is then as fine as spacing_m, or a tenth of the file's."""
 
 
 class PointsTerrain(CoveredTerrain):
-    """A point cloud, LAS or LAZ, gridded.
-
-    points: the first return of each pulse, those classified as ground, or all; never noise or withheld ones.
-    statistic: height of a cell: the mean of its points, the highest, or a percentile of them.
-    spacing_m: of the cells; without it, four points fall into one on average.
-    crs, vertical_crs, height_unit, holes: see `RasterTerrain`. A file without a CRS is in local metres, about its
-        middle, unless crs says more.
-    path: the point cloud.
-    percentile: of the heights in a cell, where that is the statistic.
-    """
+    """A point cloud, LAS or LAZ, gridded."""
 
     kind: Literal["points"] = "points"
     path: InputPath
+    """the point cloud."""
     points: Literal["first", "ground", "all"] = "first"
+    """the first return of each pulse, those classified as ground, or all; never noise or withheld ones."""
     statistic: Literal["mean", "max", "percentile"] = "mean"
+    """height of a cell: the mean of its points, the highest, or a percentile of them."""
     percentile: Annotated[Real, Field(ge=0, le=100)] = 50.0
+    """of the heights in a cell, where that is the statistic."""
     spacing_m: Positive | None = None
+    """of the cells; without it, four points fall into one on average."""
     crs: str | None = None
+    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
     vertical_crs: str | None = None
+    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
     height_unit: Literal["m", "ft", "ftUS"] | None = None
+    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
     holes: Literal["keep", "fill", "refuse"] = "fill"
+    """see `RasterTerrain`. A file without a CRS is in local metres, about its middle, unless crs says more."""
 
     @model_validator(mode="after")
     def _percentile_is_used(self) -> PointsTerrain:
@@ -211,18 +199,18 @@ class PointsTerrain(CoveredTerrain):
 class MeshTerrain(CoveredTerrain, MeshFile):
     """A mesh as the ground, with what stands on it: a site model, a photogrammetric mesh, a scene of Sionna.
 
-    position_m: local place and height of the file's origin, or of the middle of its box at its lowest point.
-    crs: that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map.
-    Land cover lies on the faces of `material`, not on those that `materials` names.
-
     The bare ground, that a flight's height counts from and objects stand on, is the lowest surface that faces up:
     ground under a bridge, and not a bottom plate.
     """
 
     kind: Literal["mesh"] = "mesh"
     material: str = "ground"
+    """of the ground; a name of the scenario's materials."""
     position_m: Point3 = (0.0, 0.0, 0.0)
+    """local place and height of the file's origin, or of the middle of its box at its lowest point."""
     crs: str | None = None
+    """that of the file's coordinates, such as "EPSG:32632", easting first; it is then its own place on the map. Land
+    cover lies on the faces of `material`, not on those that `materials` names."""
 
     @model_validator(mode="after")
     def _placed_once(self) -> MeshTerrain:
@@ -236,12 +224,11 @@ class CityTerrain(TerrainParameters):
     """A whole scene that Sionna ships; its materials are mapped to 77 GHz ones by name.
 
     A material mapped to "sionna" stays Sionna's own, where that is defined at the carrier and scatters.
-
-    materials: materials of the scenario, by the names of Sionna's.
     """
 
     kind: Literal["sionna:san_francisco", "sionna:munich", "sionna:florence", "sionna:etoile"]
     materials: dict[str, str] = {}
+    """materials of the scenario, by the names of Sionna's."""
 
     @property
     def city(self) -> str:

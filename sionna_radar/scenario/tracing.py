@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.choice import ParametersOf, name_in
+from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import ENGINES
 from sionna_radar.scenario.table import Real, Table, refuse
 
@@ -15,33 +15,30 @@ MAX_PATHS_PER_PULSE = 100_000
 
 
 class TracingTable(Table):
-    """How the scene is turned into paths.
+    """How the scene is turned into paths."""
 
-    engine: sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
-        path_solver (Sionna's stock solver, slow, for checks); or a custom one.
-    engine_parameters: of a custom engine that has some.
-    speckle: persistent keeps scatterers on the surface, so that phase and speckle from chirp to chirp are those of a
-        real scene; per_pulse draws new ones each pulse, as over a surface that moves between chirps. persistent, but
-        for engines without it: path_solver draws new paths each pulse.
-    scatterers_per_m2: density of persistent scatterers of engine sionna; without it the beam's footprint decides, so
-        that a pulse sees some `paths_per_pulse`, and ten in a range cell.
-    decorrelation_time_s: after which a surface that moves, like grass in the wind, has lost so much of its phase that
-        the correlation of its echo's field with itself has fallen to 1/e; without it the surface stands still. It
-        needs persistent speckle.
-    bounces: 2 lets the wave meet a second surface on its way, with one of both, or both, a plane that reflects as a
-        mirror (`materials.NAME.specular`): the ground before a wall, a corner. Engine sionna.
-    paths_per_pulse: rays inside the beam of a pulse, or scatterers.
-    side_lobe_share: share of them that look for side lobes.
-    """
-
-    engine: Annotated[str, name_in(ENGINES)] = "sionna"
+    engine: Annotated[str, NameIn(ENGINES)] = "sionna"
+    """sionna (Sionna RT's fields inside the beam), gamma (the paper's facet model, independent of Sionna), or
+    path_solver (Sionna's stock solver, slow, for checks); or a custom one."""
     engine_parameters: Annotated[Table | None, ParametersOf("engine", ENGINES)] = None
+    """of a custom engine that has some."""
     speckle: Literal["per_pulse", "persistent"] = "persistent"
+    """persistent keeps scatterers on the surface, so that phase and speckle from chirp to chirp are those of a real
+    scene; per_pulse draws new ones each pulse, as over a surface that moves between chirps. persistent, but for engines
+    without it: path_solver draws new paths each pulse."""
     scatterers_per_m2: Annotated[Real | None, Field(gt=0, le=10_000)] = None
+    """density of persistent scatterers of engine sionna; without it the beam's footprint decides, so that a pulse sees
+    some `paths_per_pulse`, and ten in a range cell."""
     decorrelation_time_s: Annotated[Real | None, Field(gt=0, le=1e9)] = None
+    """after which a surface that moves, like grass in the wind, has lost so much of its phase that the correlation of
+    its echo's field with itself has fallen to 1/e; without it the surface stands still. It needs persistent speckle."""
     bounces: Annotated[int, Field(strict=True, ge=1, le=2)] = 1
+    """2 lets the wave meet a second surface on its way, with one of both, or both, a plane that reflects as a mirror
+    (`materials.NAME.specular`): the ground before a wall, a corner. Engine sionna."""
     paths_per_pulse: Annotated[int, Field(strict=True, ge=16, le=10**7)] = 512
+    """rays inside the beam of a pulse, or scatterers."""
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05
+    """share of them that look for side lobes."""
 
     @model_validator(mode="before")
     @classmethod

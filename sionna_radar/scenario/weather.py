@@ -19,79 +19,71 @@ FASTEST_WIND_MPS = 60.0
 
 
 class RainCellTable(Table):
-    """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL).
-
-    centre_m: east and north.
-    radius_m: over which the rate falls to 1/e.
-    peak_mm_per_h: rate in its middle.
-    """
+    """A shower: its rate falls off as peak exp(-distance / radius) from its centre (EXCELL)."""
 
     centre_m: Point2
+    """east and north."""
     radius_m: Annotated[Positive, Field(ge=1)]
+    """over which the rate falls to 1/e."""
     peak_mm_per_h: RainRate
+    """rate in its middle."""
 
 
 class RainFieldTable(Table):
-    """Rain that differs from place to place: a seeded log-normal field, whose mean is `rain_rate_mm_per_h`.
-
-    correlation_m: distance at which the correlation of the rate in dB has fallen to 1/e.
-    spread_db: standard deviation of the rate in dB.
-    seed: of the field.
-    """
+    """Rain that differs from place to place: a seeded log-normal field, whose mean is `rain_rate_mm_per_h`."""
 
     correlation_m: Annotated[Positive, Field(ge=1)]
+    """distance at which the correlation of the rate in dB has fallen to 1/e."""
     spread_db: Annotated[Real, Field(ge=0, le=10)]
+    """standard deviation of the rate in dB."""
     seed: Seed = 1
+    """of the field."""
 
 
 class WetRadomeTable(Table):
-    """A spherical radome that rain wets; dry it is taken for perfectly clear.
-
-    radius_m: of its curvature.
-    """
+    """A spherical radome that rain wets; dry it is taken for perfectly clear."""
 
     radius_m: Annotated[Real, Field(ge=0.01, le=50)]
+    """of its curvature."""
 
 
 class WeatherTable(Table):
-    """The weather; the default is clear air without attenuation.
-
-    snowfall_mm_per_h: as water.
-    fog_visibility_m: how far one sees through the fog alone; gives its liquid water too, unless that is given.
-    wind_mps: toward east, north and up, the same everywhere; what falls and what hangs in the air moves with it.
-    rain_rate_mm_per_h: rain everywhere.
-    rain_cell: a shower.
-    rain_field: rain that differs from place to place.
-    wet_radome: water on the radome.
-    snow: whether snowfall is dry or wet.
-    fog: a class of fog.
-    liquid_water_g_per_m3: of a fog.
-    haze_visibility_m: how far one sees through the haze alone.
-    dust_visibility_m: how far one sees through the dust alone.
-    smoke_visibility_m: how far one sees through the smoke alone.
-    gases: whether oxygen and water vapour attenuate.
-    temperature_k: of the air, and of fog and rain.
-    dry_pressure_hpa: of the dry air.
-    vapour_g_per_m3: density of the water vapour.
-    """
+    """The weather; the default is clear air without attenuation."""
 
     rain_rate_mm_per_h: RainRate = 0.0
+    """rain everywhere."""
     rain_cell: RainCellTable | None = None
+    """a shower."""
     rain_field: RainFieldTable | None = None
+    """rain that differs from place to place."""
     wet_radome: WetRadomeTable | None = None
+    """water on the radome."""
     snowfall_mm_per_h: Snowfall = 0.0
+    """as water."""
     snow: Literal["dry", "wet"] = "dry"
+    """whether snowfall is dry or wet."""
     fog: Literal["none", "medium", "thick"] = "none"
+    """a class of fog."""
     liquid_water_g_per_m3: Annotated[NoneOrSome, Field(le=10)] = 0.0
+    """of a fog."""
     fog_visibility_m: Visibility | None = None
+    """how far one sees through the fog alone; gives its liquid water too, unless that is given."""
     haze_visibility_m: Visibility | None = None
+    """how far one sees through the haze alone."""
     dust_visibility_m: Visibility | None = None
+    """how far one sees through the dust alone."""
     smoke_visibility_m: Visibility | None = None
+    """how far one sees through the smoke alone."""
     wind_mps: Point3 = (0.0, 0.0, 0.0)
+    """toward east, north and up, the same everywhere; what falls and what hangs in the air moves with it."""
     gases: bool = Field(default=False, strict=True)
+    """whether oxygen and water vapour attenuate."""
     temperature_k: Annotated[Real, Field(ge=WATER_MIN_TEMPERATURE_K, le=HIGHEST_TEMPERATURE_K)] = 288.15
+    """of the air, and of fog and rain."""
     dry_pressure_hpa: Annotated[Real, Field(gt=0, le=1100)] = 1013.25
+    """of the dry air."""
     vapour_g_per_m3: Annotated[Real, Field(ge=0, le=60)] = 7.5
+    """density of the water vapour."""
 
     @model_validator(mode="after")
     def _consistent(self) -> WeatherTable:

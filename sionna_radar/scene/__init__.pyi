@@ -7,15 +7,3 @@ from .model import Scene as Scene
 from .model import Surface as Surface
 from .model import Target as Target
 from .raycast import RayCaster as RayCaster
-
-__all__ = [
-    "Landscape",
-    "RayCaster",
-    "Scene",
-    "Surface",
-    "Target",
-    "TerrainInputs",
-    "build_landscape",
-    "landscape_of_heights",
-    "register_terrain",
-]

@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import KeptValues, Same
-from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
@@ -51,7 +51,6 @@ def build_scene(
     window_m: tuple[float, float, float, float],
     terrain: Callable[[TerrainInputs], Landscape] | Raster | None = None,
     materials: Mapping[str, Backscatter] | None = None,
-    step: Step = no_step,
 ) -> BuiltScene:
     """Build the scene of a scenario, or take what the last survey built of the same one; see `shared_ground`.
 
@@ -63,8 +62,6 @@ def build_scene(
         Extent that the survey can see (west, south, east, north); no more of a file is read.
     terrain, materials:
         A custom terrain and custom materials instead of the scenario's.
-    step:
-        Called after each of `BUILDING_STEPS`: the ground, what stands on it, and the search for what rays hit.
 
     Raises
     ------
@@ -80,7 +77,7 @@ def build_scene(
     ground = shared_ground(scenario, given) if share else build_ground(scenario, given, terrain)
     land = ground.land
     _check_materials(land, known)
-    step()
+    advance()
     motions = motions_of(scenario.all_materials)
     # Of the files that these tables name, too: a mesh that was written anew is another target.
     standing = content_key({"targets": scenario.targets, "vegetation": scenario.vegetation})
@@ -103,8 +100,8 @@ def build_scene(
     else:
         place = (standing, repr((window_m if scenario.vegetation else (), motions)), Same(known))
         scene = ground.caster.once("scene", place, build)
-    step()
-    step()
+    advance()
+    advance()
     return BuiltScene(
         scene=scene,
         ground_m=land.ground_m,

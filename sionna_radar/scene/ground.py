@@ -1,8 +1,7 @@
 """The ground of a survey with all that stands on it, kept for the next survey over the same."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +14,13 @@ from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.parts import TERRAINS
 from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.footprints import build_box, build_footprints
-from sionna_radar.scene.landscape import Landscape, TerrainInputs, build_landscape, landscape_of_raster
+from sionna_radar.scene.landscape import (
+    Landscape,
+    TerrainInputs,
+    build_landscape,
+    inputs_used,
+    landscape_of_raster,
+)
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.objects import build_objects
 from sionna_radar.scene.raycast import RayCaster
@@ -60,43 +65,28 @@ def build_ground(
     return Ground(land=land, surfaces=surfaces, caster=RayCaster(surfaces, shared=shared))
 
 
-class _Asked(TerrainInputs):
-    """Inputs of a terrain that know which of them were asked for: on the others it does not depend."""
-
-    def __getattribute__(self, name: str) -> Any:
-        own = object.__getattribute__(self, "__dict__")
-        if name in own and name in _INPUTS:
-            own.setdefault("asked", set()).add(name)
-        return object.__getattribute__(self, name)
-
-
-_INPUTS = {field.name for field in fields(TerrainInputs)}
-_last: list[tuple[str, dict[str, Any], KeptValues]] = []
+_LAST = KeptValues(1)
 
 
 def shared_ground(scenario: Scenario, given: TerrainInputs) -> Ground:
     """Return the ground of a scenario, the same object for all surveys in a row that see the same.
 
-    It is kept by the content of all that it is made from, the identity of input files included, and those of
-    the survey's window, carrier and channel that the terrain asked for. Only the last one is kept, and none of a
-    terrain that others registered, which may depend on anything.
+    Its key is the content of all that it is made from, the identity of input files included, and those of the survey's
+    window, carrier and channel on which it depends. Only the last one is kept, and none of a terrain that others
+    registered, which may depend on anything.
     """
-    key = None
-    if TERRAINS.entry(scenario.terrain.kind).origin == PACKAGE:
-        tables = ("terrain", "buildings", "objects", "footprints")
-        key = content_key({name: getattr(scenario, name) for name in tables})
+    kind = scenario.terrain.kind
+    if TERRAINS.entry(kind).origin != PACKAGE:
+        return build_ground(scenario, given)
+    # Footprints are read within the window.
+    used = set(inputs_used(kind)) | ({"window_m"} if scenario.footprints else set())
+    key = content_key(
+        {name: getattr(scenario, name) for name in ("terrain", "buildings", "objects", "footprints")}
+        | {name: getattr(given, name) for name in sorted(used)}
+    )
     if key is None:
         return build_ground(scenario, given)
-    for known, asked, kept in _last:
-        if known == key and all(getattr(given, name) == value for name, value in asked.items()):
-            return kept.once(key, lambda: build_ground(scenario, given, shared=True))
-    _last.clear()
-    watched = _Asked(**{name: getattr(given, name) for name in _INPUTS})
-    kept = KeptValues(1)
-    ground = kept.once(key, lambda: build_ground(scenario, watched, shared=True))
-    asked = {name: getattr(given, name) for name in vars(watched).get("asked", ())}
-    _last.append((key, asked, kept))
-    return ground
+    return _LAST.once(key, lambda: build_ground(scenario, given, shared=True))
 
 
 def _objects(scenario: Scenario, land: Landscape) -> tuple[Surface, ...]:

@@ -4,8 +4,8 @@ Ground from a file has its georeference; any other has one if its scenario says 
 local frame: metres, x east, y north, z up.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -39,6 +39,9 @@ class TerrainInputs:
     window_m: tuple[float, float, float, float]
     carrier_hz: float
     channel: Channel
+
+
+INPUTS = tuple(field.name for field in fields(TerrainInputs))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +130,11 @@ def _bridged(raster: Raster) -> Raster:
 
 
 def register_terrain(
-    name: str, parameters: type[TerrainParameters], *, frame: Callable[..., MapFrame | None] | None = None
+    name: str,
+    parameters: type[TerrainParameters],
+    *,
+    frame: Callable[..., MapFrame | None] | None = None,
+    uses: Sequence[str] = INPUTS,
 ) -> Callable[[Builder], Builder]:
     """Register a terrain, for `terrain.kind` in a scenario.
 
@@ -139,6 +146,8 @@ def register_terrain(
         Its table of parameters, `[terrain]`; one derived from `CoveredTerrain` also has the keys of land cover.
     frame:
         Returns, from the parameters, the local frame of a terrain that has a place of its own on the map, or None.
+    uses:
+        The `TerrainInputs` on which the landscape depends; surveys that differ in others share it.
 
     Returns
     -------
@@ -173,12 +182,20 @@ def register_terrain(
         registered = register(build)
         if frame is not None:
             _FRAMES[name] = frame
+        _USES[name] = tuple(uses)
         return registered
 
     return add
 
 
 _FRAMES: dict[str, Callable[..., MapFrame | None]] = {}
+_USES: dict[str, tuple[str, ...]] = {}
+
+
+def inputs_used(kind: str) -> tuple[str, ...]:
+    """Return the names of the `TerrainInputs` on which a kind of terrain depends."""
+    TERRAINS.entry(kind)  # its module says
+    return _USES[kind]
 
 
 def map_frame(table: TerrainParameters) -> MapFrame | None:

@@ -15,7 +15,7 @@ from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
-from sionna_radar.scene.vegetation import Vegetation
+from sionna_radar.scene.vegetation import PlantCover
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
 
@@ -98,7 +98,7 @@ class Scene:
     targets: tuple[Target, ...]
     ground_material: str
     georeference: Georeference | None
-    vegetation: Vegetation | None = None
+    vegetation: PlantCover | None = None
     motions: Mapping[str, SurfaceMotion] = field(default_factory=dict)
 
     @cached_property

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.interpolate import RegularGridInterpolator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,13 +120,7 @@ class RcsTable:
         level = np.log(np.maximum(self.rcs_m2, 1e-30))
         level = np.concatenate([level, level[:, :1]], axis=1)
         column = np.mod(azimuth - around[0], turn) + around[0]
-        right = np.clip(np.searchsorted(around, column, side="right"), 1, len(around) - 1)
-        share = (column - around[right - 1]) / (around[right] - around[right - 1])
-        rows = level[:, right - 1] * (1 - share) + level[:, right] * share
         if len(self.elevation_rad) == 1:
-            return np.exp(rows[0])
+            return np.exp(np.interp(column, around, level[0]))
         height = np.clip(elevation, self.elevation_rad[0], self.elevation_rad[-1])
-        upper = np.clip(np.searchsorted(self.elevation_rad, height), 1, len(self.elevation_rad) - 1)
-        low, high = self.elevation_rad[upper - 1], self.elevation_rad[upper]
-        way, each = (height - low) / (high - low), np.arange(len(height))
-        return np.exp(rows[upper - 1, each] * (1 - way) + rows[upper, each] * way)
+        return np.exp(RegularGridInterpolator((self.elevation_rad, around), level)(np.column_stack([height, column])))

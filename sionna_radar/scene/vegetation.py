@@ -30,7 +30,7 @@ CanopyHeights = Callable[[VegetationTable, str, Float[np.ndarray, "n 2"]], Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class Vegetation:
+class PlantCover:
     """All stands of a scene.
 
     grid: cells in which they stand; stand: the number of the stand in each, -1 for none.
@@ -68,7 +68,7 @@ def vegetation_of(
     ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
     window_m: tuple[float, float, float, float],
     heights: CanopyHeights,
-) -> Vegetation | None:
+) -> PlantCover | None:
     """Return the vegetation of a scenario; None if it has none.
 
     Parameters
@@ -128,7 +128,7 @@ def vegetation_of(
     base_m = np.full(grid.shape, np.nan)
     base_m[stand >= 0] = ground_m(grid.centres_m[(stand >= 0).ravel()])
     stand[~np.isfinite(base_m)] = -1
-    return Vegetation(
+    return PlantCover(
         grid=grid,
         stand=stand,
         plant_m=np.where(stand >= 0, plant_m, np.nan),

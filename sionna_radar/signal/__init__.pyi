@@ -6,14 +6,3 @@ from .stages import Received as Received
 from .stages import ReceiverStage as ReceiverStage
 from .stages import StageInputs as StageInputs
 from .stages import register_receiver_stage as register_receiver_stage
-
-__all__ = [
-    "Received",
-    "Receiver",
-    "ReceiverStage",
-    "SampleGrid",
-    "StageInputs",
-    "add_noise",
-    "register_receiver_stage",
-    "synthesise",
-]

@@ -19,7 +19,7 @@ from sionna_radar.scenario.bases import StageParameters
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import Place
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.signal.analog_filters import AntiAlias, HighPass, build_anti_alias
 from sionna_radar.signal.beat import SampleGrid
 from sionna_radar.tracing.paths import Paths
@@ -144,25 +144,12 @@ class Chain:
         return received
 
 
+@registers(RECEIVER_STAGES, "[radar.receiver.stages.NAME]")
 def register_receiver_stage(name: str, parameters: type[StageParameters]) -> Callable[[Builder], Builder]:
     """Register a stage of the receiver, for `radar.receiver.stages` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `ReceiverStage`; it is called with the parameters, and with
+    It decorates a class or function that builds a `ReceiverStage`; it is called with the parameters, and with
     `StageInputs`.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not `StageParameters`.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 from .budget import Budget as Budget
-from .budget import navigation_budget as navigation_budget
+from .budget import run_budget as run_budget
 from .crosscheck import CrossCheck as CrossCheck
 from .crosscheck import Tolerances as Tolerances
 from .crosscheck import fit_material as fit_material
@@ -10,9 +10,9 @@ from .design import Span as Span
 from .design import parse_design as parse_design
 from .design import read_settings as read_settings
 from .images import Imagery as Imagery
-from .images import fly_images as fly_images
+from .images import run_images as run_images
 from .link import LinkBudget as LinkBudget
-from .link import link_budget as link_budget
+from .link import run_link_budget as run_link_budget
 from .log_inspection import LogInspection as LogInspection
 from .log_inspection import inspect_log as inspect_log
 from .planning import FlightPlan as FlightPlan
@@ -21,43 +21,10 @@ from .planning import check_plan as check_plan
 from .planning import plan_flight as plan_flight
 from .planning import planned_scenario as planned_scenario
 from .range_doppler import Frames as Frames
-from .range_doppler import fly_frames as fly_frames
+from .range_doppler import run_frames as run_frames
 from .sweep import Case as Case
 from .sweep import Sweep as Sweep
 from .sweep import Trial as Trial
-from .sweep import fly_sweep as fly_sweep
 from .sweep import label as label
 from .sweep import plan_sweep as plan_sweep
-
-__all__ = [
-    "Axis",
-    "Budget",
-    "Case",
-    "CrossCheck",
-    "Design",
-    "FlightPlan",
-    "Frames",
-    "Imagery",
-    "LinkBudget",
-    "LogInspection",
-    "Sampler",
-    "Span",
-    "Sweep",
-    "Tolerances",
-    "Trial",
-    "Wanted",
-    "check_plan",
-    "fit_material",
-    "fly_frames",
-    "fly_images",
-    "fly_sweep",
-    "inspect_log",
-    "label",
-    "link_budget",
-    "navigation_budget",
-    "parse_design",
-    "plan_flight",
-    "plan_sweep",
-    "planned_scenario",
-    "read_settings",
-]
+from .sweep import run_sweep as run_sweep

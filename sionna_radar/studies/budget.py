@@ -9,26 +9,21 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from sionna_radar.flight.navigation import GRADES, Grade
-from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import Checkpoints
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.workers import (
+from sionna_radar.execution.execution import BLOCK_SIZE, Execution
+from sionna_radar.execution.workers import (
     SHARED,
     Failure,
-    InProcess,
     Task,
-    Workers,
     document_bytes,
     document_of,
-    each_kept,
 )
+from sionna_radar.flight.navigation import GRADES, Grade
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import stage
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import identity
 from sionna_radar.scenario.platform import NavigationTable
-from sionna_radar.survey.recording import BLOCK_SIZE
-from sionna_radar.survey.remapping import RecordedSurvey, record_survey, recorded_survey
+from sionna_radar.survey.observed_survey import ObservedSurvey, observe_survey, observed_elsewhere
 
 GROWTH = 0.1
 # The search ends this close to the growth asked for.
@@ -80,7 +75,7 @@ class GradeResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Budget(Brief):
+class Budget:
     """The limits of all errors and the results of some grades, beside the RMS with the pose known exactly.
 
     growth: share by which the RMS may grow; repeat: draws of the random errors.
@@ -90,7 +85,7 @@ class Budget(Brief):
     Examples
     --------
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
-    >>> budget = navigation_budget(scenario, errors=(), grades={})
+    >>> budget = run_budget(scenario, errors=(), grades={})
     >>> print(repr(budget).splitlines()[0])
     Budget: Hills from 50 m: the DEM and its error (paper Fig. 12, Table 3)
 
@@ -138,16 +133,14 @@ def navigation_errors() -> tuple[NavigationError, ...]:
     return tuple(found)
 
 
-def navigation_budget(
+def run_budget(
     scenario: Scenario,
     *,
     growth: float = GROWTH,
     repeat: int = 5,
     errors: tuple[NavigationError, ...] | None = None,
     grades: Mapping[str, Grade] = GRADES,
-    progress: Progress = silent,
-    parts: Checkpoints | None = None,
-    workers: Workers | None = None,
+    execution: Execution | None = None,
 ) -> Budget:
     """Fly a survey once and find how large each error of its navigation may be.
 
@@ -164,12 +157,8 @@ def navigation_budget(
         Draws of the random errors.
     errors, grades:
         The errors to look at (all), and the grades of GPS/IMU to map with.
-    progress:
-        Called at the start of each stage and after each of its steps: the survey's, and then the rows of the table.
-    parts:
-        Where finished stretches of the flight, limits and grades are kept, and those that are there are taken from.
-    workers:
-        What flies and maps, from `open_workers`; without it this process. It never changes the result.
+    execution:
+        As for `sionna_radar.run`; the rows of the table are a stage after those of the survey.
 
     Raises
     ------
@@ -179,14 +168,13 @@ def navigation_budget(
     Examples
     --------
     >>> scenario = load_scenario("hills", {"platform.length_m": 10.0})
-    >>> navigation_budget(scenario, errors=(), grades={}).rms_m < 0.2
+    >>> run_budget(scenario, errors=(), grades={}).rms_m < 0.2
     True
 
     """
     errors = navigation_errors() if errors is None else errors
-    workers = workers or InProcess()
-    survey = record_survey(scenario, progress=progress, parts=parts, workers=workers)
-    progress("mapping", 0, len(errors) + len(grades))
+    execution = execution or Execution()
+    survey = observe_survey(scenario, execution=execution)
     exact = survey.lit_error(None).rms_m
     if not exact > MIN_RMS_M:
         message = (
@@ -198,7 +186,8 @@ def navigation_budget(
     asked = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**asked, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**asked, "grade": [name, _document(grade)]} for name, grade in grades.items()}
-    found = _mapped(survey, tasks, workers, parts, progress)
+    with execution.reported(), stage("mapping", len(tasks)):
+        found = _mapped(survey, tasks, execution)
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -209,24 +198,21 @@ def navigation_budget(
     )
 
 
-def _mapped(
-    survey: RecordedSurvey, tasks: Mapping[str, Task], workers: Workers, parts: Checkpoints | None, progress: Progress
-) -> dict[str, Any]:
+def _mapped(survey: ObservedSurvey, tasks: Mapping[str, Task], execution: Execution) -> dict[str, Any]:
     """Return the result of each task by its key."""
     found: dict[str, Any] = {}
-    shared = survey.recording.packed() if workers.count else survey
-    for key, result in each_kept(workers, map_task, tasks, parts, shared=shared):
+    shared = survey.observed.packed() if execution.distributed else survey
+    for key, result in execution.over(tasks, map_task, shared=shared):
         if isinstance(result, Failure):
             raise result.error()
         found[key] = document_of(result)
-        progress("mapping", len(found), len(tasks))
     return found
 
 
-def map_task(task: Task, progress: Progress) -> bytes:
+def map_task(task: Task) -> bytes:
     """Return the limit of the error of a task, or what its grade gives, as a JSON document."""
     shared = task[SHARED]
-    survey = recorded_survey(task["scenario"], shared) if isinstance(shared, bytes) else shared
+    survey = observed_elsewhere(task["scenario"], shared) if isinstance(shared, bytes) else shared
     if "error" in task:
         error = task["error"]
         axes = error["axes"] and tuple(error["axes"])
@@ -249,14 +235,14 @@ def _document(grade: Grade) -> list[Any]:
     return [grade.errors.model_dump(mode="json"), grade.source]
 
 
-def rms_with(survey: RecordedSurvey, error: NavigationError, size: float, repeat: int) -> float:
+def rms_with(survey: ObservedSurvey, error: NavigationError, size: float, repeat: int) -> float:
     """Return the RMS of the DEM with one error of navigation."""
     if error.kind == "constant":
         return max(survey.lit_error(survey.navigation(error.table(sign * size))).rms_m for sign in (1, -1))
     return _mean_rms(survey, error.table(size), repeat)
 
 
-def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
+def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, growth: float, repeat: int) -> float:
     """Return the size of an error at which the RMS has grown by a share of the exact one; infinite if none."""
 
     def grown(size: float) -> float:
@@ -279,14 +265,14 @@ def find_limit(survey: RecordedSurvey, error: NavigationError, exact: float, gro
     return size
 
 
-def fly_grade(survey: RecordedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
+def fly_grade(survey: ObservedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
     """Return the DEM with a grade of GPS/IMU."""
     rms = _mean_rms(survey, grade.errors, repeat)
     coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
     return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
 
 
-def _mean_rms(survey: RecordedSurvey, table: NavigationTable, repeat: int) -> float:
+def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> float:
     first = survey.prepared.local.seed
     squares = [
         survey.lit_error(survey.navigation(table, (first + number) % 2**63)).rms_m ** 2 for number in range(repeat)

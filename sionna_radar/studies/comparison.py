@@ -32,7 +32,7 @@ class FlownResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class ResultsComparison:
     """Results side by side.
 
     differing: values by dotted key, one for each result, of settings that are not the same in all.
@@ -48,7 +48,7 @@ class Comparison:
         return self.results[number].dem.at(place_m)
 
 
-def compare_results(results: Sequence[FlownResult]) -> Comparison:
+def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:
     """Return results side by side.
 
     Raises ScenarioError for fewer than two or more than `MAX_RESULTS`.
@@ -56,7 +56,7 @@ def compare_results(results: Sequence[FlownResult]) -> Comparison:
     if not 2 <= len(results) <= MAX_RESULTS:
         message = f"{len(results)} folders; give 2 to {MAX_RESULTS} of them"
         raise ScenarioError([Problem("DIR", message)], "command line")
-    return Comparison(
+    return ResultsComparison(
         results=tuple(results),
         differing=differing_settings([result.settings for result in results]),
         common=_common(results),

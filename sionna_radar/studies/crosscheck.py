@@ -26,23 +26,21 @@ from scipy.constants import speed_of_light
 from scipy.special import ndtri
 
 from sionna_radar.accuracy.compare import SpeckleTest, compare_speckle
-from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import Checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import SHARED, Failure, Task
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.workers import SHARED, Failure, InProcess, Task, Workers, each_kept
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.material import build_materials
+from sionna_radar.survey.observation import key_of, observe_blocks, on_this_worker, segments_of
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE, fly, key_of, stretches_of
 from sionna_radar.survey.sensors.radar import Radar
-from sionna_radar.survey.shared_flight import ready
 from sionna_radar.tracing.engine import Engine, EngineInputs, build_engine
 from sionna_radar.tracing.paths import Paths
 
@@ -96,7 +94,7 @@ class IncidenceBin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossCheck(Brief):
+class CrossCheck:
     """Both engines' runs, each with a second seed; differences are gamma minus Sionna.
 
     tolerances: how far the engines may lie apart.
@@ -105,7 +103,7 @@ class CrossCheck(Brief):
 
     Examples
     --------
-    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> sorted(check.verdict())
     ['dem_rms_difference_m', 'mean_power_difference_db', 'p95_abs_power_difference_db']
 
@@ -296,14 +294,11 @@ def _percentile(values: Float[np.ndarray, " n"], percent: float) -> float:
 _last_radar: list[tuple[Prepared, str, int, Radar]] = []
 
 
-def crosscheck(
+def run_crosscheck(
     scenario: Scenario,
     *,
     tolerances: Tolerances | None = None,
-    block_size: int = BLOCK_SIZE,
-    progress: Progress = silent,
-    parts: Checkpoints | None = None,
-    workers: Workers | None = None,
+    execution: Execution | None = None,
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare what they find.
 
@@ -313,14 +308,8 @@ def crosscheck(
         The survey; its own choice of engine does not matter.
     tolerances:
         How far the engines may lie apart.
-    block_size:
-        Pulses simulated at once; it changes the speed and the memory, never the result.
-    progress:
-        Called at the start of each stage and after each of its steps; the four runs are one stage.
-    parts:
-        Where finished stretches of the runs are kept, and those that are there already are taken from.
-    workers:
-        What flies them, from `open_workers`; without it this process. It never changes the result.
+    execution:
+        As for `sionna_radar.run`; the four runs are one stage.
 
     Raises
     ------
@@ -329,7 +318,7 @@ def crosscheck(
 
     Examples
     --------
-    >>> check = crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
+    >>> check = run_crosscheck(load_scenario("hills", {"platform.length_m": 10.0}))
     >>> abs(check.mean_power_difference_db) < 0.1
     True
 
@@ -337,8 +326,10 @@ def crosscheck(
     if scenario.sensor != "radar":
         message = f"{scenario.sensor!r} uses no tracing engine; set sensor = 'radar' to compare the engines"
         raise ScenarioError([Problem("sensor", message)])
-    prepared = prepare(scenario, progress=progress)
-    results = _fly_all(prepared, block_size, progress, parts, workers or InProcess())
+    execution = execution or Execution()
+    with execution.reported():
+        prepared = prepare(scenario)
+        results = _observe_all(prepared, execution)
     if not (results["sionna"].power > 0).any():
         message = "no pulse of the survey meets a surface; there is nothing to compare"
         raise ScenarioError([Problem("terrain", message)])
@@ -356,60 +347,56 @@ def _correlation_m(prepared: Prepared) -> float:
     return max(float(footprint), prepared.mapper.max_gap_m / 2)
 
 
-def _fly_all(
-    prepared: Prepared, block_size: int, progress: Progress, parts: Checkpoints | None, workers: Workers
-) -> dict[str, EngineResult]:
+def _observe_all(prepared: Prepared, execution: Execution) -> dict[str, EngineResult]:
     """Return the result of each engine with each of its two seeds."""
     first = prepared.scenario.seed
-    scenario, stretches = prepared.scenario.model_dump_json(), stretches_of(prepared, block_size)
+    scenario, segments = prepared.scenario.model_dump_json(), segments_of(prepared, execution.block_size)
     runs, tasks, pulses = {}, {}, {}
     for name, repeat in (("sionna", 0), ("sionna_again", 1), ("gamma", 0), ("gamma_again", 1)):
         seed = first + repeat if first + repeat < 2**63 else 0
         runs[name] = seed
-        for stretch in stretches:
-            key = f"{name} {key_of(stretch)}"
+        for blocks in segments:
+            key = f"{name} {key_of(blocks)}"
             engine = "gamma" if name.startswith("gamma") else "sionna"
-            tasks[key] = {"scenario": scenario, "engine": engine, "seed": seed, "blocks": stretch}
-            pulses[key] = stretch[-1][1] - stretch[0][0]
+            tasks[key] = {"scenario": scenario, "engine": engine, "seed": seed, "blocks": blocks}
+            pulses[key] = blocks[-1][1] - blocks[0][0]
     found: dict[str, bytes] = {}
-    done = 0
-    progress("tracing", 0, 4 * len(prepared))
-    for key, result in each_kept(workers, fly_task, tasks, parts, shared=None if workers.count else prepared):
-        if isinstance(result, Failure):
-            raise result.error()
-        found[key] = result
-        done += pulses[key]
-        progress("tracing", done, 4 * len(prepared))
+    shared = None if execution.distributed else prepared
+    with stage("tracing", 4 * len(prepared)):
+        for key, result in execution.over(tasks, engine_task, shared=shared, steps=pulses):
+            if isinstance(result, Failure):
+                raise result.error()
+            found[key] = result
     return {
-        name: _joined(prepared, seed, [columns_of(found[f"{name} {key_of(stretch)}"]) for stretch in stretches])
+        name: _joined(prepared, seed, [columns_of(found[f"{name} {key_of(blocks)}"]) for blocks in segments])
         for name, seed in runs.items()
     }
 
 
-def _joined(prepared: Prepared, seed: int, stretches: Sequence[Mapping[str, Any]]) -> EngineResult:
-    """Return the result of an engine over a survey, joined from its stretches."""
+def _joined(prepared: Prepared, seed: int, segments: Sequence[Mapping[str, Any]]) -> EngineResult:
+    """Return the result of an engine over a survey, joined from its segments."""
     names = ("power", "range_m", "incidence_rad", "echo_range_m")
-    points = Points.concatenate([table_of(Points, "points", dict(columns)) for columns in stretches])
+    points = Points.concatenate([table_of(Points, "points", dict(columns)) for columns in segments])
     return EngineResult(
         seed=seed,
-        **{name: np.concatenate([columns[name] for columns in stretches]) for name in names},
+        **{name: np.concatenate([columns[name] for columns in segments]) for name in names},
         dem=Linear()(prepared.mapper.inputs(points)).dem,
     )
 
 
-def fly_task(task: Task, progress: Progress) -> bytes:
-    """Fly the stretch of a task with its engine, and return the bytes of what it found."""
-    prepared = task[SHARED] or ready(task["scenario"])[0]
-    return _fly(prepared, task["engine"], task["seed"], [(first, end) for first, end in task["blocks"]])
+def engine_task(task: Task) -> bytes:
+    """Return the bytes of what the engine of a task observes over its segment."""
+    prepared = task[SHARED] or on_this_worker(task["scenario"])[0]
+    return _observe(prepared, task["engine"], task["seed"], [(first, end) for first, end in task["blocks"]])
 
 
 @on_one_thread
-def _fly(prepared: Prepared, engine: str, seed: int, stretch: Sequence[tuple[int, int]]) -> bytes:
-    """Fly some blocks with an engine; noise, weather and targets are those of the scenario's seed."""
-    radar, offset, count = _radar(prepared, engine, seed), stretch[0][0], stretch[-1][1] - stretch[0][0]
+def _observe(prepared: Prepared, engine: str, seed: int, blocks: Sequence[tuple[int, int]]) -> bytes:
+    """Observe some blocks with an engine; noise, weather and targets are those of the scenario's seed."""
+    radar, offset, count = _radar(prepared, engine, seed), blocks[0][0], blocks[-1][1] - blocks[0][0]
     power, range_m, incidence, echo_range_m = (np.full(count, np.nan) for _ in range(4))
     located = []
-    for block in fly((prepared.flight.pulses(np.arange(*bounds)) for bounds in stretch), radar):
+    for block in observe_blocks((prepared.flight.pulses(np.arange(*bounds)) for bounds in blocks), radar):
         pulses, here = block.pulses, block.pulses.index
         echoes = radar.correct(block.observation.echoes, here, pulses.measured)
         at = here - offset
@@ -427,7 +414,7 @@ def _fly(prepared: Prepared, engine: str, seed: int, stretch: Sequence[tuple[int
 
 
 def _radar(prepared: Prepared, engine: str, seed: int) -> Radar:
-    """Return a radar with an engine: the last one again, as the stretches of a run come one after another."""
+    """Return a radar with an engine: the last one again, as the segments of a run come one after another."""
     for known, *its, radar in _last_radar:
         if known is prepared and its == [engine, seed]:
             return radar

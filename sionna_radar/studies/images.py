@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.scan import SideLookingScan
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.imaging.aperture import Aperture, PixelGrid, check_sampling, whole_beam
 from sionna_radar.imaging.point_response import (
@@ -41,7 +41,6 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.recording import BLOCK_SIZE
 from sionna_radar.survey.sensors.radar import Radar
 
 # Bins of the slant-range image in a range cell, and stretches of track in the width that it resolves at the near edge.
@@ -70,7 +69,7 @@ class Reflector:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imagery(Brief):
+class Imagery:
     """The images of a survey, with the scenario that made them.
 
     slar, sar: half-power widths in the middle of the beam, in theory; `sar` and `focused` are None without phase from
@@ -80,7 +79,7 @@ class Imagery(Brief):
     Examples
     --------
     >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
-    >>> imagery = fly_images(scenario)
+    >>> imagery = run_images(scenario)
     >>> imagery.focused is None
     True
 
@@ -104,19 +103,14 @@ class Imagery(Brief):
         return "\n".join(lines)
 
 
-def fly_images(
-    scenario: Scenario,
-    *,
-    block_size: int = BLOCK_SIZE,
-    progress: Progress = silent,
-) -> Imagery:
+def run_images(scenario: Scenario, *, execution: Execution | None = None) -> Imagery:
     """Fly a side-looking survey and return its images.
 
     Parameters
     ----------
     scenario:
         The survey; `tracing.speckle = "persistent"` lets it be focused.
-    block_size, progress:
+    execution:
         As for `sionna_radar.run`.
 
     Raises
@@ -128,18 +122,21 @@ def fly_images(
     Examples
     --------
     >>> scenario = load_scenario("slar", {"tracing.speckle": "per_pulse", "platform.length_m": 4.0})
-    >>> fly_images(scenario).slar.across_m < 1.0
+    >>> run_images(scenario).slar.across_m < 1.0
     True
 
     """
     _check(scenario)
-    prepared = prepare(scenario, progress=progress)
-    formation = _ImageFormation(prepared)
-    radar = Radar(prepared.sensor_inputs())
-    for pulses in prepared.flight.blocks(block_size):
-        formation.add(radar.beat(pulses), pulses.measured)
-        progress("imaging", int(pulses.index[-1]) + 1, len(prepared))
-    return formation.imagery()
+    execution = execution or Execution()
+    with execution.reported():
+        prepared = prepare(scenario)
+        formation = _ImageFormation(prepared)
+        radar = Radar(prepared.sensor_inputs())
+        with stage("imaging", len(prepared)):
+            for pulses in prepared.flight.blocks(execution.block_size):
+                formation.add(radar.beat(pulses), pulses.measured)
+                advance(len(pulses))
+        return formation.imagery()
 
 
 def _check(scenario: Scenario) -> None:

@@ -14,9 +14,10 @@ from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.detection.cfar import Cfar
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import Problem, RadarError, ScenarioError
 from sionna_radar.foundation.numerics import to_db
-from sionna_radar.foundation.progress import Progress, Steps, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.studies.link_spectra import STEPS_PER_BIN, Expected, GroundCase, phase_noise
@@ -28,7 +29,7 @@ SURE = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
+class GroundLink:
     """The strongest range cell of the ground at one range, in closed form.
 
     snr, clutter: mean power of the ground, and of what is in the air there, over all the floors there: noise, leakage,
@@ -69,7 +70,7 @@ class Simulated:
     """
 
     range_m: float
-    ground: "Ground"
+    ground: "GroundLink"
     found: float
     spread_db: float
     passed: float
@@ -77,7 +78,7 @@ class Simulated:
     reason: str = ""
 
     @classmethod
-    def impossible(cls, range_m: float, ground: "Ground", reason: str) -> "Simulated":
+    def impossible(cls, range_m: float, ground: "GroundLink", reason: str) -> "Simulated":
         """Return a range that could not be simulated."""
         nothing = float("nan")
         return cls(
@@ -109,7 +110,7 @@ class Link:
     incidence_deg: float
     rain_mm_per_h: float
     range_m: Float[np.ndarray, " range"]
-    ground: tuple[Ground, ...]
+    ground: tuple[GroundLink, ...]
     simulated: tuple[Simulated, ...]
 
     def of_ground(self, name: str) -> Float[np.ndarray, " range"]:
@@ -228,13 +229,13 @@ NEAREST, SPARE_CELLS = 0.03, 8
 RATIOS_DB = np.linspace(-30.0, 60.0, 181)
 
 
-def link_budget(
+def run_link_budget(
     scenario: Scenario,
     *,
     incidences_deg: Sequence[float] = INCIDENCES_DEG,
     rains_mm_per_h: Sequence[float] = RAINS_MM_PER_H,
     pulses: int = PULSES,
-    progress: Progress = silent,
+    execution: Execution | None = None,
 ) -> LinkBudget:
     """Return the link budget of a scenario's radar over each of the materials that its scene uses.
 
@@ -251,8 +252,8 @@ def link_budget(
         Rain rates; all else in the air is the scenario's.
     pulses:
         How many are simulated at each range.
-    progress:
-        Called with the stage "link".
+    execution:
+        As for `sionna_radar.run`.
 
     Raises
     ------
@@ -261,7 +262,7 @@ def link_budget(
 
     Examples
     --------
-    >>> budget = link_budget(load_scenario("hills"), incidences_deg=[45.0], rains_mm_per_h=[0.0], pulses=600)
+    >>> budget = run_link_budget(load_scenario("hills"), incidences_deg=[45.0], rains_mm_per_h=[0.0], pulses=600)
     >>> budget.largest_difference_db < 1.0
     True
 
@@ -284,15 +285,15 @@ def link_budget(
         incidence_deg=float(np.rad2deg(prepared.flight.scan.incidence_rad)),
         rain_mm_per_h=prepared.local.weather.rain_rate_mm_per_h,
     )
-    step = Steps(progress, "link", len(cases) * len(SIMULATED))
     detected = _detection(prepared.detector.cfar)
-    return LinkBudget(
-        scenario=scenario,
-        noise_w=prepared.receiver.noise_power_w,
-        floors=_floors(nominal, pulses),
-        transmit_power_w=prepared.receiver.transmit_power_w,
-        links=tuple(_link(case, detected, pulses, step) for case in cases),
-    )
+    with (execution or Execution()).reported(), stage("link", len(cases) * len(SIMULATED)):
+        return LinkBudget(
+            scenario=scenario,
+            noise_w=prepared.receiver.noise_power_w,
+            floors=_floors(nominal, pulses),
+            transmit_power_w=prepared.receiver.transmit_power_w,
+            links=tuple(_link(case, detected, pulses) for case in cases),
+        )
 
 
 def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: Sequence[float]) -> None:
@@ -313,7 +314,7 @@ def _check(scenario: Scenario, incidences_deg: Sequence[float], rains_mm_per_h: 
         raise ScenarioError(problems)
 
 
-def _link(case: GroundCase, detected: Detected, pulses: int, step: Steps) -> Link:
+def _link(case: GroundCase, detected: Detected, pulses: int) -> Link:
     """Return the link budget of a case over range, with what was simulated."""
     chirp, training = case.prepared.receiver.chirp, case.prepared.detector.cfar
     beyond = training.guard + training.training + SPARE_CELLS
@@ -327,16 +328,16 @@ def _link(case: GroundCase, detected: Detected, pulses: int, step: Steps) -> Lin
         ground=tuple(_ground(case, case.expected(float(distance)), detected) for distance in range_m),
         simulated=(),
     )
-    return replace(link, simulated=tuple(_simulated(case, link, share, detected, pulses, step) for share in SIMULATED))
+    return replace(link, simulated=tuple(_simulated(case, link, share, detected, pulses) for share in SIMULATED))
 
 
-def _ground(case: GroundCase, expected: Expected, detected: Detected) -> Ground:
+def _ground(case: GroundCase, expected: Expected, detected: Detected) -> GroundLink:
     """Return the closed-form SNR, clutter and detection probabilities of the ground at one range."""
     (echo, clutter), noise, level = expected.strongest, case.floor[expected.peak], case.level(expected)
     beside = clutter + noise
     ratios = np.array([(echo + beside) / max(level, beside), beside / level, (echo + beside) / level])
     detection, false_alarm, passing = detected(ratios - 1)
-    return Ground(
+    return GroundLink(
         snr=float(echo / noise),
         clutter=float(clutter / noise),
         detection=float(detection),
@@ -369,7 +370,7 @@ def _floors(case: GroundCase, pulses: int) -> Floors:
     )
 
 
-def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, pulses: int, step: Steps) -> Simulated:
+def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, pulses: int) -> Simulated:
     """Return the simulated echo of the ground at one of the ranges, beside the closed form."""
     range_m = float(link.range_m[round(share * (RANGES - 1))])
     expected, noise = case.expected(range_m), case.floor
@@ -378,13 +379,13 @@ def _simulated(case: GroundCase, link: Link, share: float, detected: Detected, p
     try:
         power, of_cell, of_echo = _flown(case, range_m, pulses, expected)
     except RadarError as error:
-        step()
+        advance()
         return Simulated.impossible(range_m, ground, str(error))
     # The echo's strength is fitted to all of its cells within 3 dB, which scatter less than the strongest alone.
     strength = float((power[near] - noise[near]).sum() / total[near].sum())
     wanted = float(total[peak] / noise[peak])
     cells = max(1.0, len(near) / case.prepared.detector.analyser.zero_padding)
-    step()
+    advance()
     return Simulated(
         range_m=range_m,
         ground=ground,

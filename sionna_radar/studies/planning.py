@@ -24,7 +24,7 @@ from scipy.constants import speed_of_light
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.radar import ScanTable
@@ -351,7 +351,7 @@ class PlanCheck:
         return float(np.quantile(self.sampling_m, share))
 
 
-def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent) -> PlanCheck:
+def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:
     """Fly a plan over the terrain of its scenario, and return how finely it samples the area.
 
     Parameters
@@ -360,8 +360,6 @@ def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent
         The flight.
     scenario:
         The scenario of `planned_scenario`.
-    progress:
-        Called at the start of each stage and after each of its steps.
 
     Raises
     ------
@@ -369,13 +367,14 @@ def check_plan(plan: FlightPlan, scenario: Scenario, progress: Progress = silent
         It cannot be flown there; see `prepare`.
 
     """
-    prepared = prepare(scenario, progress=progress)
+    prepared = prepare(scenario)
     echoes = []
-    for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
-        paths = trace_boresights(pulses, prepared.scene.caster)
-        in_range = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
-        echoes.append(paths.hit_m[in_range, :2])
-        progress("checking", int(pulses.index[-1]) + 1, len(prepared.flight))
+    with stage("checking", len(prepared.flight)):
+        for pulses in prepared.flight.blocks(PULSES_AT_ONCE):
+            paths = trace_boresights(pulses, prepared.scene.caster)
+            in_range = paths.delay_s * speed_of_light / 2 < prepared.receiver.chirp.max_range_m
+            echoes.append(paths.hit_m[in_range, :2])
+            advance(len(pulses))
     place = places(plan)
     away, _ = KDTree(np.concatenate(echoes)).query(place)
     return PlanCheck(plan=plan, pulses=len(prepared.flight), place_m=place, sampling_m=math.sqrt(2) * away)

@@ -8,10 +8,10 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.detection.range_doppler.cfar import SHARED_NOISE, ClutterMap, RingCfar
 from sionna_radar.detection.range_doppler.frames import RangeDoppler, RangeDopplerMap
 from sionna_radar.detection.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.progress import Progress, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -42,7 +42,7 @@ class SeenTarget:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frames(Brief):
+class Frames:
     """Range-Doppler maps of frames that follow each other, and detection in the last of them.
 
     analyser: windows and cells; frames: how many. With `radar.stagger` the maps are folded, and the movers are not.
@@ -74,7 +74,7 @@ class Frames(Brief):
         )
 
 
-def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progress: Progress = silent) -> Frames:
+def run_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, execution: Execution | None = None) -> Frames:
     """Return range-Doppler maps from the middle of a flight.
 
     Parameters
@@ -85,8 +85,8 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
         with `cfar.kind = "OS"` the ring takes an order statistic, otherwise its mean.
     chirps, frames:
         Chirps of a frame, and how many frames.
-    progress:
-        Called with the stage "frames".
+    execution:
+        As for `sionna_radar.run`.
 
     Raises
     ------
@@ -95,26 +95,32 @@ def fly_frames(scenario: Scenario, *, chirps: int = 64, frames: int = 8, progres
 
     Examples
     --------
-    >>> seen = fly_frames(load_scenario("slar"), chirps=32, frames=2)
+    >>> seen = run_frames(load_scenario("slar"), chirps=32, frames=2)
     >>> len(seen.targets), seen.last.power.shape
     (3, (64, 512))
 
     """
     _check(scenario)
-    prepared = prepare(scenario, progress=progress)
+    with (execution or Execution()).reported():
+        return _run(scenario, chirps, frames)
+
+
+def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
+    prepared = prepare(scenario)
     analyser = _analyser(prepared, chirps)
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     first = _first(prepared, chirps, frames)
     cfar, clutter = _ring(scenario, folded, looks=chirps // folded.chirps), _clutter(scenario)
     radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
-    for number in range(frames):
-        pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
-        beat = radar.beat(pulses)
-        last = analyser.map(beat)
-        changed = clutter.detected(last.power)
-        total += last.power
-        progress("frames", number + 1, frames)
+    with stage("frames", frames):
+        for number in range(frames):
+            pulses = prepared.flight.pulses(first + number * chirps + np.arange(chirps))
+            beat = radar.beat(pulses)
+            last = analyser.map(beat)
+            changed = clutter.detected(last.power)
+            total += last.power
+            advance()
     detected = cfar.detected(last.power)
     movers = find_movers(last, detected)
     if isinstance(analyser, StaggeredRangeDoppler):

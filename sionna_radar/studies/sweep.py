@@ -20,18 +20,16 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.accuracy.compare import DemError
-from sionna_radar.foundation.brief import Brief
-from sionna_radar.foundation.checkpoints import Checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import Failure, Task, document_bytes, document_of
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.workers import Failure, InProcess, Task, Workers, document_bytes, document_of, each_kept
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.studies.design import Axis, Design, Setting, refuse
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import BLOCK_SIZE
 
 MAX_RUNS = 100_000
 # Letters of a value that is told people.
@@ -117,7 +115,6 @@ def plan_sweep(
     varied: Design | Sequence[Axis] | Mapping[str, Sequence[Any]],
     repeat: int = 1,
     overrides: Mapping[str, Any] | None = None,
-    progress: Progress = silent,
 ) -> SweepPlan:
     """Load the scenario of every setting of a study, and prepare one that can be flown.
 
@@ -133,8 +130,6 @@ def plan_sweep(
         Seeds that every setting is flown with.
     overrides:
         Dotted keys replaced in all settings alike.
-    progress:
-        Called before and after each setting.
 
     Raises
     ------
@@ -154,20 +149,20 @@ def plan_sweep(
     base = load_scenario(source, overrides) if design.spans else None
     settings = design.settings(base)
     cells, refused, flyable = [], [], False
-    for number, setting in enumerate(settings):
-        progress("checking", number, len(settings))
-        scenario = None
-        try:
-            scenario = load_scenario(source, overrides | setting)
-            # One that is ready to fly shows that the study is no mistake as a whole; the others are built in flight.
-            if not flyable:
-                prepare(scenario)
-                flyable = True
-            cells.append(Cell(setting=setting, scenario=scenario))
-        except (ScenarioError, InputFileError) as error:
-            refused.append((error, setting))
-            cells.append(Cell(setting=setting, scenario=None, refusal=refusal(error, scenario)))
-    progress("checking", len(settings), len(settings))
+    with stage("checking", len(settings)):
+        for setting in settings:
+            scenario = None
+            try:
+                scenario = load_scenario(source, overrides | setting)
+                # One ready to fly shows that the study is no mistake as a whole; the others are built in flight.
+                if not flyable:
+                    prepare(scenario)
+                    flyable = True
+                cells.append(Cell(setting=setting, scenario=scenario))
+            except (ScenarioError, InputFileError) as error:
+                refused.append((error, setting))
+                cells.append(Cell(setting=setting, scenario=None, refusal=refusal(error, scenario)))
+            advance()
     if len(refused) == len(settings):
         raise _whole_refusal(refused, source)
     return SweepPlan(source=str(source), axes=design.axes(settings), repeat=repeat, cells=tuple(cells))
@@ -302,7 +297,7 @@ class Case:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(Brief):
+class Sweep:
     """A finished study, or as much of it as an interrupt has left.
 
     source, axes, repeat: what was varied of which scenario, with how many seeds.
@@ -314,7 +309,7 @@ class Sweep(Brief):
     --------
     >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
     >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
-    >>> sweep = fly_sweep(plan)
+    >>> sweep = run_sweep(plan)
     >>> [case.setting for case in sweep.cases]
     [{'radar.snr_db': 20.0}, {'radar.snr_db': 40.0}]
 
@@ -344,34 +339,25 @@ class Sweep(Brief):
 Place = tuple[int, int]
 
 
-def fly_sweep(
+def run_sweep(
     plan: SweepPlan,
     *,
-    block_size: int = BLOCK_SIZE,
-    progress: Progress = silent,
-    parts: Checkpoints | None = None,
     shard: Shard | None = None,
-    workers: Workers | None = None,
+    execution: Execution | None = None,
 ) -> Sweep:
     """Fly all trials of a study, or those of a shard of it: one after another, or on workers.
 
-    A case of which a trial fails says why. An interrupt ends the study, which keeps the trials done: those of `parts`
-    in their folder, from where it goes on.
+    A case of which a trial fails says why. An interrupt ends the study, which keeps the trials done; with checkpoints
+    it goes on from them.
 
     Parameters
     ----------
     plan:
         The study, from `plan_sweep`.
-    block_size:
-        Pulses simulated at once; it never changes the result.
-    progress:
-        Called at the start of each stage and after each of its steps: those of each survey, and the surveys.
-    parts:
-        Where finished trials are kept, and those that are there already are taken from.
     shard:
         Which of them are flown; see `Shard`. Without it all.
-    workers:
-        What flies them, from `open_workers`; without it this process. It never changes the result.
+    execution:
+        As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
     Raises
     ------
@@ -384,24 +370,25 @@ def fly_sweep(
     --------
     >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0}
     >>> plan = plan_sweep("hills", {"radar.snr_db": [20.0, 40.0]}, overrides=short)
-    >>> fly_sweep(plan).failed
+    >>> run_sweep(plan).failed
     False
 
     """
     flights = [flight for number, flight in enumerate(plan.flights()) if shard is None or shard.holds(number)]
-    places, tasks = _tasks(flights, block_size)
+    execution = execution or Execution()
+    places, tasks = _tasks(flights, execution.block_size)
     flown: dict[Place, Trial | Failure] = {}
     interrupted = False
-    progress("surveys", 0, len(flights))
+    steps = {key: len(its) for key, its in places.items()}
     try:
-        for key, found in each_kept(workers or InProcess(), fly_trial, tasks, parts, progress):
-            if isinstance(found, Failure) and found.kind == BackendError.__name__:
-                raise found.error()
-            result = found if isinstance(found, Failure) else Trial.of_document(document_of(found))
-            flown |= dict.fromkeys(places[key], result)
-            progress("surveys", len(flown), len(flights))
+        with execution.reported(), stage("surveys", len(flights)):
+            for key, found in execution.over(tasks, trial_task, steps=steps):
+                if isinstance(found, Failure) and found.kind == BackendError.__name__:
+                    raise found.error()
+                result = found if isinstance(found, Failure) else Trial.of_document(document_of(found))
+                flown |= dict.fromkeys(places[key], result)
     except (KeyboardInterrupt, Interrupted):
-        if parts is not None:
+        if execution.checkpoints is not None:
             raise
         interrupted = True
     wanted: dict[int, list[int]] = {}
@@ -440,14 +427,14 @@ def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place,
     return Case(setting=cell.setting, scenario=cell.scenario, trials=tuple(trials), reason=reason)
 
 
-def fly_trial(task: Task, progress: Progress) -> bytes:
+def trial_task(task: Task) -> bytes:
     """Fly the survey of a task, and return its trial as a JSON document."""
     scenario = Scenario.model_validate_json(task["scenario"])
-    return document_bytes(asdict(_fly(scenario, task["block_size"], progress)))
+    return document_bytes(asdict(_trial(scenario, Execution(block_size=task["block_size"]))))
 
 
-def _fly(scenario: Scenario, block_size: int, progress: Progress) -> Trial:
-    survey = run(scenario, block_size=block_size, progress=progress)
+def _trial(scenario: Scenario, execution: Execution) -> Trial:
+    survey = run(scenario, execution=execution)
     return Trial(
         seed=scenario.seed,
         echoes=len(survey.points),

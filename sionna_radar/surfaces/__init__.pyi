@@ -5,13 +5,3 @@ from .material import build_materials as build_materials
 from .material import register_material as register_material
 from .radar_material import Mirror as Mirror
 from .radar_material import RadarMaterial as RadarMaterial
-
-__all__ = [
-    "Backscatter",
-    "ConstantGammaBackscatter",
-    "LambertianBackscatter",
-    "Mirror",
-    "RadarMaterial",
-    "build_materials",
-    "register_material",
-]

@@ -24,7 +24,7 @@ from sionna_radar.scenario.materials import (
 )
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
 from sionna_radar.surfaces.permittivity import (
@@ -84,25 +84,12 @@ STEEPEST_CHECKED_DEG = 85
 Builder = TypeVar("Builder", bound=Callable[..., Backscatter])
 
 
+@registers(MATERIALS, "[materials.NAME]")
 def register_material(name: str, parameters: type[MaterialParameters]) -> Callable[[Builder], Builder]:
     """Register a backscatter model, for `materials.NAME.model` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[materials.NAME]`.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `Backscatter` (or a `RadarMaterial`, which distinguishes
+    It decorates a class or function that builds a `Backscatter` (or a `RadarMaterial`, which distinguishes
     polarizations); it is called with the parameters, the carrier (Hz) and the channel, such as "VV".
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not `MaterialParameters`.
 
     Examples
     --------

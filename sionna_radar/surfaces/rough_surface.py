@@ -5,9 +5,9 @@ Four models of the same surface, each with its conditions (`validity()` lists th
 | model | surface | polarization |
 |---|---|---|
 | `GeometricalOptics` | very rough, gently sloping (stationary phase) | V = H |
-| `PhysicalOptics` | gently sloping, any height (Kirchhoff) | V and H differ by their Fresnel coefficient |
-| `SmallPerturbation` | slightly rough, first order | V > H off nadir |
-| `IntegralEquation` | in between; tends to the others (single scattering) | V and H |
+| `PhysicalOpticsModel` | gently sloping, any height (Kirchhoff) | V and H differ by their Fresnel coefficient |
+| `SmallPerturbationModel` | slightly rough, first order | V > H off nadir |
+| `IntegralEquationModel` | in between; tends to the others (single scattering) | V and H |
 
 Angles are incidence angles in radians from the surface normal. At and beyond grazing all return zero. None
 contains the coherent (mirror) return: `coherent_power_factor` is the share of the Fresnel reflection that
@@ -176,7 +176,7 @@ class GeometricalOptics:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SmallPerturbation:
+class SmallPerturbationModel:
     """First-order small-perturbation (Bragg) backscatter of a slightly rough surface."""
 
     surface: RoughSurface
@@ -219,7 +219,7 @@ class SmallPerturbation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhysicalOptics:
+class PhysicalOpticsModel:
     """Kirchhoff backscatter of a gently sloping surface of any height: only the first term of the IEM.
 
     The Fresnel coefficient is taken at the angle of incidence, so V shows a Brewster minimum that a truly
@@ -312,7 +312,7 @@ FresnelAngle = Literal["transition", "incidence", "nadir"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class IntegralEquation:
+class IntegralEquationModel:
     """Single-scattering integral-equation model (IEM) of Fung, Li and Chen (1992), co-polar backscatter.
 
     `fresnel_angle` is the angle of the Fresnel coefficient: that of "incidence" (slightly rough

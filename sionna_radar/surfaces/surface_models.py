@@ -104,20 +104,20 @@ def kirchhoff(table: Kirchhoff, carrier_hz: float, channel: Channel) -> RadarMat
 @register_material("physical_optics", PhysicalOptics)
 def physical_optics(table: PhysicalOptics, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows Kirchhoff's scalar series."""
-    return _rough(rough_surface.PhysicalOptics, table, carrier_hz, channel)
+    return _rough(rough_surface.PhysicalOpticsModel, table, carrier_hz, channel)
 
 
 @register_material("small_perturbation", SmallPerturbation)
 def small_perturbation(table: SmallPerturbation, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that scatters by Bragg's resonance."""
-    return _rough(rough_surface.SmallPerturbation, table, carrier_hz, channel)
+    return _rough(rough_surface.SmallPerturbationModel, table, carrier_hz, channel)
 
 
 @register_material("integral_equation", IntegralEquation)
 def integral_equation(table: IntegralEquation, carrier_hz: float, channel: Channel) -> RadarMaterial:
     """Return a material that follows the integral-equation model."""
     return _rough(
-        integral_equation_model.IntegralEquation, table, carrier_hz, channel, fresnel_angle=table.fresnel_angle
+        integral_equation_model.IntegralEquationModel, table, carrier_hz, channel, fresnel_angle=table.fresnel_angle
     )
 
 

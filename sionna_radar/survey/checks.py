@@ -5,7 +5,9 @@ table that grows with the survey, within a few gigabytes. What only the finished
 built: cells of terrain and DEM, scatterers.
 """
 
+import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +25,16 @@ from sionna_radar.scenario.tracing import MAX_PATHS_PER_PULSE
 from sionna_radar.scene.build import BuiltScene
 from sionna_radar.surfaces.radar_material import as_radar_material
 
+logger = logging.getLogger("sionna_radar")
+
 SAMPLED_PULSES = 2000
 LOST_SHARE = 0.1
 # Of the phase of a point over a chirp, beyond what even motion gives.
 MAX_BEND_RAD = 0.5
 # Backscatter that no receiver knows from none.
 MIN_SIGMA0 = 1e-20
+# Of the pulses, in which an echo lies outside the searched ranges.
+FOLDED_SHARE_WARNED = 0.01
 
 
 @dataclass(frozen=True)
@@ -384,3 +390,51 @@ def footprint_m2(
     across = 2 * height / math.cos(min(incidence, horizon)) * math.tan(min(azimuth, horizon))
     whole = math.prod(getattr(scenario.terrain, "size_m", (math.inf,)))
     return min(along * across, math.pi * chirp.max_range_m**2, whole)
+
+
+def warn_of_posting(
+    posting_m: float | None, range_m: Float[np.ndarray, " look"], beamwidths_rad: tuple[float, float]
+) -> None:
+    """Log that a terrain's file has no detail as fine as a footprint, so that a DEM's error seems too small."""
+    footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
+    if posting_m is not None and posting_m > footprint_m:
+        logger.warning(
+            "terrain: its heights are %.3g m apart, footprints %.2g m wide: the error is that against "
+            "ground interpolated between them, without finer detail; give finer ones, or set terrain.roughen of a file",
+            posting_m,
+            footprint_m,
+        )
+
+
+def warn_of_folded(
+    sweeps: Sequence[Chirp],
+    range_m: Float[np.ndarray, " look"],
+    range_rate_mps: Float[np.ndarray, " look"],
+    min_range_m: float,
+) -> None:
+    """Log that Doppler shifts echoes of the ground out of the searched ranges, where they are lost or fold.
+
+    A real beat signal does not tell a frequency from its negative: ground at the range r, shifted by -d below zero,
+    appears at d - r, and the correction for Doppler puts it at 2 d - r.
+
+    range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
+    """
+    for chirp in sweeps:
+        shift_m = chirp.doppler_range_m(range_rate_mps)
+        room_m = np.where(shift_m < 0, range_m - min_range_m, chirp.max_range_m - range_m)
+        excess = np.where(np.isfinite(range_m) & (room_m > 0), np.abs(shift_m) / np.maximum(room_m, 1e-9), 0.0)
+        if np.mean(excess > 1) > FOLDED_SHARE_WARNED:
+            worst = int(np.argmax(excess))
+            logger.warning(
+                "in %.0f%% of the pulses Doppler shifts the ground's echo out of the searched ranges, %.3g to %.0f m: "
+                "it is lost, or folds to a wrong range (ground %.1f m away shifts by %+.1f m); raise "
+                "radar.chirp_rate_hz to %.3g, or fly %s or slower",
+                100 * np.mean(excess > 1),
+                min_range_m,
+                chirp.max_range_m,
+                range_m[worst],
+                shift_m[worst],
+                1.01 * excess[worst] * chirp.rate_hz / len(sweeps),
+                "higher" if shift_m[worst] < 0 else "lower",
+            )
+            return

@@ -66,7 +66,7 @@ def navigation_sigma(
     )
     sigma = np.full(dem.grid.shape, np.nan)
     sigma[dem.filled] = np.sqrt(variance)
-    return Raster(grid=dem.grid, height_m=sigma)
+    return Raster(grid=dem.grid, height_m=sigma, quantity="standard deviation of the height")
 
 
 def _squares(

@@ -3,18 +3,20 @@
 A caller may give ground in place of a scenario's: heights as they are, a file, or what builds it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Inexact, Int, Shaped
 
-from sionna_radar.accuracy.truth import GroundTruth
+from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.build import build_angle_estimator
 from sionna_radar.detection.detector import Detector, build_detector
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
 from sionna_radar.detection.ranging.estimator import RangeEstimator
 from sionna_radar.flight.pulses import (
@@ -30,11 +32,10 @@ from sionna_radar.flight.pulses import (
 from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import Scan, build_scan
 from sionna_radar.flight.trajectory import Flight, Trajectory
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError, named_after
 from sionna_radar.foundation.kept_values import LogCapture
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Progress, Steps, Stopwatch, silent
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
 from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_mapper, dem_grid
@@ -69,10 +70,13 @@ from sionna_radar.survey.checks import (
     check_reference,
     check_rotors,
     check_vegetation,
+    warn_of_folded,
+    warn_of_posting,
 )
-from sionna_radar.survey.sensors.sensor import Sensor, SensorInputs, build_sensor
-from sionna_radar.survey.warnings import described, warn_of_folded, warn_of_posting
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, SensorWithChirps, build_sensor
+from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.engine import Engine, EngineInputs, SampledBeams
+from sionna_radar.tracing.paths import Paths
 
 GivenTerrain = (
     Callable[[TerrainInputs], Landscape] | Raster | tuple[Shaped[np.ndarray, "row column"], float] | str | Path
@@ -167,8 +171,36 @@ class CustomParts:
         )
 
 
+def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
+    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
+    words = {}
+    if antenna is not None:
+        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
+        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
+    for key, part in parts.items():
+        if part is not None:
+            words[key] = _name(part)
+    return words
+
+
+def _name(made: object) -> str:
+    """Return the module and name of a class or function; of anything else, those of its class."""
+    name = getattr(made, "__qualname__", None)
+    return f"{made.__module__}.{name}" if name else _name(type(made))
+
+
+def refuse_for_workers(replaced: Mapping[str, str]) -> None:
+    """Raise PluginError for parts that were given in Python, by the keys that they replace."""
+    if replaced:
+        message = (
+            f"{', '.join(replaced)} replaced from Python: workers do not have it; fly without them, or register it in "
+            "a package with the entry point sionna_radar.plugins that they have, too"
+        )
+        raise PluginError(message)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Prepared(Brief):
+class Prepared:
     """A survey that is ready to fly, by who needs what.
 
     scenario: as it was given; local: with all positions in local metres.
@@ -219,6 +251,28 @@ class Prepared(Brief):
             f"{grid.columns} x {grid.rows} cells of {grid.spacing_m:g} m"
         )
 
+    @property
+    def activity(self) -> str:
+        """What its observation is called while it goes on."""
+        return "tracing"
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the map uses range profiles around the echoes."""
+        return self.mapper.keeps_profiles
+
+    def document(self) -> dict[str, str]:
+        """Return what another process prepares it from, JSON.
+
+        Raises PluginError for parts given in Python: workers have what a scenario names, and packages registered.
+        """
+        refuse_for_workers(self.custom.described())
+        return {"scenario": self.scenario.model_dump_json()}
+
+    def tally(self) -> Tally:
+        """Return a new count of true hits."""
+        return Tally(self.truth, self.receiver.chirp)
+
     def measured(self, index: Int[np.ndarray, " pulse"]) -> Pose:
         """Return the measured poses of pulses by their running numbers."""
         return self.flight.pulses(index).measured
@@ -238,7 +292,7 @@ class Prepared(Brief):
             looks=sampled_beams(sampled, self.scene),
         )
 
-    def sensor_inputs(self, watch: Stopwatch | None = None) -> SensorInputs:
+    def sensor_inputs(self) -> SensorInputs:
         """Return the inputs of sensors."""
         return SensorInputs(
             engine=self.engine_inputs(),
@@ -251,20 +305,20 @@ class Prepared(Brief):
             angle=self.angle,
             bursts=self.bursts,
             custom_engine=self.custom.engine,
-            watch=watch or Stopwatch(),
         )
 
-    def build_sensor(self, watch: Stopwatch | None = None) -> Sensor:
+    def build_sensor(self) -> Sensor:
         """Return a new sensor of the survey."""
-        given = self.sensor_inputs(watch)
+        given = self.sensor_inputs()
         if self.custom.sensor is None:
             return build_sensor(self.local, given)
         sensor = self.custom.sensor(given)
         require(sensor, Sensor, "sensor")
         return sensor
 
+    @cached_property
     def truth(self) -> GroundTruth:
-        """Return the surface that the survey flies over."""
+        """The surface that the survey flies over."""
         return GroundTruth(
             built=self.scene,
             buildings=self.local.buildings,
@@ -274,23 +328,83 @@ class Prepared(Brief):
             beams=self.beams,
         )
 
+    def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
+        """Return what the survey's sensor observes in some of its pulses, by their running numbers, increasing.
+
+        Examples
+        --------
+        >>> seen = prepare(load_scenario("hills", {"platform.length_m": 10.0})).observe([0, 50])
+        >>> seen.paths.delay_s.shape == seen.paths.gain.shape, len(seen.echoes)
+        (True, 2)
+
+        """
+        return self._own_sensor.observe(self._chosen(index))
+
+    def paths(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Paths:
+        """Return the paths of some pulses, sorted by pulse: complex gains, delays s, range rates m/s, hit points m."""
+        return self.observe(index).paths
+
+    def beats(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[Inexact[np.ndarray, "chirp sample"]]:
+        """Return the beat signals of some pulses, V at 1 ohm: an array (chirp, sample) for each sweep of a pulse.
+
+        Raises ScenarioError for a sensor without beat signals.
+        """
+        beats = self.observe(index).beats
+        if beats is None:
+            message = f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'"
+            raise ScenarioError([Problem("sensor", message)])
+        return list(beats)
+
+    def spectra(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[ChirpRecord]:
+        """Return the first sweep of each of some pulses on its way through the processing.
+
+        That is its beat signal after what the processing takes out of it, the power in each range cell W, the CFAR
+        threshold, and the echoes. Raises ScenarioError for a sensor without chirps.
+        """
+        sensor = self._own_sensor
+        if not isinstance(sensor, SensorWithChirps):
+            message = f"{self.local.sensor!r} has no chirps; set sensor = 'radar'"
+            raise ScenarioError([Problem("sensor", message)])
+        return sensor.record_chirps(self._chosen(index))
+
+    def echoes(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Echoes:
+        """Return the echoes of some pulses, their ranges corrected for Doppler by the measured velocity."""
+        pulses = self._chosen(index)
+        return self._own_sensor.correct(self._own_sensor.observe(pulses).echoes, pulses.index, pulses.measured)
+
+    @cached_property
+    def _own_sensor(self) -> Sensor:
+        return self.build_sensor()
+
+    def _chosen(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Pulses:
+        """Return pulses by their running numbers; raises IndexError for one that there is not."""
+        chosen = np.asarray(index, dtype=np.int64)
+        if (
+            chosen.ndim != 1
+            or len(chosen) == 0
+            or chosen[0] < 0
+            or chosen[-1] >= len(self)
+            or np.any(np.diff(chosen) < 1)
+        ):
+            message = f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}"
+            raise IndexError(message)
+        return self.flight.pulses(chosen)
+
     def with_navigation(self, navigation: Navigation | None) -> "Prepared":
         """Return the survey with another navigation system; None knows the pose exactly."""
         return replace(self, flight=replace(self.flight, navigation=navigation))
 
 
 @on_one_thread
-def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Progress = silent) -> Prepared:
+def prepare(scenario: Scenario, parts: CustomParts | None = None) -> Prepared:
     """Build the scene and the flight of a scenario, and refuse what cannot be flown.
 
     Parameters
     ----------
     scenario:
         The survey.
-    custom:
+    parts:
         What replaces parts of it.
-    progress:
-        Called with the steps of the stage "preparing"; see `Progress`.
 
     Raises
     ------
@@ -307,17 +421,16 @@ def prepare(scenario: Scenario, custom: CustomParts | None = None, progress: Pro
     True
 
     """
-    custom = custom or CustomParts()
-    with named_after(scenario.source), LogCapture() as said:
+    custom = parts or CustomParts()
+    with named_after(scenario.source), LogCapture() as said, stage("preparing", BUILDING_STEPS + 3):
         if isinstance(custom.terrain, str | Path):
             scenario, custom = over_file(scenario, custom.terrain), replace(custom, terrain=None)
-        prepared = _prepare(scenario, custom, progress)
+        prepared = _prepare(scenario, custom)
     return replace(prepared, warnings=said.warnings)
 
 
-def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Prepared:
+def _prepare(scenario: Scenario, custom: CustomParts) -> Prepared:
     # The flight before the scene, the scene, the flight over it, and what it looks at.
-    step = Steps(progress, "preparing", BUILDING_STEPS + 3)
     local = in_local_frame(scenario)
     chirp, route = build_chirp(local.radar), plan_route(local.platform, lambda: map_frame(scenario.terrain))
     scan = custom.scan or build_scan(local.radar.scan)
@@ -332,9 +445,9 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     if route.altitude_m is not None:
         check_nominal_range(route.altitude_m, scan, chirp, route.duration_s)
     angle = build_angle_estimator(local.radar, detector, antenna)
-    step()
+    advance()
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
-    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials, step)
+    scene = build_scene(local, route.window_m(chirp.max_range_m), custom.terrain, custom.materials)
     check_bounces(local, scene)
     place = scene.scene.georeference
     flown = route.fly(scene.ground_m, local.seed, place.origin_m[2] if place else 0.0)
@@ -344,7 +457,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
     bursts = in_bursts(flight, local.processing.average.chirps, local.radar.chirp_rate_hz)
     flight = flight if bursts is None else bursts.schedule
     check_pulses(flight, local)
-    step()
+    advance()
     hits = boresight_hits(flight, scene)
     check_geometry(hits, scene, chirp)
     max_gap_m = local.dem.max_gap_m or _sampling_gap(local, flown, scan)
@@ -368,7 +481,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, progress: Progress) -> Pre
         warn_of_folded(sweeps, hits.range_m, hits.range_rate_mps, local.processing.min_range_m)
     warn_of_posting(scene.posting_m, hits.range_m, antenna.beamwidths_rad)
     echo = _reference_echo(flown.altitude_m, antenna, chirp, scene, scan.incidence_rad)
-    step()
+    advance()
     return Prepared(
         scenario=scenario,
         local=local,

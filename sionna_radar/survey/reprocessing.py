@@ -1,41 +1,51 @@
-"""Recorded beat signals made into ranges, points and a DEM again, without the scene that they come from."""
+"""Recorded beat signals made into ranges, points and a DEM, without the scene that they come from.
 
+A recording is a source of beat signals: it is observed, placed, mapped and compared as a survey is.
+"""
+
+import json
 import logging
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Inexact, Int
+from jaxtyping import Float, Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.compare import difference, summarise
 from sionna_radar.detection.detector import RESPONSE_CELLS, Detector, build_detector
-from sionna_radar.detection.echoes import Echoes, Profiles
-from sionna_radar.detection.expected_ground import build_expected_ground
-from sionna_radar.detection.ranging.estimator import RangeEstimator
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.detection.expected_ground import ExpectedGround, build_expected_ground
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import Task
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.numerics import on_one_thread
-from sionna_radar.foundation.progress import Progress, Stopwatch, default_progress
+from sionna_radar.foundation.progress import stage, timed, timing
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.echo_model.speckle import speckle_memory
-from sionna_radar.mapping.mapper import DemMethod, Extent, Mapper, build_dem_method, build_mapper, dem_grid
-from sionna_radar.mapping.points import Points, locate
+from sionna_radar.mapping.mapper import Mapper, build_dem_method, build_mapper, dem_grid
+from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna, build_antenna
 from sionna_radar.radar.chirp import Chirp, build_sweeps
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
 from sionna_radar.signal.analog_filters import build_high_pass
 from sionna_radar.survey.checks import MAX_SPECTRUM
-from sionna_radar.survey.recording import BLOCK_SIZE
-from sionna_radar.survey.recordings.signal_file import SignalFile, open_signals
+from sionna_radar.survey.observation import PLACED_AT_ONCE, SegmentObserver, observe, place
+from sionna_radar.survey.preparation import CustomParts, refuse_for_workers
+from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import DemComparison, Processed, RangeSpectrum
-from sionna_radar.survey.sensors.sweeps import SweepDetector
+from sionna_radar.survey.sensors.sensor import Observation, Sensor
+from sionna_radar.survey.sensors.sweeps import ChirpRecord, SweepDetector
+from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
@@ -52,11 +62,8 @@ def process(
     recording: str | Path,
     overrides: Mapping[str, Any] | None = None,
     *,
-    antenna: Antenna | None = None,
-    range_estimator: RangeEstimator | None = None,
-    dem_method: DemMethod | None = None,
-    block_size: int = BLOCK_SIZE,
-    progress: Progress | None = None,
+    parts: CustomParts | None = None,
+    execution: Execution | None = None,
 ) -> Processed:
     """Process recorded beat signals again, or those of a real radar: ranges, points and a DEM.
 
@@ -71,12 +78,10 @@ def process(
     overrides:
         Values of `processing` and `dem` by dotted keys; for a recording without a scenario also of `radar.antenna`,
         `radar.receiver` and `radar.conjugate`.
-    antenna, range_estimator, dem_method:
-        Custom parts; those of the flight that a file cannot hold must be given again.
-    block_size:
-        Pulses processed at once; it never changes the result.
-    progress:
-        See `run`.
+    parts:
+        Custom antenna, range estimator and DEM method; those of the flight that a file cannot hold must be given again.
+    execution:
+        As for `run`.
 
     Returns
     -------
@@ -97,70 +102,185 @@ def process(
     2.0
 
     """
-    if block_size < 1:
-        raise ScenarioError([Problem("block_size", f"{block_size} pulses are none; give at least 1")])
-    path = Path(recording)
-    with default_progress(progress) as shown, open_signals(path) as file:
-        task = _task(path, file, dict(overrides or {}), antenna, range_estimator, dem_method)
-        return _process(task, block_size, shown)
+    execution = execution or Execution()
+    with execution.reported(), open_recording(Path(recording), dict(overrides or {}), parts) as source:
+        with timing() as watch:
+            processed = _processed(source, execution)
+        return replace(processed, timing_s=watch.seconds())
+
+
+def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> dict[str, Any]:
+    """Return the inputs that determine the segments of a recording, as a JSON document.
+
+    Raises InputFileError for a file that is no recording.
+    """
+    with open_signals(path):
+        pass
+    return {"recording": content_key({"file": path}), "settings": dict(overrides), "block_size": block_size}
+
+
+@contextmanager
+def open_recording(
+    path: Path, overrides: Mapping[str, Any], parts: CustomParts | None = None
+) -> Iterator["RecordingSource"]:
+    """Open a recording, and check the settings of its processing; see `process`."""
+    with open_signals(path) as file:
+        yield _source(path, file, dict(overrides), parts or CustomParts())
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Task:
-    """A recording with the settings of its processing."""
+class RecordingSource:
+    """An open recording with the settings of its processing, as a source of beat signals.
+
+    overrides, parts: as they were given; settings: with all values.
+    """
 
     path: Path
+    overrides: Mapping[str, Any]
+    parts: CustomParts
     file: SignalFile
     settings: Scenario | RecordedSettings
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
-    method: DemMethod | None
+    bursts: None = None
+    activity: str = "detecting"
+
+    @property
+    def flight(self) -> RecordedPulses:
+        """The pulses."""
+        return self.file.pulses
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the map uses range profiles around the echoes."""
+        return (self.parts.dem_method or build_dem_method(self.settings.dem)).profiles != "unused"
+
+    def document(self) -> dict[str, Any]:
+        """Return what a worker opens it from, JSON; PluginError where parts were given in Python."""
+        refuse_for_workers(self.parts.described())
+        return {"recording": str(self.path.absolute()), "overrides": json.dumps(dict(self.overrides))}
+
+    def tally(self) -> None:
+        """Return None: a recording holds no true hits."""
+
+    def build_sensor(self) -> "RecordedSensor":
+        """Return what detects its echoes."""
+        expected, flight = self.settings.processing.expected_ground, self.file.flight
+        ground = None
+        if expected is not None and flight is not None:
+            grid = self.mapper_of(None).grid
+            ground = build_expected_ground(expected, flight.altitude_m, self.antenna, grid, self.file.georeference)
+        return RecordedSensor(self, ground)
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of each sweep of pulses, echoes at positive frequencies."""
-        found = self.file.beats(pulses)
-        return [beat.conj() for beat in found] if self.conjugate else found
+        beats = self.file.beats(pulses)
+        return [beat.conj() for beat in beats] if self.conjugate else beats
 
     @property
     def conjugate(self) -> bool:
         """Whether the samples' Q has the other sign."""
         return isinstance(self.settings, RecordedSettings) and self.settings.radar.conjugate
 
-    @property
-    def gap_m(self) -> float | None:
-        """Largest gap that a map closes; None where only the points can tell."""
+    def mapper_of(self, points: Points | None) -> Mapper:
+        """Return the mapper: of the ground that a simulated flight was to see, or of that under the points."""
         dem, flight = self.settings.dem, self.file.flight
-        return dem.max_gap_m or (max(2 * dem.spacing_m, flight.beam_spacing_m) if flight else None)
-
-    def mapper(self, extent_m: Extent, gap_m: float) -> Mapper:
-        """Return the mapper of an extent of ground."""
-        settings, place = self.settings, self.file.georeference
+        gap_m = dem.max_gap_m or (max(2 * dem.spacing_m, flight.beam_spacing_m) if flight else None)
+        if flight is not None:
+            extent_m = flight.ground_extent_m
+        else:
+            assert points is not None
+            place_m = points.position_m[:, :2]
+            (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
+            extent_m = (float(west), float(south), float(east), float(north))
+            gap_m = gap_m or max(2 * dem.spacing_m, _spacing_m(place_m))
+        assert gap_m is not None
+        scenario = self.settings if isinstance(self.settings, Scenario) else None
         return build_mapper(
-            settings.dem,
-            dem_grid(settings.dem.spacing_m, extent_m, gap_m, place),
+            dem,
+            dem_grid(dem.spacing_m, extent_m, gap_m, self.file.georeference),
             gap_m,
             self.antenna,
             self.detector.analyser,
-            settings.processing.doppler_correction,
-            self.method,
-            speckle_memory(settings) if isinstance(settings, Scenario) else None,
-            measured_ground=settings.measured_ground if isinstance(settings, Scenario) else True,
+            self.settings.processing.doppler_correction,
+            self.parts.dem_method,
+            None if scenario is None else speckle_memory(scenario),
+            measured_ground=scenario is None or scenario.measured_ground,
         )
 
 
-def _task(
+def _spacing_m(place_m: Float[np.ndarray, "point 2"]) -> float:
+    """Return the distance that all but a hundredth of the points have a neighbour within."""
+    nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
+    return float(np.quantile(nearest_m, SPACING_QUANTILE))
+
+
+class RecordedSensor:
+    """Detects the echoes in recorded beat signals."""
+
+    def __init__(self, source: RecordingSource, expected_ground: ExpectedGround | None) -> None:
+        self._beats = source.beats
+        self.sweeps = SweepDetector(
+            detector=source.detector,
+            sweeps=source.sweeps,
+            schedule=source.flight,
+            expected_ground=expected_ground,
+            beats=source.beats,
+        )
+
+    def observe(self, pulses: Pulses) -> Observation:
+        """Return the echoes of a block of pulses."""
+        with timed("read"):
+            beats = self._beats(pulses)
+        with timed("detect"):
+            seen = self.sweeps.detect(beats, pulses)
+        return Observation(
+            paths=Paths.none(),
+            echoes=seen.echoes,
+            profiles=seen.profiles,
+            through_volume=seen.through_volume,
+            beats=beats,
+        )
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return echoes without the Doppler shift of still ground, where the poses are known."""
+        known = np.isfinite(measured.velocity_mps).all()
+        return self.sweeps.correct(echoes, pulse, measured) if known else echoes
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord:
+        """Return the chirp of one pulse with what is found in it."""
+        return self.sweeps.record_chirps(pulses)[0]
+
+
+@on_one_thread
+def recorded_segment_task(task: Task) -> bytes:
+    """Return the bytes of a segment of a recording that a worker processes."""
+    source, sensor, _ = _on_this_worker(task["recording"], task["overrides"])
+    return SegmentObserver(source, sensor, task["blocks"]).segment(task)
+
+
+@lru_cache(maxsize=1)
+def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, RecordedSensor, ExitStack]:
+    """Return a recording, its sensor, and what keeps the file open: a worker processes many segments of one."""
+    kept_open = ExitStack()
+    source = kept_open.enter_context(open_recording(Path(path), json.loads(overrides)))
+    return source, source.build_sensor(), kept_open
+
+
+def _source(
     path: Path,
     file: SignalFile,
     overrides: dict[str, Any],
-    antenna: Antenna | None,
-    estimator: RangeEstimator | None,
-    method: DemMethod | None,
-) -> _Task:
+    parts: CustomParts,
+) -> RecordingSource:
     source = str(path)
-    _check_custom_parts(
-        file, overrides, {"radar.antenna": antenna, "processing.ranging": estimator, "dem.method": method}, source
-    )
+    given = {
+        "radar.antenna": parts.antenna,
+        "processing.ranging": parts.range_estimator,
+        "dem.method": parts.dem_method,
+    }
+    _check_custom_parts(file, overrides, given, source)
     settings: Scenario | RecordedSettings
     if file.scenario is None:
         settings, sweeps = recorded_settings(overrides, source), file.sweeps
@@ -183,16 +303,17 @@ def _task(
     if processing.expected_ground is not None and file.flight is None:
         message = "needs the flight of a simulated survey, which this recording does not have; leave it out"
         raise ScenarioError([Problem("processing.expected_ground", message)], source)
-    antenna = antenna or build_antenna(settings.radar.antenna)
+    antenna = parts.antenna or build_antenna(settings.radar.antenna)
     high_pass = build_high_pass(settings.radar.receiver)
-    return _Task(
+    return RecordingSource(
         path=path,
+        overrides=overrides,
+        parts=parts,
         file=file,
         settings=settings,
         sweeps=sweeps,
         antenna=antenna,
-        detector=build_detector(processing, sweeps[0], antenna, high_pass, estimator),
-        method=method,
+        detector=build_detector(processing, sweeps[0], antenna, high_pass, parts.range_estimator),
     )
 
 
@@ -233,109 +354,64 @@ def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: st
 
 
 @on_one_thread
-def _process(task: _Task, block_size: int, progress: Progress) -> Processed:
-    watch, file, pulses = Stopwatch(), task.file, task.file.pulses
-    sweeps = _sweep_detector(task)
-    found = _detect(task, sweeps, block_size, watch, progress)
-    estimate = comparison = None
-    progress("mapping", 0, 0)
-    with watch("map"):
-        if found.points is not None and (len(found.points) or file.flight):
-            mapper = _mapper(task, found.points)
-            estimate = mapper.map(found.points, found.profiles, file.pose)
-            comparison = _compared(estimate.dem, file)
-    progress("mapping", 1, 1)
-    spectrum = _spectrum(task)
+def _processed(source: RecordingSource, execution: Execution) -> Processed:
+    """Observe, place, map and compare."""
+    file, flight = source.file, source.flight
+    sensor, observed = observe(source, execution, work=recorded_segment_task)
+    estimate = points = None
+    with stage("mapping"), timed("map"):
+        if flight.located:
+            points = place(observed.echoes, sensor, flight)
+            if len(points) or file.flight:
+                estimate = source.mapper_of(points).map(points, observed.profiles, file.pose)
+    with timed("compare"):
+        comparison = None if estimate is None else _compared(estimate.dem, file.truth)
+    spectrum = _spectrum(source)
     return Processed(
-        source=task.path,
-        settings=task.settings,
-        sweeps=task.sweeps,
-        time_s=pulses.time_s,
-        echoes=found.echoes,
-        points=found.points,
-        measured=partial(_poses, task.path) if pulses.located else None,
+        source=source.path,
+        settings=source.settings,
+        sweeps=source.sweeps,
+        time_s=flight.time_s,
+        echoes=_corrected(observed.echoes, sensor, flight),
+        points=points,
+        measured=partial(_poses, source.path) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
         comparison=comparison,
         georeference=file.georeference,
         spectrum=spectrum,
-        chirp=sweeps.record_chirps(pulses.pulses(np.array([len(pulses) // 2])))[0],
-        timing_s=watch.seconds(),
-        warnings=_warnings(task, found.echoes, comparison, spectrum),
+        chirp=_middle_chirp(sensor, flight),
+        warnings=_warnings(source, observed.echoes, comparison, spectrum),
     )
 
 
-def _sweep_detector(task: _Task) -> SweepDetector:
-    expected, file = task.settings.processing.expected_ground, task.file
-    ground = None
-    if expected is not None and file.flight is not None:
-        grid = _mapper(task, None).grid
-        ground = build_expected_ground(expected, file.flight.altitude_m, task.antenna, grid, file.georeference)
-    return SweepDetector(
-        detector=task.detector, sweeps=task.sweeps, schedule=file.pulses, expected_ground=ground, beats=task.beats
-    )
+def _middle_chirp(sensor: Sensor, flight: RecordedPulses) -> ChirpRecord:
+    chirp = sensor.record_chirp(flight.pulses(np.array([len(flight) // 2])))
+    assert chirp is not None  # recordings are of radars
+    return chirp
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Found:
-    echoes: Echoes
-    profiles: Profiles | None
-    points: Points | None
+def _corrected(echoes: Echoes, sensor: Sensor, flight: RecordedPulses) -> Echoes:
+    """Return all echoes with their ranges corrected for motion, where the poses are known."""
+    if not flight.located:
+        return echoes
+    blocks = flight.blocks(PLACED_AT_ONCE)
+    return Echoes.concatenate([sensor.correct(echoes.of_pulses(b.index), b.index, b.measured) for b in blocks])
 
 
-def _detect(task: _Task, sweeps: SweepDetector, block_size: int, watch: Stopwatch, progress: Progress) -> _Found:
-    """Return the echoes of a recording, block by block, located where the poses are known."""
-    pulses, keeps_profiles = task.file.pulses, (task.method or build_dem_method(task.settings.dem)).profiles != "unused"
-    echoes, profiles, points = [], [], []
-    progress("detecting", 0, len(pulses))
-    for block in pulses.line_blocks(block_size):
-        with watch("read"):
-            beats = task.beats(block)
-        with watch("detect"):
-            found = sweeps.detect(beats, block)
-        if keeps_profiles and found.profiles is not None:
-            profiles.append(found.profiles)
-        if pulses.located:
-            echoes.append(sweeps.correct(found.echoes, block.index, block.measured))
-            points.append(locate(echoes[-1], block.index, block.measured))
-        else:
-            echoes.append(found.echoes)
-        progress("detecting", int(block.index[-1]) + 1, len(pulses))
-    return _Found(
-        echoes=Echoes.concatenate(echoes),
-        profiles=Profiles.concatenate(profiles) if profiles else None,
-        points=Points.concatenate(points) if points else None,
-    )
-
-
-def _mapper(task: _Task, points: Points | None) -> Mapper:
-    """Return the mapper: of the ground that a simulated flight was to see, or of that under the points."""
-    flight, gap_m = task.file.flight, task.gap_m
-    if flight is not None:
-        assert gap_m is not None
-        return task.mapper(flight.ground_extent_m, gap_m)
-    assert points is not None
-    place_m = points.position_m[:, :2]
-    (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
-    if gap_m is None:
-        distance_m = KDTree(place_m).query(place_m, k=min(2, len(points)))[0].reshape(len(points), -1)[:, -1]
-        gap_m = max(2 * task.settings.dem.spacing_m, float(np.quantile(distance_m, SPACING_QUANTILE)))
-    return task.mapper((float(west), float(south), float(east), float(north)), gap_m)
-
-
-def _compared(dem: Raster, file: SignalFile) -> DemComparison | None:
+def _compared(dem: Raster, truth: RecordedTruth | None) -> DemComparison | None:
     """Return the DEM against the recorded truth; None without one on its grid."""
-    if file.truth is None or file.truth[0].grid != dem.grid:
+    if truth is None or truth.surface.grid != dem.grid:
         return None
-    truth, lit = file.truth
-    error = difference(dem, truth)
-    lit = lit & truth.filled
+    error, lit = difference(dem, truth.surface), truth.lit & truth.surface.filled
+    off_wall = None if truth.beside_wall is None else lit & ~truth.beside_wall
     return DemComparison(
-        truth=truth,
+        truth=truth.surface,
         error=error,
         lit=lit,
         dem_error=summarise(error, lit),
         lit_error=summarise(error.within(lit), lit),
+        off_wall_error=None if off_wall is None else summarise(error.within(off_wall), off_wall),
     )
 
 
@@ -345,23 +421,23 @@ def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:
         return file.pose(index)
 
 
-def _spectrum(task: _Task) -> RangeSpectrum:
-    analyser = task.detector.analyser
-    power = analyser.power(task.beats(task.file.pulses.sample(SPECTRUM_PULSES))[0])
+def _spectrum(source: RecordingSource) -> RangeSpectrum:
+    analyser = source.detector.analyser
+    power = analyser.power(source.beats(source.flight.sample(SPECTRUM_PULSES))[0])
     return RangeSpectrum(range_m=analyser.range_m, mean=power.mean(axis=0), median=np.median(power, axis=0))
 
 
 def _warnings(
-    task: _Task, echoes: Echoes, comparison: DemComparison | None, spectrum: RangeSpectrum
+    source: RecordingSource, echoes: Echoes, comparison: DemComparison | None, spectrum: RangeSpectrum
 ) -> tuple[str, ...]:
     """Return, and log, what degrades a result."""
     warnings: tuple[str, ...] = ()
-    if not task.file.pulses.located:
+    if not source.file.pulses.located:
         warnings = ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
-    if task.file.scenario is None and task.sweeps[0].sampling == "iq" and _turned(spectrum, task.detector):
+    if source.file.scenario is None and source.sweeps[0].sampling == "iq" and _turned(spectrum, source.detector):
         warnings += (
             f"{BAND_HELD:.0%} of the energy of echoes lies in the farther half of the ranges, as where Q has the other "
-            f"sign; if none is expected there, set radar.conjugate = {str(not task.conjugate).lower()}",
+            f"sign; if none is expected there, set radar.conjugate = {str(not source.conjugate).lower()}",
         )
     if len(echoes) == 0:
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)

@@ -1,7 +1,7 @@
 """Results of a survey, and of the processing of recorded beat signals."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -13,7 +13,6 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
-from sionna_radar.foundation.brief import Brief
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import Uncertainty
@@ -35,7 +34,7 @@ class Saturation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey(Brief):
+class Survey:
     """A finished survey, with what it was prepared with.
 
     prepared: scene, flight, receiver and mapper, for whoever goes on from here.
@@ -78,8 +77,8 @@ class Survey(Brief):
     lit_error: DemError
     off_wall_error: DemError | None
     chirp: ChirpRecord | None
-    timing_s: dict[str, float]
-    peak_memory_mb: float
+    timing_s: dict[str, float] = field(default_factory=dict)
+    peak_memory_mb: float = float("nan")
     dem_sigma: Raster | None = None
     dem_sigma_navigation: Raster | None = None
     uncertainty: Uncertainty | None = None
@@ -122,7 +121,7 @@ class Survey(Brief):
             truth=self.truth,
             lit=self.lit,
             points=self.points,
-            walls=self.prepared.truth().walls,
+            walls=self.prepared.truth.walls,
             seed=self.scenario.seed,
             covered={"walls and what is beside them": self._beside_walls, "plants": self._among_plants},
         )
@@ -208,10 +207,11 @@ class DemComparison:
     lit: Bool[np.ndarray, "row column"]
     dem_error: DemError
     lit_error: DemError
+    off_wall_error: DemError | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Processed(Brief):
+class Processed:
     """What processing made of a recording.
 
     source: the recording.
@@ -247,7 +247,7 @@ class Processed(Brief):
     georeference: Georeference | None
     spectrum: RangeSpectrum
     chirp: ChirpRecord
-    timing_s: dict[str, float]
+    timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property

@@ -1,23 +1,35 @@
-"""What a reader must know beside the numbers of a survey: which parts were replaced, and what degrades the result."""
+"""Warnings about the result of a survey: what degrades it, and how to avoid that."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
 
+from sionna_radar.accuracy.compare import DemError
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.numerics import to_db
+from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.angle_of_arrival import NEEDED
 from sionna_radar.scenario.receiver import SecondReceiverTable
+from sionna_radar.signal.converter import rounding_over_noise
+from sionna_radar.survey.observation import Observed
+from sionna_radar.survey.preparation import Prepared
 
 logger = logging.getLogger("sionna_radar")
+
+# Keys that raise echoes, by the sensor.
+LOUDER = {
+    "radar": "radar.snr_db or radar.transmit_power_dbm",
+    "lidar": "lidar.clear_range_m, lidar.ground_reflectivity or lidar.reflectivities",
+}
+# Spread over the survey, by which warnings know how the antenna looks at the ground.
+WARNED_PULSES = 200
 
 # A map of less than this share of the cells that the main beam reached, and more pulses without an echo, are told.
 MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
@@ -32,20 +44,6 @@ STRIP_OFF_RAD, STRIP_SHARE_WARNED = np.deg2rad(15.0), 0.1
 UNEXPLAINED_SHARE_WARNED = 0.01
 # Of its width, by which the beam may turn within the averaged chirps of a pulse, in all but a share of the pulses.
 TURNED_WIDTHS_WARNED, TURNED_SHARE_WARNED = 0.5, 0.1
-# Of the pulses, in which an echo lies outside the searched ranges.
-FOLDED_SHARE_WARNED = 0.01
-
-
-def described(antenna: Antenna | None, parts: Mapping[str, object | None]) -> dict[str, str]:
-    """Return descriptions of the custom parts of a scenario, by the keys that they replace."""
-    words = {}
-    if antenna is not None:
-        azimuth, elevation = np.rad2deg(antenna.beamwidths_rad)
-        words["radar.antenna"] = f"{_name(type(antenna))}, half-power beam {azimuth:.3g} x {elevation:.3g} deg"
-    for key, part in parts.items():
-        if part is not None:
-            words[key] = _name(part)
-    return words
 
 
 # More clipped pulses than these are told.
@@ -136,54 +134,6 @@ def _strip_m(points: Points) -> float:
     place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
     across = np.linalg.svd(place_m, full_matrices=False)[2][1]
     return float(np.ptp(place_m @ across))
-
-
-def warn_of_posting(
-    posting_m: float | None, range_m: Float[np.ndarray, " look"], beamwidths_rad: tuple[float, float]
-) -> None:
-    """Log that a terrain's file has no detail as fine as a footprint, so that a DEM's error seems too small."""
-    footprint_m = float(np.median(range_m[np.isfinite(range_m)])) * min(beamwidths_rad)
-    if posting_m is not None and posting_m > footprint_m:
-        logger.warning(
-            "terrain: its heights are %.3g m apart, footprints %.2g m wide: the error is that against "
-            "ground interpolated between them, without finer detail; give finer ones, or set terrain.roughen of a file",
-            posting_m,
-            footprint_m,
-        )
-
-
-def warn_of_folded(
-    sweeps: Sequence[Chirp],
-    range_m: Float[np.ndarray, " look"],
-    range_rate_mps: Float[np.ndarray, " look"],
-    min_range_m: float,
-) -> None:
-    """Log that Doppler shifts echoes of the ground out of the searched ranges, where they are lost or fold.
-
-    A real beat signal does not tell a frequency from its negative: ground at the range r, shifted by -d below zero,
-    appears at d - r, and the correction for Doppler puts it at 2 d - r.
-
-    range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
-    """
-    for chirp in sweeps:
-        shift_m = chirp.doppler_range_m(range_rate_mps)
-        room_m = np.where(shift_m < 0, range_m - min_range_m, chirp.max_range_m - range_m)
-        excess = np.where(np.isfinite(range_m) & (room_m > 0), np.abs(shift_m) / np.maximum(room_m, 1e-9), 0.0)
-        if np.mean(excess > 1) > FOLDED_SHARE_WARNED:
-            worst = int(np.argmax(excess))
-            logger.warning(
-                "in %.0f%% of the pulses Doppler shifts the ground's echo out of the searched ranges, %.3g to %.0f m: "
-                "it is lost, or folds to a wrong range (ground %.1f m away shifts by %+.1f m); raise "
-                "radar.chirp_rate_hz to %.3g, or fly %s or slower",
-                100 * np.mean(excess > 1),
-                min_range_m,
-                chirp.max_range_m,
-                range_m[worst],
-                shift_m[worst],
-                1.01 * excess[worst] * chirp.rate_hz / len(sweeps),
-                "higher" if shift_m[worst] < 0 else "lower",
-            )
-            return
 
 
 def steered_warnings(beams: int, method: str, profiles: str) -> tuple[str, ...]:
@@ -288,7 +238,55 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
     )
 
 
-def _name(made: object) -> str:
-    """Return the module and name of a class or function; of anything else, those of its class."""
-    name = getattr(made, "__qualname__", None)
-    return f"{made.__module__}.{name}" if name else _name(type(made))
+def survey_warnings(
+    prepared: Prepared, observed: Observed, points: Points, lit: DemError, estimate: Estimate
+) -> tuple[str, ...]:
+    """Return the warnings about a survey's result, and log those not logged during preparation."""
+    warnings = prepared.flown.warnings + warnings_of(
+        len(observed.echoes),
+        0 if observed.hits is None else observed.hits.rain_echoes,
+        observed.lost,
+        len(prepared),
+        prepared.local.weather.falling or "air",
+        None if prepared.expected_ground is None else "processing.expected_ground",
+        stepped_behind_volume=prepared.mapper.name == "stepped" and observed.behind_volume,
+        louder=_louder(prepared),
+    )
+    echoes, sampled = len(observed.echoes), prepared.flight.sample(WARNED_PULSES).measured
+    if prepared.angle is not None and echoes == 0:
+        warnings = prepared.flown.warnings  # what follows says more than that there is no echo
+    warnings += direction_warnings(prepared.angle, sampled, echoes)
+    local = prepared.local
+    warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
+    warnings += _burst_warnings(prepared)
+    mapper, headroom_db = prepared.mapper, prepared.local.radar.receiver.converter.agc_headroom_db
+    warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
+    spacing_m = prepared.mapper.grid.spacing_m
+    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, _louder(prepared))
+    warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
+    warnings += steered_warnings(len(prepared.beams), mapper.name, mapper.method.profiles)
+    warnings += sight_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    for warning in warnings:
+        logger.warning("%s", warning)
+    return prepared.warnings + warnings
+
+
+def _louder(prepared: Prepared) -> str:
+    """Return the keys that raise echoes over what hides them."""
+    radar = prepared.local.radar
+    rounding = rounding_over_noise(radar, prepared.receiver) if prepared.local.sensor == "radar" else None
+    if rounding is None or rounding <= 1:
+        return LOUDER.get(prepared.local.sensor, LOUDER["radar"])
+    key = "bits" if radar.receiver.converter.full_scale_dbm is None else "gain_db"
+    return f"radar.receiver.converter.{key} (its rounding lies {to_db(rounding):.0f} dB over the thermal noise)"
+
+
+def _burst_warnings(prepared: Prepared) -> tuple[str, ...]:
+    chirps = prepared.local.processing.average.chirps
+    if chirps == 1 or prepared.antenna is None or len(prepared) < 2:
+        return ()
+    here = prepared.flight.sample(WARNED_PULSES).index
+    here = here[here + 1 < len(prepared)]
+    ahead, next_ahead = (prepared.flight.pulses(index).measured.boresight for index in (here, here + 1))
+    to_next = np.arccos(np.clip(np.einsum("pi,pi->p", ahead, next_ahead), -1, 1))
+    return burst_warnings(chirps, to_next * (chirps - 1) / chirps, prepared.antenna.beamwidths_rad)

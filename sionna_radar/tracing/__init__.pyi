@@ -11,19 +11,3 @@ from .paths import VOLUME as VOLUME
 from .paths import Paths as Paths
 from .tracer import Tracer as Tracer
 from .tracer import build_tracer as build_tracer
-
-__all__ = [
-    "BOUNCED",
-    "TARGET",
-    "VOLUME",
-    "Engine",
-    "EngineInputs",
-    "Paths",
-    "Tracer",
-    "build_engine",
-    "build_tracer",
-    "build_weather",
-    "rain_map_of",
-    "rcs_of_mesh",
-    "register_engine",
-]

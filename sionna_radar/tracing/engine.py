@@ -15,7 +15,7 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.parts import ENGINES
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scene.model import Scene
@@ -54,6 +54,15 @@ class Engine(Protocol):
         ...
 
 
+@runtime_checkable
+class SteerableEngine(Engine, Protocol):
+    """An engine for the beams of an electronic scan."""
+
+    def with_antenna(self, antenna: Antenna) -> Engine:
+        """Return the same engine with another antenna."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class EngineInputs:
     """Inputs of an engine.
@@ -62,8 +71,7 @@ class EngineInputs:
     caster: rays against the scene's surfaces, for engines that do not trace fields themselves.
     region_m: lowest and highest corner of the box that the survey can see.
     looks: beams of pulses spread over the survey, for what depends on how the scene is looked at.
-    beams: the antenna steered to each beam of an electronic scan, by number. Engines for such scans have a method
-        `with_antenna` that returns the same engine with another antenna.
+    beams: the antenna steered to each beam of an electronic scan, by number; for a `SteerableEngine`.
     """
 
     tracing: TracingTable
@@ -77,25 +85,12 @@ class EngineInputs:
     beams: tuple[Antenna, ...] = ()
 
 
+@registers(ENGINES, "[tracing.engine_parameters]")
 def register_engine(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a tracing engine, for `tracing.engine` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[tracing.engine_parameters]`; None if it takes none.
-
-    Returns
-    -------
-    A decorator for a class or function that builds an `Engine`; it is called with the parameters, if any, and with
+    It decorates a class or function that builds an `Engine`; it is called with the parameters, if any, and with
     `EngineInputs`.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not a `Table`.
 
     Examples
     --------

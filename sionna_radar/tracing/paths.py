@@ -59,6 +59,20 @@ class Paths(Columns):
         return together.rows(np.argsort(together.pulse, kind="stable"))
 
     @classmethod
+    def none(cls) -> "Paths":
+        """Return no paths."""
+        index, number = np.zeros(0, dtype=np.int64), np.zeros(0)
+        return cls(
+            pulse=index,
+            delay_s=number,
+            gain=number.astype(np.complex128),
+            range_rate_mps=number,
+            incidence_rad=number,
+            hit_m=np.zeros((0, 3)),
+            surface=index,
+        )
+
+    @classmethod
     def to_points(
         cls,
         pulses: Pulses,

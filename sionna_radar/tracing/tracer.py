@@ -12,7 +12,7 @@ import numpy as np
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.kept_values import Same
-from sionna_radar.foundation.progress import let_rest
+from sionna_radar.foundation.progress import HoldsMemory
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.weather import WeatherTable
@@ -25,7 +25,7 @@ from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, plane_mirrors
 from sionna_radar.tracing.effects.moving_ground import MovingGround, build_moving_ground
 from sionna_radar.tracing.effects.targets import seen_past, trace_targets
-from sionna_radar.tracing.engine import Engine, EngineInputs
+from sionna_radar.tracing.engine import Engine, EngineInputs, SteerableEngine
 from sionna_radar.tracing.paths import DeviceTracing, Paths
 
 
@@ -96,9 +96,10 @@ class Tracer:
             paths = Paths.concatenate([paths, self._among_plants(targets, pulses)])
         return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
 
-    def rest(self) -> None:
+    def release_memory(self) -> None:
         """Let the engine give back memory until more pulses are traced."""
-        let_rest(self._engine)
+        if isinstance(self._engine, HoldsMemory):
+            self._engine.release_memory()
 
     def _among_plants(self, paths: Paths, pulses: Pulses) -> Paths:
         return paths if self._canopy is None else self._canopy.through(paths, pulses)
@@ -136,10 +137,15 @@ class SteeredTracer:
         paths = Paths.concatenate(found)
         return paths.rows(np.argsort(paths.pulse, kind="stable"))
 
-    def rest(self) -> None:
+    @property
+    def device_engine(self) -> None:
+        """No engine: the paths of several beams do not stay in the memory of the ray tracer."""
+        return
+
+    def release_memory(self) -> None:
         """Let the engines give back memory until more pulses are traced."""
         for tracer in self._tracers:
-            tracer.rest()
+            tracer.release_memory()
 
 
 def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTable) -> SteeredTracer:
@@ -147,10 +153,8 @@ def build_steered_tracer(engine: Engine, given: EngineInputs, weather: WeatherTa
 
     Raises ScenarioError for an engine that cannot change its antenna.
     """
-    change = getattr(engine, "with_antenna", None)
-    if change is None:
+    if not isinstance(engine, SteerableEngine):
         message = f"{type(engine).__name__} has no method with_antenna, which an electronic scan needs; set 'sionna'"
         raise ScenarioError([Problem("tracing.engine", message)])
-    return SteeredTracer(
-        [build_tracer(change(beam), replace(given, antenna=beam, beams=()), weather) for beam in given.beams]
-    )
+    each = [(engine.with_antenna(beam), replace(given, antenna=beam, beams=())) for beam in given.beams]
+    return SteeredTracer([build_tracer(own, inputs, weather) for own, inputs in each])

@@ -4,12 +4,3 @@ from .drops import marshall_palmer as marshall_palmer
 from .gases import Air as Air
 from .volume import Volume as Volume
 from .volume import volume_of as volume_of
-
-__all__ = [
-    "Air",
-    "Volume",
-    "Weather",
-    "drop_polarization",
-    "marshall_palmer",
-    "volume_of",
-]

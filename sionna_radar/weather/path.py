@@ -70,15 +70,6 @@ def rain_clutter_power(
     return cells
 
 
-def gaussian_two_way_beam_sr(azimuth_hpbw_rad: float, elevation_hpbw_rad: float) -> float:
-    """Return Omega_2 of a narrow Gaussian beam with the half-power beamwidths of its one-way pattern.
-
-    G/G0 = exp(-4 ln2 (x^2/a^2 + y^2/b^2)), squared and integrated over the plane: pi a b / (8 ln 2).
-    A pattern with side lobes has more; integrate it numerically.
-    """
-    return math.pi * azimuth_hpbw_rad * elevation_hpbw_rad / (8.0 * math.log(2.0))
-
-
 def _two_way_nepers_per_m(specific_attenuation_db_per_km: float) -> float:
     return NEPERS_PER_M * specific_attenuation_db_per_km
 

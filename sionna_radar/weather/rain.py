@@ -2,7 +2,7 @@
 
 The two have different standing. P.838 is the recommended prediction of attenuation, the one to use.
 For the backscatter at 77 GHz no recommendation was found, so it is computed from the drops themselves;
-the attenuation computed the same way (`scattered_attenuation_db_per_km`) checks that sum. At
+the attenuation computed the same way, in a test, checks that sum. At
 77 GHz it is 0.96 of P.838 at 1 mm/h, 1.26 at 10 mm/h and 1.3 at 25 to 50 mm/h (water at 10 deg C).
 """
 
@@ -15,7 +15,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.weather.drops import EchoSpeeds, ExponentialDrops, fall_speed_mps, marshall_palmer, weighted_speeds
 from sionna_radar.weather.permittivity import water_permittivity
-from sionna_radar.weather.scattering import Efficiencies, mie_efficiencies
+from sionna_radar.weather.scattering import mie_backscatter
 from sionna_radar.weather.validity import require_between, require_not_negative
 
 SOURCE = "ITU-R P.838-3"
@@ -171,28 +171,13 @@ def echo_speeds(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: 
 
 def drop_echo(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> tuple[float, EchoSpeeds]:
     """Return the reflectivity (m2/m3) of drops, and their echo-weighted fall speeds."""
-    area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    weight = area_per_m3 * efficiencies.backscatter
-    return float(np.sum(weight)), weighted_speeds(weight, fall_speed_mps(_diameters(drops)[0]))
-
-
-def scattered_attenuation_db_per_km(frequency_hz: float, *, drops: ExponentialDrops, temperature_k: float) -> float:
-    """Return the attenuation by the drops' extinction: the Mie counterpart of P.838."""
-    area_per_m3, efficiencies = _areas_and_efficiencies(frequency_hz, drops, temperature_k)
-    extinction_per_m = float(np.sum(area_per_m3 * efficiencies.extinction))
-    return 10.0 * math.log10(math.e) * 1000.0 * extinction_per_m
-
-
-def _areas_and_efficiencies(
-    frequency_hz: float, drops: ExponentialDrops, temperature_k: float
-) -> tuple[Float[np.ndarray, " node"], Efficiencies]:
     # From 0 to 20 mean diameters: only e^-20 of all drops are larger. The nodes resolve the
     # ripples of the efficiencies; a test takes more than twice as many.
     diameter_m, weight_m = _diameters(drops)
     area_per_m3 = weight_m * drops.density_per_m4(diameter_m) * np.pi / 4.0 * diameter_m**2
     refractive_index = water_permittivity(frequency_hz, temperature_k) ** 0.5
-    size = np.pi * diameter_m * frequency_hz / speed_of_light
-    return area_per_m3, mie_efficiencies(size, refractive_index)
+    weight = area_per_m3 * mie_backscatter(np.pi * diameter_m * frequency_hz / speed_of_light, refractive_index)
+    return float(np.sum(weight)), weighted_speeds(weight, fall_speed_mps(diameter_m))
 
 
 def _diameters(drops: ExponentialDrops) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:

@@ -371,6 +371,6 @@ def test_workers_that_are_lost_are_no_bad_input(cli, small, tmp_path, monkeypatc
     def lost(*_, **__):
         raise WorkersLostError("the dask scheduler is gone")  # noqa: EM101
 
-    monkeypatch.setattr("sionna_radar.foundation.cluster.open_workers", lost)
+    monkeypatch.setattr("sionna_radar.execution.cluster.open_workers", lost)
     done = cli("sweep", small, "--vary", "seed=1,2", "-q", "-o", tmp_path / "out")
     assert (done.returncode, done.stderr) == (1, "error: the dask scheduler is gone\n")

@@ -12,7 +12,7 @@ from sionna_radar.flight.pulses import schedule_pulses
 from sionna_radar.flight.route import plan_route
 from sionna_radar.flight.scan import build_scan
 from sionna_radar.flight.trajectory import Trajectory
-from sionna_radar.flight.turns import CurvedTrack, Segment, rounded_track, shortest_way
+from sionna_radar.flight.turns import CurvedTrack, TurnSegment, rounded_track, shortest_way
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.platform import LinesTable, Platform
 from sionna_radar.scenario.radar import ScanTable
@@ -169,4 +169,4 @@ def test_the_radar_transmits_on_the_lines_and_in_turns_only_if_asked(bank_deg):
 def test_lines_are_checked():
     with pytest.raises(ScenarioError, match="count"):
         LinesTable(count=0, spacing_m=3.0, length_m=5.0)
-    assert Segment(start_m=(0.0, 0.0), heading_rad=0.0, length_m=2.0).end == pytest.approx((0.0, 2.0, 0.0))
+    assert TurnSegment(start_m=(0.0, 0.0), heading_rad=0.0, length_m=2.0).end == pytest.approx((0.0, 2.0, 0.0))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sionna_radar.foundation.checkpoints import FOLDER
+from sionna_radar.execution.checkpoints import FOLDER
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX systems")
 

@@ -1,11 +1,16 @@
 """Grids and rasters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import rasterio
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
+from pyproj import CRS
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.report.files.geotiff import write_geotiff
 
@@ -88,3 +93,40 @@ def test_a_raster_that_does_not_count_in_metres_is_refused(crs, unit, tmp_path):
     )
     with pytest.raises(InputFileError, match=rf"counts in {unit}, not in metres; convert it"):
         Raster.read(tmp_path / "far.tif")
+
+
+UTM = Georeference(crs_wkt=CRS.from_epsg(32614).to_wkt(), origin_m=(600_000.0, 4_000_000.0, 250.0))
+
+
+@pytest.mark.parametrize("place", [None, UTM])
+def test_a_raster_becomes_an_array_and_a_file_with_the_same_coordinates(place, tmp_path):
+    height_m = np.array([[1.0, 2.0, np.nan], [4.0, 5.0, 6.0]])
+    grid = Grid(west_m=-10.0, south_m=20.0, spacing_m=2.0, columns=3, rows=2, georeference=place)
+    raster = Raster(grid=grid, height_m=height_m)
+    array = raster.to_xarray()
+    east, north, up = place.origin_m if place else (0.0, 0.0, 0.0)
+    assert float(array.sel(x=east - 8.0, y=north + 22.0)) == 5.0 + up
+    assert ("spatial_ref" in array.coords) == (place is not None)
+    raster.to_geotiff(tmp_path / "dem.tif")
+    with rasterio.open(tmp_path / "dem.tif") as file:
+        assert next(file.sample([(east - 8.0, north + 22.0)]))[0] == 5.0 + up
+        assert (file.crs is None) == (place is None)
+    with pytest.raises(OutputError, match=r"dem\.tif exists already; name another file"):
+        raster.to_geotiff(tmp_path / "dem.tif")
+    error = replace(raster, quantity="height error")
+    assert float(error.to_xarray().sel(x=east - 8.0, y=north + 22.0)) == 5.0  # errors have no datum
+
+
+def test_a_part_of_a_grid_keeps_its_place_and_places_make_no_other_grid():
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=4, rows=4, georeference=UTM)
+    assert grid.cut(slice(1, 3), slice(0, 2)).georeference is UTM
+    assert grid == replace(grid, georeference=None)
+
+
+def test_a_plot_has_the_extent_of_the_cells():
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=2.0, columns=3, rows=2)
+    axes = Raster(grid=grid, height_m=np.arange(6.0).reshape(2, 3), quantity="height error").plot(Figure().subplots())
+    (image,) = axes.images
+    assert image.get_extent() == [-1.0, 5.0, -1.0, 3.0]
+    assert image.get_clim() == (-5.0, 5.0)
+    assert image.origin == "lower"

@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from sionna_radar.foundation import threads
+from sionna_radar.foundation import progress, threads
+from sionna_radar.foundation.progress import advance, progress_to, stage
 from sionna_radar.foundation.threads import beside, in_threads, several_at_once
 
 
@@ -33,33 +34,38 @@ def test_several_at_once_come_in_order_and_all_their_steps_are_told(monkeypatch,
     monkeypatch.setattr(threads, "cores", lambda: cores)
     told = []
 
-    def work(number, step):
-        for _ in range(number):  # of the four at the most
-            step()
+    def work(number):
+        advance(number)  # of the four at the most
         return list(in_threads(lambda low, high: number * low, [(0, 1), (1, 2)]))
 
     results = []
-    for result in several_at_once(work, [4, 0, 3], [4, 4, 4], lambda: told.append(len(results))):
-        results.append(result)
+    with progress_to(lambda _, done, total: told.append((len(results), done))), stage("work", 12):
+        for result in several_at_once(work, [4, 0, 3], [4, 4, 4]):
+            results.append(result)
     assert results == [[0, 4], [0, 0], [0, 3]]
-    assert told == [0] * 4 + [1] * 4 + [2] * 4
+    done = {count: [steps for results, steps in told if results == count] for count in range(3)}
+    assert {count: steps[-1] for count, steps in done.items()} == {0: 4, 1: 8, 2: 12}
 
 
 def test_one_alone_tells_its_steps_as_it_does_them_and_has_all_cores(monkeypatch):
     monkeypatch.setattr(threads, "cores", lambda: 2)
     told, here = [], threading.current_thread()
 
-    def work(number, step):
-        step()
-        assert told == [True]
+    def work(number):
+        advance()
+        assert told[-1] == (1, True)
         return threading.current_thread() is here
 
-    assert list(several_at_once(work, [7], [2], lambda: told.append(threading.current_thread() is here))) == [True]
-    assert told == [True, True]
+    def listener(_, done, total):
+        told.append((done, threading.current_thread() is here))
+
+    with progress_to(listener), stage("work", 2):
+        assert list(several_at_once(work, [7], [2])) == [True]
+    assert told == [(0, True), (1, True), (2, True)]
 
 
 def test_a_signal_ends_what_goes_on_at_once(monkeypatch):
     monkeypatch.setattr(threads, "cores", lambda: 2)
-    monkeypatch.setattr(threads, "raise_received", lambda: 1 // 0)
+    monkeypatch.setattr(progress, "raise_received", lambda: 1 // 0)
     with pytest.raises(ZeroDivisionError):
-        list(several_at_once(lambda number, step: step(), [1, 2, 3], [1, 1, 1], lambda: None))
+        list(several_at_once(lambda number: advance(), [1, 2, 3], [1, 1, 1]))

@@ -9,7 +9,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import mean_ranges
 from sionna_radar.mapping.stepped.border_kernels import (
     NOTHING,
-    Columns,
+    CellColumns,
     approach,
     cast,
     land,
@@ -25,13 +25,13 @@ from sionna_radar.mapping.terrain.echo_heights import on_axis
 ROOF_M = 8.0
 
 
-def columns_of(height: np.ndarray, spacing: float = 1.0) -> Columns:
+def columns_of(height: np.ndarray, spacing: float = 1.0) -> CellColumns:
     flat = np.zeros(height.shape)
     number, ceiling = np.arange(height.size).reshape(height.shape), np.full(height.shape, height.max() + 1.0)
-    return Columns(height, flat, flat, number, ceiling, float(ceiling.max()), 0.0, 0.0, spacing)
+    return CellColumns(height, flat, flat, number, ceiling, float(ceiling.max()), 0.0, 0.0, spacing)
 
 
-def plainly(columns: Columns, origin: np.ndarray, ray: np.ndarray, farthest: float) -> tuple[float, int]:
+def plainly(columns: CellColumns, origin: np.ndarray, ray: np.ndarray, farthest: float) -> tuple[float, int]:
     """Step along a ray until it is below the top of the column there."""
     for at in np.arange(0.0, farthest, 1e-3):
         x, y, z = origin + at * ray

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.interrupts import Interrupted
-from sionna_radar.foundation.progress import Overheard, Steps
+from sionna_radar.foundation.progress import advance, progress_to, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.mapper import build_dem_method
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.processing import DemTable
 from sionna_radar.survey.chain import run
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import place, record
+from sionna_radar.survey.observation import observe, place
+from sionna_radar.survey.preparation import CustomParts, prepare
 
 QUICK = {
     "terrain": {"kind": "flat", "size_m": [300.0, 300.0]},
@@ -37,23 +38,23 @@ class Silent:
 def flown() -> tuple:
     """One flight, mapped by each method in turn."""
     prepared = prepare(load_scenario("hills", QUICK | {"dem.method": "refined"}))
-    sensor = prepared.build_sensor()
-    recording = record(prepared, sensor)
-    return prepared, recording, place(recording.echoes, sensor, prepared.flight)
+    sensor, observed = observe(prepared, Execution())
+    return prepared, observed, place(observed.echoes, sensor, prepared.flight)
 
 
 def stages_of(calls: list[tuple[str, int, int]]) -> dict[str, list[tuple[int, int]]]:
     stages: dict[str, list[tuple[int, int]]] = {}
-    for stage, done, total in calls:
-        stages.setdefault(stage, []).append((done, total))
+    for name, done, total in calls:
+        stages.setdefault(name, []).append((done, total))
     return stages
 
 
-def map_with(flown: tuple, method: str | Silent, progress) -> Raster:
-    prepared, recording, points = flown
+def map_with(flown: tuple, method: str | Silent, listener) -> Raster:
+    prepared, observed, points = flown
     built = build_dem_method(DemTable(method=method)) if isinstance(method, str) else method
     mapper = replace(prepared.mapper, method=built)
-    return mapper.map(points, recording.profiles, prepared.measured, progress)
+    with progress_to(listener), stage("mapping"):
+        return mapper.map(points, observed.profiles, prepared.measured)
 
 
 @pytest.mark.parametrize("method", ["linear", "smooth", "refined", "stepped", Silent()])
@@ -67,9 +68,10 @@ def test_counts_rise_to_their_totals(flown, method):
         assert done == sorted(done)
         assert counts[-1][0] == counts[-1][1] > 0
     if method in ("refined", "stepped"):
-        totals = {total for _, total in stages["mapping"]}
+        totals = {total for _, total in stages["mapping"]} - {0}
         assert len(totals) == 1
-        assert len(stages["mapping"]) == totals.pop() + 1  # each step once
+    if method == "refined":
+        assert len(stages["mapping"]) == totals.pop() + 2  # each step once, after the start without and with a total
 
 
 def test_an_interrupt_ends_a_map_at_its_next_step(flown):
@@ -87,7 +89,11 @@ def test_an_interrupt_ends_a_map_at_its_next_step(flown):
 
 def test_a_custom_method_that_ignores_progress_is_told_for():
     calls: list[tuple[str, int, int]] = []
-    run(load_scenario("hills", QUICK), dem_method=Silent(), progress=lambda *step: calls.append(step))
+    run(
+        load_scenario("hills", QUICK),
+        parts=CustomParts(dem_method=Silent()),
+        execution=Execution(progress=lambda *step: calls.append(step)),
+    )
     stages = stages_of(calls)
     assert list(stages) == ["preparing", "tracing", "mapping"]
     assert stages["mapping"] == [(0, 0), (1, 1)]
@@ -96,28 +102,26 @@ def test_a_custom_method_that_ignores_progress_is_told_for():
 
 def test_preparing_tells_its_steps():
     calls: list[tuple[str, int, int]] = []
-    prepare(load_scenario("hills", QUICK), progress=lambda *step: calls.append(step))
+    with progress_to(lambda *step: calls.append(step)):
+        prepare(load_scenario("hills", QUICK))
     assert calls == [("preparing", done, len(calls) - 1) for done in range(len(calls))]
     assert len(calls) > 4
 
 
-def test_steps_and_what_completes_them():
+def test_stages_count_their_own_steps_and_end_with_all_of_them():
     calls: list[tuple[str, int, int]] = []
-    overheard = Overheard(lambda *step: calls.append(step))
-    known, unknown = Steps(overheard, "known", 2), Steps(overheard, "unknown")
-    known()
-    known()
-    known.finish()
-    unknown()
-    unknown.finish()
-    overheard.complete("known")
-    overheard.complete("never")
+    advance()  # outside of any stage
+    with progress_to(lambda *step: calls.append(step)), stage("known", 3):
+        advance()
+        with stage("unknown"):
+            advance(2)
+        advance()
     assert calls == [
-        ("known", 0, 2),
+        ("known", 0, 3),
+        ("known", 1, 3),
         ("unknown", 0, 0),
-        ("known", 1, 2),
-        ("known", 2, 2),
-        ("unknown", 1, 0),
-        ("unknown", 1, 1),
-        ("never", 1, 1),
+        ("unknown", 2, 0),
+        ("unknown", 2, 2),
+        ("known", 2, 3),
+        ("known", 3, 3),
     ]

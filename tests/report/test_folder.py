@@ -1,4 +1,4 @@
-"""A folder of results is whole or absent, and nothing that this program did not write is touched."""
+"""A folder of results, or a page, is whole or absent, and nothing that this program did not write is touched."""
 
 import json
 import shutil
@@ -13,6 +13,7 @@ import pytest
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 from sionna_radar.report.files import folder
 from sionna_radar.report.files.folder import MANIFEST, check_output, finished_as, note_run, read_manifest, write_folder
+from sionna_radar.report.page.show import PAGE_FILE
 from sionna_radar.report.studies.plan import PLAN_FILE
 
 MARKER = "summary.json"
@@ -155,19 +156,6 @@ def test_a_file_that_cannot_be_replaced_loses_neither_result(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-2"]
 
 
-def test_a_file_open_elsewhere_is_told_before_the_flight(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replace = Path.replace
-
-    def held(self: Path, target: Path) -> Path:
-        if self.name == "a.txt":
-            raise PermissionError(13, "in use")
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", held)
-    with pytest.raises(OutputError, match=r"a\.txt is open in another program"):
-        check_output(out, MARKER)
-
-
 def test_a_user_s_file_of_that_name_stays_and_the_result_goes_beside(out: Path, tmp_path: Path) -> None:
     (out / "e.txt").write_text("mine")
     with pytest.raises(KeptElsewhereError, match=r"e\.txt that this program did not write.*out-2"):
@@ -233,7 +221,7 @@ def test_what_a_killed_run_left_is_cleared_away_and_the_earlier_result_put_back(
 HOLDING = """
 import sys, time
 from pathlib import Path
-from sionna_radar.foundation.checkpoints import staged
+from sionna_radar.execution.checkpoints import staged
 
 with staged(Path(sys.argv[1])) as folder:
     print(folder, flush=True)
@@ -342,3 +330,36 @@ def test_a_finished_result_knows_its_run(out: Path) -> None:
     assert finished_as(out, RUN, "products") is None
     write_folder(out, MARKER, filling(a="2"))
     assert finished_as(out, RUN | {"seed": 2}, "products") is None  # of that run nothing is known
+
+
+def test_a_page_is_replaced_while_it_is_ours_and_unchanged(tmp_path):
+    path = tmp_path / "world.html"
+    PAGE_FILE.write(path, "<!doctype html>one\n")
+    PAGE_FILE.write(path, "<!doctype html>two\n")
+    assert path.read_text().startswith("<!doctype html>two\n")
+    path.write_text(path.read_text().replace("two", "2"))
+    with pytest.raises(OutputError, match="edited since"):
+        PAGE_FILE.check(path)
+    assert "html>2" in path.read_text()
+
+
+@pytest.mark.parametrize("place", ["theirs.html", "folder", "nowhere/page.html"])
+def test_nothing_of_the_users_is_overwritten(tmp_path, place):
+    (tmp_path / "theirs.html").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError, match="name "):
+        PAGE_FILE.write(tmp_path / place, "page")
+    assert (tmp_path / "theirs.html").read_text() == "mine"
+
+
+def test_show_writes_a_page_and_refuses_another_file(cli, small, tmp_path):
+    path = tmp_path / "small.html"
+    done = cli("show", small, "-o", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert str(path) in done.stdout
+    assert "3,600" not in done.stdout
+    path.write_text("edited")
+    refused = cli("show", small, "-o", path)
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("error: output = ")
+    assert refused.stderr.count("\n") == 1

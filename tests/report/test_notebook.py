@@ -11,9 +11,19 @@ from IPython.core.interactiveshell import InteractiveShell
 from traitlets import Type
 from traitlets.config import Config
 
-from sionna_radar import crosscheck, fly_images, fly_sweep, load_scenario, navigation_budget, plan_sweep, prepare, run
+from sionna_radar import (
+    load_scenario,
+    plan_sweep,
+    prepare,
+    run,
+    run_budget,
+    run_crosscheck,
+    run_images,
+    run_sweep,
+)
 from sionna_radar.foundation import progress
-from sionna_radar.foundation.brief import Brief
+from sionna_radar.notebook import SHOWN, register_with_ipython
+from sionna_radar.report.notebook import html_of, shown
 from sionna_radar.studies.budget import navigation_errors
 from sionna_radar.survey.result import Survey
 
@@ -22,13 +32,13 @@ SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths
 
 RESULTS = {
     "survey": (lambda: run(load_scenario("hills", SHORT)), "RMSE of lit cells"),
-    "sweep": (lambda: fly_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
-    "crosscheck": (lambda: crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
+    "sweep": (lambda: run_sweep(plan_sweep("hills", {"radar.snr_db": [20.0, 30.0]}, overrides=SHORT)), "radar.snr_db"),
+    "crosscheck": (lambda: run_crosscheck(load_scenario("hills", SHORT)), "mean_power_difference_db"),
     "budget": (
-        lambda: navigation_budget(load_scenario("hills", SHORT), errors=navigation_errors()[:1], grades={}),
+        lambda: run_budget(load_scenario("hills", SHORT), errors=navigation_errors()[:1], grades={}),
         "Gauss-Markov",
     ),
-    "imagery": (lambda: fly_images(load_scenario("slar", SIDE)), "SLAR, theory"),
+    "imagery": (lambda: run_images(load_scenario("slar", SIDE)), "SLAR, theory"),
 }
 
 
@@ -36,7 +46,7 @@ RESULTS = {
 def test_a_result_shows_a_table_and_a_picture(name):
     make, words = RESULTS[name]
     result = make()
-    shown = result._repr_html_()
+    shown = html_of(result)
     assert words in shown
     pictures = [base64.b64decode(data) for data in re.findall(r'src="data:image/png;base64,([^"]+)"', shown)]
     assert pictures
@@ -47,17 +57,18 @@ def test_a_result_shows_a_table_and_a_picture(name):
 
 def test_a_warning_is_shown():
     survey = run(load_scenario("hills", SHORT | {"radar.snr_db": -60.0}))
-    assert "<p>warning: no echo was detected" in survey._repr_html_()
+    assert "<p>warning: no echo was detected" in html_of(survey)
 
 
-def test_what_has_no_table_shows_its_few_lines():
-    class Plain(Brief):
-        def __repr__(self) -> str:
-            return "a < b"
-
-    assert Plain()._repr_html_() == "<pre>a &lt; b</pre>"
+def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell):
+    register_with_ipython()
+    assert {(kind.__module__, kind.__qualname__) for kind in shown.registry if kind is not object} == set(SHOWN)
+    survey = run(load_scenario("hills", SHORT))
+    data, _ = shell.display_formatter.format(survey)
+    assert data["text/html"] == html_of(survey)
+    assert data["text/plain"] == repr(survey)
     prepared = prepare(load_scenario("hills", SHORT))
-    assert prepared._repr_html_() == f"<pre>{prepared!r}</pre>"
+    assert "text/html" not in shell.display_formatter.format(prepared)[0]
     assert len(repr(prepared).splitlines()) == 2
 
 
@@ -88,17 +99,17 @@ def shell():
     config.HistoryManager.enabled = False
     InteractiveShell.clear_instance()
     shell = ZMQInteractiveShell.instance(config=config)
-    shell.user_ns["default_progress"] = progress.default_progress
+    shell.user_ns |= {"shown_progress": progress.shown_progress, "report": progress.report}
     yield shell
     ZMQInteractiveShell.clear_instance()
 
 
 LOOP = """
 for _ in range(50):
-    with default_progress(None) as show:
+    with shown_progress(None):
         for stage in ("preparing", "tracing"):
             for done in range(4):
-                show(stage, done, 3)
+                report(stage, done, 3)
 """
 
 
@@ -116,9 +127,9 @@ def test_many_surveys_of_a_cell_share_one_bar_that_goes(shell):
 
 
 def test_a_survey_without_an_echo_is_shown_too(empty: Survey) -> None:
-    assert "data:image/png" in empty._repr_html_()
+    assert "data:image/png" in html_of(empty)
 
 
 def test_a_warning_is_text_and_not_markup(survey: Survey) -> None:
-    page = replace(survey, warnings=("rain <b>falls</b> & falls",))._repr_html_()
+    page = html_of(replace(survey, warnings=("rain <b>falls</b> & falls",)))
     assert page.rstrip().endswith("<p>warning: rain &lt;b&gt;falls&lt;/b&gt; &amp; falls</p>")

@@ -7,7 +7,8 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.loading import find_scenario, parse_overrides, read_overrides, scenes_directory
+from sionna_radar.scenario.loading import find_scenario, scenes_directory
+from sionna_radar.scenario.overrides import parse_overrides, read_overrides
 
 
 def write(folder: Path, text: str) -> Path:

@@ -5,17 +5,17 @@ import json
 import re
 import tomllib
 from importlib import resources
+from typing import Annotated
 
 import jsonschema
 import pytest
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from sionna_radar import Parameters, ScenarioError, parse_scenario, shipped_scenarios
 from sionna_radar.scenario import reference, scenario_schema
-from sionna_radar.scenario.reference import dotted_keys, sections
+from sionna_radar.scenario.reference import _WithMeanings, dotted_keys, sections
 from sionna_radar.scenario.scenario import Scenario
-from sionna_radar.scenario.table import meanings, summary, unit_of
-from sionna_radar.scenario.weather import WeatherTable
+from sionna_radar.scenario.table import unit_of
 
 TEMPLATE = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
 
@@ -78,23 +78,24 @@ def test_units_are_the_ends_of_names(name, unit):
     assert unit_of(name) == unit
 
 
-def test_meanings_come_from_docstrings_and_descriptions():
-    assert meanings(WeatherTable)["wind_mps"].startswith("toward east, north and up")
-    assert "Examples" not in summary(Scenario)
-
+def test_meanings_are_the_strings_under_fields():
     class Custom(Parameters):
         """A part.
 
-        width_m: of the window,
-            all of it.
-        left, right: sides.
+        Examples
+        --------
+        None.
         """
 
         width_m: float = 1.0
-        left: int = 0
-        right: int = 0
+        """of the window,
+        all of it."""
+        left: Annotated[int, Field(description="a side.")] = 0
 
-    assert meanings(Custom) == {"width_m": "of the window, all of it.", "left": "sides.", "right": "sides."}
+    schema = Custom.model_json_schema(schema_generator=_WithMeanings)
+    assert schema["description"] == "A part."
+    about = {name: key["description"] for name, key in schema["properties"].items()}
+    assert about == {"width_m": "of the window, all of it. (m)", "left": "a side."}
 
 
 def test_the_reference_lists_every_field_with_its_default():

@@ -6,14 +6,15 @@ import pytest
 from direct_receiver import points_at
 from flights import make_pulses
 from receivers import radar_with, receiver_of
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.presets import filled_in
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.signal.beat import synthesise
 from sionna_radar.signal.receiver import noise_power
+from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import record
 from sionna_radar.survey.warnings import saturation_warnings
 
 PHYSICAL = {"transmit_power_dbm": 30.0, "noise_figure_db": 10.0, "samples_per_chirp": 4096}
@@ -162,7 +163,7 @@ def test_saturation_is_counted_over_a_survey_in_any_blocks():
     ready = prepare(scenario)
     counts = []
     for block in (7, 64):
-        recording = record(ready, ready.build_sensor(), block_size=block)
+        recording = observe(ready, Execution(block_size=block))[1]
         counts.append((recording.saturated_pulses, recording.saturated_samples))
         again = type(recording).unpacked(recording.packed())
         assert (again.saturated_pulses, again.saturated_samples) == counts[-1]

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.navigation import GRADES, load_grades
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.report.studies.budget import MARKER, print_budget, write_budget
@@ -13,11 +14,11 @@ from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.budget import (
     NavigationError,
     find_limit,
-    navigation_budget,
     navigation_errors,
     rms_with,
+    run_budget,
 )
-from sionna_radar.survey.remapping import record_survey
+from sionna_radar.survey.observed_survey import observe_survey
 
 SMALL = {
     "terrain": {"kind": "flat", "size_m": [340.0, 340.0]},
@@ -30,7 +31,7 @@ BY_NAME = {(error.name, error.kind): error for error in navigation_errors()}
 
 @pytest.fixture(scope="module")
 def survey():
-    return record_survey(parse_scenario(SMALL))
+    return observe_survey(parse_scenario(SMALL))
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +79,8 @@ def test_the_limit_is_where_the_rms_has_grown_by_a_tenth(survey, exact):
 def test_the_budget_is_written_and_printed(tmp_path, capsys):
     errors = (BY_NAME["position, up", "constant"], BY_NAME["heading", "white"], BY_NAME["time offset", "constant"])
     calls = []
-    budget = navigation_budget(
-        parse_scenario(SMALL), repeat=1, errors=errors, progress=lambda *step: calls.append(step)
+    budget = run_budget(
+        parse_scenario(SMALL), repeat=1, errors=errors, execution=Execution(progress=lambda *step: calls.append(step))
     )
     rows = len(errors) + len(GRADES)
     assert calls[-1] == ("mapping", rows, rows)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import sionna_radar.studies.crosscheck
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.studies.crosscheck import crosscheck_summary, write_crosscheck
 from sionna_radar.scenario import parse_scenario
-from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, crosscheck
+from sionna_radar.studies.crosscheck import CrossCheck, Tolerances, run_crosscheck
 
 
 def small_hills(**tracing):
@@ -32,7 +33,9 @@ def progress():
 
 @pytest.fixture(scope="module")
 def check(progress) -> CrossCheck:
-    return crosscheck(small_hills(), block_size=50, progress=lambda *done: progress.append(done))
+    return run_crosscheck(
+        small_hills(), execution=Execution(block_size=50, progress=lambda *done: progress.append(done))
+    )
 
 
 def test_the_engines_agree_on_hills(check):
@@ -78,7 +81,7 @@ def test_engines_agree_on_what_a_circular_wave_shows():
     scenario = small_hills()
     antenna = scenario.radar.antenna.model_copy(update={"polarization": "RHCP"})
     radar = scenario.radar.model_copy(update={"antenna": antenna})
-    found = crosscheck(scenario.model_copy(update={"radar": radar}))
+    found = run_crosscheck(scenario.model_copy(update={"radar": radar}))
     assert found.agrees
     for one, other in ((found.sionna, found.sionna_again), (found.gamma, found.gamma_again)):
         spread = np.std(one.power - other.power) / np.sqrt(2) / np.mean(one.power)

@@ -14,7 +14,7 @@ from sionna_radar.report.studies.sweep import rows_of, write_runs_parquet
 from sionna_radar.report.studies.sweep_figures import errors
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design import Axis, Design, Sampler, Span, parse_design, read_settings
-from sionna_radar.studies.sweep import fly_sweep, plan_sweep
+from sionna_radar.studies.sweep import plan_sweep, run_sweep
 
 BEAM, SNR, SAMPLES = "radar.antenna.beamwidth_deg", "radar.snr_db", "radar.samples_per_chirp"
 
@@ -150,7 +150,7 @@ def test_the_command_flies_a_sample_and_tabulates_it(cli, small, tmp_path):
 @pytest.fixture(scope="module")
 def flown_sample(small):
     design = Design(spans=(Span(key=BEAM, low=2.0, high=6.0),), sampler=Sampler(name="sobol", count=8))
-    return fly_sweep(plan_sweep(small, design))
+    return run_sweep(plan_sweep(small, design))
 
 
 def test_dots_of_a_sample_are_not_joined_and_their_rank_correlation_stands_beside(flown_sample):
@@ -162,14 +162,14 @@ def test_dots_of_a_sample_are_not_joined_and_their_rank_correlation_stands_besid
 def test_a_setting_that_fails_has_its_row(small, tmp_path):
     table = tmp_path / "rows.csv"
     table.write_text(f"{BEAM},seed\n4,1\n400,\n")
-    rows = rows_of(fly_sweep(plan_sweep(small, parse_design([], table=table))))
+    rows = rows_of(run_sweep(plan_sweep(small, parse_design([], table=table))))
     assert [(row["run_seed"], row["seed"], bool(row["reason"])) for row in rows] == [(1, 1, False), (None, "", True)]
     assert "beamwidth_deg" in rows[1]["reason"]
 
 
 def test_the_table_as_parquet_has_columns_of_one_type(small, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
-    sweep = fly_sweep(plan_sweep(small, {BEAM: [2, 4.5], "radar.antenna.side_lobe_db": [-20.0, -25.0]}))
+    sweep = run_sweep(plan_sweep(small, {BEAM: [2, 4.5], "radar.antenna.side_lobe_db": [-20.0, -25.0]}))
     write_runs_parquet(tmp_path / "runs.parquet", sweep)
     read = parquet.read_table(tmp_path / "runs.parquet").to_pylist()
     assert [row[BEAM] for row in read] == [2.0, 2.0, 4.5, 4.5]

@@ -8,6 +8,7 @@ import pytest
 from pyproj import CRS, Transformer
 from scipy.io import netcdf_file
 
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.imaging.aperture import PixelGrid
@@ -16,7 +17,7 @@ from sionna_radar.report.studies.imagery import MARKER, print_image, write_image
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
-from sionna_radar.studies.images import fly_images
+from sionna_radar.studies.images import run_images
 
 EAST, GROUND = 1.0, 29.0
 SMALL = {
@@ -41,7 +42,7 @@ def scenario_of(**tables: dict):
 
 @pytest.fixture(scope="module")
 def imagery():
-    return fly_images(scenario_of())
+    return run_images(scenario_of())
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def folder(imagery, tmp_path_factory):
 def test_what_leaks_is_taken_out_of_the_images(imagery):
     """A still way of 36 m, its echo far over that of the ground there."""
     receiver = {"leakage": [{"delay_ns": 240.0, "level_db": -70.0}]}
-    found = fly_images(scenario_of(radar=SMALL["radar"] | {"receiver": receiver}, processing={"leakage": "subtract"}))
+    found = run_images(scenario_of(radar=SMALL["radar"] | {"receiver": receiver}, processing={"leakage": "subtract"}))
     cell = int(np.argmin(np.abs(imagery.slant.range_m - 240e-9 * 299_792_458.0 / 2)))
     near = slice(cell - 2, cell + 3)
     plain = np.nanmean(imagery.slant.power[:, near])
@@ -149,14 +150,14 @@ def test_the_numbers_are_written_and_printed(folder, imagery, capsys):
 
 
 def test_blocks_do_not_change_the_images(imagery):
-    again = fly_images(scenario_of(), block_size=97)
+    again = run_images(scenario_of(), execution=Execution(block_size=97))
     np.testing.assert_allclose(again.slant.power, imagery.slant.power, rtol=1e-9)
     peak = np.abs(imagery.focused.amplitude).max()
     np.testing.assert_allclose(again.focused.amplitude, imagery.focused.amplitude, atol=1e-9 * peak)
 
 
 def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
-    imagery = fly_images(scenario_of(tracing={"speckle": "per_pulse", "paths_per_pulse": 64}))
+    imagery = run_images(scenario_of(tracing={"speckle": "per_pulse", "paths_per_pulse": 64}))
     assert imagery.focused is None
     assert imagery.reflectors[0].sar is None
     names = {path.name for path in write_imagery(imagery, tmp_path / "out")}
@@ -178,17 +179,17 @@ def test_new_scatterers_each_pulse_make_no_focused_image(tmp_path, capsys):
 )
 def test_what_cannot_be_imaged_is_refused(tables, field):
     with pytest.raises(ScenarioError, match=field):
-        fly_images(scenario_of(**tables))
+        run_images(scenario_of(**tables))
 
 
 def test_a_bent_track_and_a_lidar_are_refused_at_once():
     platform = {"altitude_m": 28.0, "speed_mps": 5.0, "waypoints_m": [[0, 0], [5, 0], [5, 5]]}
     with pytest.raises(ScenarioError) as error:
-        fly_images(parse_scenario(SMALL | {"platform": platform, "sensor": "lidar"}))
+        run_images(parse_scenario(SMALL | {"platform": platform, "sensor": "lidar"}))
     assert {problem.field for problem in error.value.problems} == {"platform.waypoints_m", "sensor"}
     gusty = scenario_of(platform={"altitude_m": 28.0, "speed_mps": 5.0, "wind": {"speed_mps": 3.0}})
     with pytest.raises(ScenarioError, match=r"platform\.wind: makes no straight track at one speed; remove wind"):
-        fly_images(gusty)
+        run_images(gusty)
 
 
 def point_at(along_m: float, slant_range_m: float) -> Point:

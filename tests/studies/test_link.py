@@ -12,7 +12,7 @@ from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.report.studies.link import print_link
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.link import link_budget
+from sionna_radar.studies.link import run_link_budget
 
 WEAK = {
     "radar.snr_db": None,
@@ -30,7 +30,7 @@ WEAK = {
 def budget():
     """A weak radar over hills' ground, in clear air and in rain."""
     scenario = load_scenario("hills", WEAK)
-    return link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
+    return run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
 
 
 def test_simulation_and_closed_form_agree(budget):
@@ -97,7 +97,7 @@ def test_rain_never_helps_to_detect_the_ground(budget):
 
 def test_a_reach_beyond_the_sampled_ranges_is_told(capsys):
     strong = WEAK | {"radar.transmit_power_dbm": 40.0}
-    budget = link_budget(load_scenario("hills", strong), incidences_deg=[20.0], rains_mm_per_h=[0.0], pulses=40)
+    budget = run_link_budget(load_scenario("hills", strong), incidences_deg=[20.0], rains_mm_per_h=[0.0], pulses=40)
     (link,) = budget.links
     assert link.reaches_the_end
     print_link(budget)
@@ -118,7 +118,7 @@ def test_a_reach_beyond_the_sampled_ranges_is_told(capsys):
 )
 def test_what_has_no_link_budget_is_refused(changes, arguments, says):
     with pytest.raises(ScenarioError, match=says):
-        link_budget(load_scenario("hills", WEAK | changes), **arguments)
+        run_link_budget(load_scenario("hills", WEAK | changes), **arguments)
 
 
 def test_the_command_writes_numbers_table_and_figure(cli, small, tmp_path):
@@ -149,7 +149,9 @@ BUILT = {
 
 def test_floors_are_those_of_the_chain():
     """Leakage, its phase noise, rounding, thermal noise and the phase noise of ground and rain, under the echo."""
-    budget = link_budget(load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=300)
+    budget = run_link_budget(
+        load_scenario("hills", WEAK | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=300
+    )
     found = budget.floors
     assert set(found.terms) == {
         "thermal noise",
@@ -171,7 +173,9 @@ def test_floors_are_those_of_the_chain():
 def test_echoes_below_a_step_of_the_converter_are_told(capsys):
     """A step of 2 A / 2^10, A of 10 dBm, over noise of -111 dBm: every sample is rounded to zero."""
     coarse = {"radar.receiver.converter.bits": 10, "radar.receiver.converter.full_scale_dbm": 10.0}
-    budget = link_budget(load_scenario("hills", WEAK | coarse), incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=100)
+    budget = run_link_budget(
+        load_scenario("hills", WEAK | coarse), incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=100
+    )
     print_link(budget)
     said = capsys.readouterr().out
     assert "rounding is no noise" in said
@@ -183,7 +187,7 @@ def test_echoes_below_a_step_of_the_converter_are_told(capsys):
 def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
     quiet = {"radar.noise_figure_db": None} if "radar.snr_db" in keys else {}
     scenario = load_scenario("hills", {**WEAK, **keys, **quiet})
-    budget = link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=40)
+    budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0], pulses=40)
     (link,) = budget.links
     assert not any(one.reason for one in link.simulated)
     assert np.all(np.isfinite(link.of_ground("snr")))

@@ -8,7 +8,7 @@ from flights import make_pulses
 from receivers import radar_with, receiver_of
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.link import link_budget
+from sionna_radar.studies.link import run_link_budget
 from sionna_radar.studies.link_spectra import floors_of
 
 CORNER_HZ = 50 * 360.0
@@ -84,6 +84,6 @@ def test_ground_is_as_strong_as_the_chain_receives_it(keys):
         "platform.length_m": 10.0,
     }
     scenario = load_scenario("hills", weak | keys)
-    budget = link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)
+    budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)
     assert all(one.compared for link in budget.links for one in link.simulated)
     assert budget.largest_difference_db < 0.3

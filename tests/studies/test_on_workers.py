@@ -12,9 +12,10 @@ import pytest
 
 import cluster_tasks
 import processes
+from sionna_radar.execution.checkpoints import FOLDER, open_checkpoints
+from sionna_radar.execution.cluster import DaskWorkers, open_workers
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.navigation import GRADES
-from sionna_radar.foundation.checkpoints import FOLDER, open_checkpoints
-from sionna_radar.foundation.cluster import DaskWorkers, open_workers
 from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
 from sionna_radar.mapping.linear.linear import Linear
@@ -23,11 +24,12 @@ from sionna_radar.report.studies.sweep import summary
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies import sweep as sweep_module
-from sionna_radar.studies.budget import navigation_budget, navigation_errors
-from sionna_radar.studies.crosscheck import CrossCheck, crosscheck
+from sionna_radar.studies.budget import navigation_errors, run_budget
+from sionna_radar.studies.crosscheck import CrossCheck, run_crosscheck
 from sionna_radar.studies.design import parse_design
-from sionna_radar.studies.sweep import SweepPlan, fly_sweep, plan_sweep
+from sionna_radar.studies.sweep import SweepPlan, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.result import Survey
 
 SHORT = {"platform.length_m": 12.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
@@ -48,7 +50,7 @@ def plan(small) -> SweepPlan:
 
 
 def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
-    here, counts, kept = fly_sweep(plan), [], []
+    here, counts, kept = run_sweep(plan), [], []
 
     def progress(stage, done, total):
         assert stage == "surveys"
@@ -56,7 +58,7 @@ def test_a_sweep_is_the_same_on_workers(pair, plan, tmp_path):
         kept.append(len(list((tmp_path / FOLDER).glob("*.part"))))
 
     with open_checkpoints(tmp_path, plan.identity(), resume=False) as parts:
-        there = fly_sweep(plan, workers=pair, progress=progress, parts=parts)
+        there = run_sweep(plan, execution=Execution(workers=pair, progress=progress, checkpoints=parts))
     assert strict_json(summary(there)) == strict_json(summary(here))
     assert counts == [(done, 2) for done in range(3)]
     assert kept == list(range(3))  # each as soon as it is there
@@ -67,27 +69,27 @@ def test_a_survey_is_the_same_on_workers(pair, tmp_path):
     scenario = load_scenario("hills", SHORT)
     here = everything(run(scenario))
     with open_checkpoints(tmp_path / "kept", {}, resume=False) as parts:
-        there = everything(run(scenario, block_size=30, workers=pair, parts=parts))
-        again = everything(run(scenario, block_size=30, workers=Nobody(), parts=parts))
+        there = everything(run(scenario, execution=Execution(block_size=30, workers=pair, checkpoints=parts)))
+        again = everything(run(scenario, execution=Execution(block_size=30, workers=Nobody(), checkpoints=parts)))
         assert len(parts) == 3
     assert there == again == here
-    assert everything(run(scenario, block_size=110, workers=pair)) == here
+    assert everything(run(scenario, execution=Execution(block_size=110, workers=pair))) == here
 
 
 def test_a_map_of_two_tiles_is_the_same_on_workers(pair):
     wide = {"platform.length_m": 150.0, "platform.speed_mps": 60.0, "dem.method": "refined", "dem.spacing_m": 2.0}
     scenario = load_scenario("hills", SHORT | wide)
-    assert everything(run(scenario, workers=pair)) == everything(run(scenario))
+    assert everything(run(scenario, execution=Execution(workers=pair))) == everything(run(scenario))
 
 
 @pytest.mark.parametrize("who", WHO)
 def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
     asked = {"errors": navigation_errors()[6:8], "grades": {"rtk": GRADES["rtk"]}, "repeat": 2}
     scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
-    here = navigation_budget(scenario, **asked)
+    here = run_budget(scenario, **asked)
     with open_checkpoints(tmp_path, {}, resume=False) as parts:
-        assert navigation_budget(scenario, **asked, workers=workers, parts=parts) == here
-        assert navigation_budget(scenario, **asked, workers=Nobody(), parts=parts) == here
+        assert run_budget(scenario, **asked, execution=Execution(workers=workers, checkpoints=parts)) == here
+        assert run_budget(scenario, **asked, execution=Execution(workers=Nobody(), checkpoints=parts)) == here
         # A stretch of the flight, two limits and a grade.
         assert len(parts) == 4
 
@@ -95,16 +97,20 @@ def test_a_budget_is_the_same_on_workers_and_goes_on(who, request, small, tmp_pa
 @pytest.mark.parametrize("who", WHO)
 def test_a_crosscheck_is_the_same_on_workers_and_goes_on(who, request, small, tmp_path):
     scenario, workers = load_scenario(small), who and request.getfixturevalue(who)
-    here = crosscheck(scenario, block_size=30)
+    here = run_crosscheck(scenario, execution=Execution(block_size=30))
     with open_checkpoints(tmp_path, {}, resume=False) as parts:
-        assert bits(crosscheck(scenario, block_size=60, workers=workers, parts=parts)) == bits(here)
-        assert bits(crosscheck(scenario, block_size=60, workers=Nobody(), parts=parts)) == bits(here)
+        assert bits(
+            run_crosscheck(scenario, execution=Execution(block_size=60, workers=workers, checkpoints=parts))
+        ) == bits(here)
+        assert bits(
+            run_crosscheck(scenario, execution=Execution(block_size=60, workers=Nobody(), checkpoints=parts))
+        ) == bits(here)
         assert len(parts) >= 8
 
 
 def test_custom_parts_are_not_for_workers(pair, small):
     with pytest.raises(PluginError, match=r"^dem\.method replaced from Python: workers do not have it"):
-        run(load_scenario(small), dem_method=Linear(), workers=pair)
+        run(load_scenario(small), parts=CustomParts(dem_method=Linear()), execution=Execution(workers=pair))
 
 
 @pytest.mark.study
@@ -131,15 +137,15 @@ def test_a_worker_that_is_killed_is_replaced_and_its_survey_flown_again(pair, sm
         if stage == "surveys" and done in (1, 3):
             os.kill(min(pair.client.run(os.getpid).values()), signal.SIGKILL)
 
-    there = fly_sweep(plan, workers=pair, progress=progress)
-    assert strict_json(summary(there)) == strict_json(summary(fly_sweep(plan)))
+    there = run_sweep(plan, execution=Execution(workers=pair, progress=progress))
+    assert strict_json(summary(there)) == strict_json(summary(run_sweep(plan)))
 
 
 @pytest.mark.study
 def test_surveys_that_end_their_worker_are_rows_with_their_reason(pair, plan, monkeypatch):
     """`pytest -m study -k end_their_worker`, half a minute."""
-    monkeypatch.setattr(sweep_module, "fly_trial", cluster_tasks.fly_or_die)
-    found = fly_sweep(plan, workers=pair)
+    monkeypatch.setattr(sweep_module, "trial_task", cluster_tasks.fly_or_die)
+    found = run_sweep(plan, execution=Execution(workers=pair))
     assert [len(case.trials) for case in found.cases] == [1, 0]
     assert found.cases[1].reason == "seed 5: WorkersLostError: its worker died 3 times; is there memory enough?"
 
@@ -179,7 +185,7 @@ class Nobody:
 
     count = 1
 
-    def each(self, work, tasks, progress=None, shared=None):
+    def each(self, work, tasks, shared=None):
         assert not tasks
         return iter(())
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.antenna import build_antenna
 from sionna_radar.scenario import load_scenario, parse_scenario
 from sionna_radar.studies.planning import Wanted, check_plan, plan_flight, planned_scenario
-from sionna_radar.survey.remapping import record_survey
+from sionna_radar.survey.observed_survey import observe_survey
 
 LIDAR = {"sensor": "lidar"}
 
@@ -18,7 +19,7 @@ LIDAR = {"sensor": "lidar"}
 def flown_points(wanted: Wanted):
     plan = plan_flight(wanted)
     scenario = planned_scenario(plan).model_copy(update=LIDAR)
-    return plan, record_survey(scenario, block_size=4096).points(None).position_m
+    return plan, observe_survey(scenario, execution=Execution(block_size=4096)).points(None).position_m
 
 
 @pytest.mark.parametrize(
@@ -48,7 +49,7 @@ def test_the_radar_covers_what_it_planned():
     base = {"tracing": {"paths_per_pulse": 64}}
     scenario = planned_scenario(plan)
     scenario = parse_scenario(scenario.model_dump(mode="json", exclude_none=True) | base)
-    survey = record_survey(scenario)
+    survey = observe_survey(scenario)
     dem = survey.prepared.mapper.map(survey.points(None), None, survey.prepared.measured).dem
     x, y = dem.grid.centres_m.T
     inside = ((np.abs(x) < 20) & (np.abs(y) < 15)).reshape(dem.grid.shape)

@@ -9,7 +9,7 @@ import trimesh
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.studies.range_doppler import print_frames, write_frames
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.range_doppler import fly_frames
+from sionna_radar.studies.range_doppler import run_frames
 
 SPARSE = {"tracing.scatterers_per_m2": 10.0}
 TARGETS = [
@@ -21,7 +21,7 @@ FAST = {"targets": TARGETS, "radar.chirp_rate_hz": 4000.0}
 
 @pytest.fixture(scope="module")
 def flown():
-    return fly_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=3)
+    return run_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=3)
 
 
 def test_targets_have_their_ranges_and_range_rates(flown):
@@ -38,7 +38,7 @@ def test_a_body_is_found_by_what_any_part_of_it_returns(tmp_path):
     trimesh.creation.icosphere(subdivisions=5, radius=1.0).export(tmp_path / "ball.ply")
     body = {"rcs_dbsm": None, "mesh": {"path": str(tmp_path / "ball.ply"), "reflectivity_db": -10.0}, "height_m": 1.0}
     ball = {key: value for key, value in (TARGETS[0] | body).items() if value is not None}
-    flown = fly_frames(load_scenario("slar", SPARSE | FAST | {"targets": [ball]}), chirps=128, frames=1)
+    flown = run_frames(load_scenario("slar", SPARSE | FAST | {"targets": [ball]}), chirps=128, frames=1)
     (target,) = flown.targets
     assert target.found_range_m == pytest.approx(target.range_m - 1.0, abs=0.1 * flown.last.chirp.range_resolution_m)
     assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * flown.analyser.rate_cell_mps)
@@ -77,8 +77,8 @@ def test_maps_are_free_of_the_high_pass_and_of_what_leaks(flown):
         "radar.receiver.leakage": [{"delay_ns": 30.0, "level_db": -60.0}],
         "processing.leakage": "subtract",
     }
-    found = fly_frames(load_scenario("slar", SPARSE | FAST | built), chirps=128, frames=1)
-    plain = fly_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=1)
+    found = run_frames(load_scenario("slar", SPARSE | FAST | built), chirps=128, frames=1)
+    plain = run_frames(load_scenario("slar", SPARSE | FAST), chirps=128, frames=1)
     assert found.movers.power[0] == pytest.approx(plain.movers.power[0], rel=0.1)
     assert found.targets[1].found_range_m == pytest.approx(plain.targets[1].found_range_m, abs=0.02)
     for low_m, high_m in ((3.0, 8.0), (10.0, 20.0)):
@@ -98,12 +98,12 @@ def test_maps_are_free_of_the_high_pass_and_of_what_leaks(flown):
 )
 def test_what_cannot_be_framed_is_refused(changes, asked, said):
     with pytest.raises(ScenarioError, match=said):
-        fly_frames(load_scenario("slar", changes), **asked)
+        run_frames(load_scenario("slar", changes), **asked)
 
 
 def test_a_beam_that_turns_is_refused():
     with pytest.raises(ScenarioError, match="chirps: 64 turn the beam by"):
-        fly_frames(load_scenario("hills", {"platform.length_m": 20.0, "terrain.spacing_m": 4.0}), frames=1)
+        run_frames(load_scenario("hills", {"platform.length_m": 20.0, "terrain.spacing_m": 4.0}), frames=1)
 
 
 ARRAY = {"kind": "array", "elements": [16, 16]}
@@ -130,15 +130,15 @@ def test_a_beam_that_comes_back_within_a_frame_is_refused(scan, chirps, said):
     """The first and the last chirp look the same way: after a whole turn, in the same beam, on either side of a gap."""
     keys = {"platform.length_m": 40.0, "terrain.spacing_m": 4.0}
     with pytest.raises(ScenarioError, match=said):
-        fly_frames(load_scenario("hills", keys | scan), chirps=chirps, frames=1)
+        run_frames(load_scenario("hills", keys | scan), chirps=chirps, frames=1)
 
 
 def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():
     """It comes nearer by 5.3 m/s; even intervals would show it beyond 3.9 m/s as one that recedes."""
     fast = [TARGETS[0] | {"speed_mps": 9.0, "rcs_dbsm": 0.0}]
     keys = SPARSE | {"targets": fast, "radar.chirp_rate_hz": 4000.0}
-    even = fly_frames(load_scenario("slar", keys), chirps=64, frames=1)
-    seen = fly_frames(load_scenario("slar", keys | {"radar.stagger": 0.5}), chirps=64, frames=1)
+    even = run_frames(load_scenario("slar", keys), chirps=64, frames=1)
+    seen = run_frames(load_scenario("slar", keys | {"radar.stagger": 0.5}), chirps=64, frames=1)
     (target,) = seen.targets
     assert -5.4 < target.range_rate_mps < -5.2
     assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * seen.analyser.rate_cell_mps)
@@ -159,4 +159,4 @@ def test_an_ambiguous_target_is_seen_at_its_own_rate_between_two_intervals():
 )
 def test_frames_that_cannot_be_are_refused(keys, chirps, message):
     with pytest.raises(ScenarioError, match=message):
-        fly_frames(load_scenario("slar", SPARSE | keys), chirps=chirps, frames=1)
+        run_frames(load_scenario("slar", SPARSE | keys), chirps=chirps, frames=1)

@@ -8,7 +8,7 @@ import pytest
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.files.folder import lasting_columns
 from sionna_radar.report.studies.sweep import read_sweep, write_sweep
-from sionna_radar.studies.sweep import Shard, fly_sweep, plan_sweep
+from sionna_radar.studies.sweep import Shard, plan_sweep, run_sweep
 
 
 def lasting(path):
@@ -24,9 +24,9 @@ def place(small, tmp_path_factory):
     """A folder with the whole and its three shards. One of the cells cannot be flown."""
     place = tmp_path_factory.mktemp("shards")
     plan = plan_sweep(small, {BEAM: [2, 400, 6]}, repeat=2)
-    write_sweep(fly_sweep(plan), place / "whole")
+    write_sweep(run_sweep(plan), place / "whole")
     for number in (1, 2, 3):
-        write_sweep(fly_sweep(plan, shard=Shard(number, 3)), place / str(number))
+        write_sweep(run_sweep(plan, shard=Shard(number, 3)), place / str(number))
     return place
 
 
@@ -88,7 +88,7 @@ def test_what_is_no_shard_is_refused(text):
 def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
     command = ("sweep", small, "--vary", f"{BEAM}=2,400", "-o", tmp_path / "study", "--resume")
     assert cli(*command).returncode == 1  # the cell that cannot be flown
-    monkeypatch.setattr("sionna_radar.studies.sweep.fly_sweep", None)
+    monkeypatch.setattr("sionna_radar.studies.sweep.run_sweep", None)
     again = cli(*command)
     assert (again.returncode, again.stderr) == (1, "")
     assert "nothing was left to do" in again.stdout

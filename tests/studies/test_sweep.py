@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from drawn_texts import texts_outside
-from sionna_radar.foundation.checkpoints import FOLDER, Checkpoints, open_checkpoints
+from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpoints
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.report.files.folder import lasting_columns, strict_json
+from sionna_radar.report.notebook import html_of
 from sionna_radar.report.studies.sweep import print_sweep, summary
 from sionna_radar.report.studies.sweep_figures import abscissa, errors
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design import Axis, parse_design
-from sionna_radar.studies.sweep import fly_sweep, label, plan_sweep
+from sionna_radar.studies.sweep import label, plan_sweep, run_sweep
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -28,7 +30,7 @@ def flown(small):
     axes = parse_design([f"{BEAM}=2,6", "processing.ranging=peak,centroid"])
     calls = []
     plan = plan_sweep(small, axes, repeat=2)
-    sweep = fly_sweep(plan, progress=lambda *step: calls.append(step))
+    sweep = run_sweep(plan, execution=Execution(progress=lambda *step: calls.append(step)))
     return plan, sweep, calls
 
 
@@ -189,7 +191,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
         return run(scenario, **keys)
 
     monkeypatch.setattr("sionna_radar.studies.sweep.run", fly)
-    sweep = fly_sweep(plan)
+    sweep = run_sweep(plan)
     assert [len(case.trials) for case in sweep.cases] == [1, 0, 1]
     assert type(failure).__name__ in sweep.cases[1].reason
     assert sweep.failed
@@ -240,14 +242,14 @@ def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
     assert case.mean("all_cells_rms_m") == pytest.approx(np.mean([r.dem_error.rms_m for r in case.trials]))
     assert np.isnan(case.mean("off_wall_rms_m"))  # flat ground has no walls
     assert len(repr(sweep)) < 1000
-    page = re.sub(r"<[^>]*>", "", sweep._repr_html_())
+    page = re.sub(r"<[^>]*>", "", html_of(sweep))
     assert "beamwidth_deg" in page
     assert all(f"{case.mean('rms_m'):.3f}" in page for case in sweep.cases)
 
 
 def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     axes = parse_design(["weather.rain_rate_mm_per_h=0,20", "processing.volume_clutter=auto,off"])
-    print_sweep(fly_sweep(plan_sweep(small, axes)))
+    print_sweep(run_sweep(plan_sweep(small, axes)))
     printed = capsys.readouterr().out
     assert "nan" not in printed
     assert "come from the rain" in printed
@@ -291,7 +293,7 @@ def test_a_study_goes_on_where_it_was_interrupted(flown, small, tmp_path):
         try:
             with open_checkpoints(tmp_path / "out", plan.identity(), resume=True) as parts:
                 there = len(parts)
-                result = fly_sweep(plan, progress=until(next(moments)), parts=parts)
+                result = run_sweep(plan, execution=Execution(progress=until(next(moments)), checkpoints=parts))
                 break
         except Interrupted:
             interrupts += 1

@@ -11,7 +11,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
 from sionna_radar.surfaces.material import build_materials
 from sionna_radar.surfaces.permittivity import soil_permittivity
-from sionna_radar.surfaces.rough_surface import IntegralEquation, SmallPerturbation
+from sionna_radar.surfaces.rough_surface import IntegralEquationModel, SmallPerturbationModel
 from sionna_radar.survey.preparation import prepare
 
 SOIL = {
@@ -62,7 +62,7 @@ def test_carrier_and_polarization_come_from_the_radar():
     assert surface.permittivity == soil_permittivity(60e9, **soil)
     angle = np.deg2rad([40.0])
     np.testing.assert_array_equal(
-        bragg.sigma0(angle), SmallPerturbation(surface=surface, polarization="H").sigma0(angle)
+        bragg.sigma0(angle), SmallPerturbationModel(surface=surface, polarization="H").sigma0(angle)
     )
 
 
@@ -207,5 +207,5 @@ def test_sionnas_own_material_that_scatters_is_kept(monkeypatch):
 def test_the_integral_equation_keeps_its_option():
     scenario = hills({"odd": {"model": "integral_equation", **ROUGH, "fresnel_angle": "nadir"}})
     model = build_materials(scenario.materials, scenario.radar)["odd"].vertical
-    assert isinstance(model, IntegralEquation)
+    assert isinstance(model, IntegralEquationModel)
     assert model.fresnel_angle == "nadir"

@@ -11,17 +11,17 @@ from scipy.integrate import quad
 
 from sionna_radar.surfaces.rough_surface import (
     GeometricalOptics,
-    IntegralEquation,
-    PhysicalOptics,
+    IntegralEquationModel,
+    PhysicalOpticsModel,
     RoughSurface,
-    SmallPerturbation,
+    SmallPerturbationModel,
     coherent_power_factor,
     fresnel_reflection,
 )
 
 CARRIER_HZ = 77e9
 K = 2.0 * math.pi * CARRIER_HZ / speed_of_light
-MODELS = (GeometricalOptics, PhysicalOptics, SmallPerturbation, IntegralEquation)
+MODELS = (GeometricalOptics, PhysicalOpticsModel, SmallPerturbationModel, IntegralEquationModel)
 
 
 def surface(ks: float, kl: float, correlation: str = "gaussian", permittivity: complex | float = 4.4 - 1.2j):
@@ -63,7 +63,7 @@ def test_iem_repeats_the_values_of_smrt(polarization, expected_db):
         frequency_hz=2.2e9,
         correlation="exponential",
     )
-    model = IntegralEquation(surface=ground, polarization=polarization, fresnel_angle="incidence")
+    model = IntegralEquationModel(surface=ground, polarization=polarization, fresnel_angle="incidence")
     np.testing.assert_allclose(db(model.sigma0(np.radians([30.0, 50.0, 60.0]))), expected_db, atol=0.01)
 
 
@@ -72,8 +72,8 @@ def test_iem_repeats_the_values_of_smrt(polarization, expected_db):
 def test_iem_becomes_small_perturbation_for_a_nearly_smooth_surface(correlation, polarization):
     smooth = surface(0.03, 2.0, correlation)
     angles = np.radians([0.0, 20.0, 40.0, 60.0])
-    iem = IntegralEquation(surface=smooth, polarization=polarization).sigma0(angles)
-    spm = SmallPerturbation(surface=smooth, polarization=polarization).sigma0(angles)
+    iem = IntegralEquationModel(surface=smooth, polarization=polarization).sigma0(angles)
+    spm = SmallPerturbationModel(surface=smooth, polarization=polarization).sigma0(angles)
     np.testing.assert_allclose(db(iem), db(spm), atol=0.03)
 
 
@@ -81,7 +81,7 @@ def test_iem_becomes_small_perturbation_for_a_nearly_smooth_surface(correlation,
 def test_iem_becomes_geometrical_optics_for_a_very_rough_surface(polarization):
     rough = surface(8.0, 60.0)
     angles = np.radians([0.0, 10.0, 20.0, 30.0])
-    iem = IntegralEquation(surface=rough, polarization=polarization).sigma0(angles)
+    iem = IntegralEquationModel(surface=rough, polarization=polarization).sigma0(angles)
     optics = GeometricalOptics(surface=rough, polarization=polarization).sigma0(angles)
     np.testing.assert_allclose(db(iem), db(optics), atol=0.1)
 
@@ -109,7 +109,7 @@ def test_the_fresnel_coefficient_of_iem_goes_from_incidence_to_nadir(correlation
     share = share_of_nadir_written_plainly(ground, angle)
     at_incidence = fresnel_reflection(ground.permittivity, np.cos([angle]), polarization)
     at_nadir = fresnel_reflection(ground.permittivity, np.ones(1), polarization)
-    model = IntegralEquation(surface=ground, polarization=polarization)
+    model = IntegralEquationModel(surface=ground, polarization=polarization)
     used = model._reflection(np.cos([angle]))
     assert used == pytest.approx(at_incidence + share * (at_nadir - at_incidence), rel=1e-9)
 
@@ -120,17 +120,17 @@ def test_iem_falls_toward_grazing_however_rough_the_surface(polarization, ks, kl
     angles = np.radians([85.0, 88.0, 89.5])
     for correlation in ("gaussian", "exponential"):
         ground = surface(ks, kl, correlation)
-        falling = db(IntegralEquation(surface=ground, polarization=polarization).sigma0(angles))
+        falling = db(IntegralEquationModel(surface=ground, polarization=polarization).sigma0(angles))
         assert np.all(np.diff(falling) < -2.0)
     # A coefficient taken at nadir does not vanish there and lets sigma0 grow without bound.
-    nadir = IntegralEquation(surface=ground, polarization=polarization, fresnel_angle="nadir").sigma0(angles)
+    nadir = IntegralEquationModel(surface=ground, polarization=polarization, fresnel_angle="nadir").sigma0(angles)
     assert np.all(np.diff(db(nadir)) > 10.0)
 
 
 def test_physical_optics_becomes_geometrical_optics_near_nadir():
     rough = surface(8.0, 60.0)
     angles = np.radians([0.0, 5.0])
-    physical = PhysicalOptics(surface=rough).sigma0(angles)
+    physical = PhysicalOpticsModel(surface=rough).sigma0(angles)
     np.testing.assert_allclose(db(physical), db(GeometricalOptics(surface=rough).sigma0(angles)), atol=0.1)
 
 
@@ -150,13 +150,13 @@ def test_small_perturbation_by_hand():
     q = math.sqrt(3.25)
     common = 4.0 * 0.1**2 * 1.0**2 * 0.5**4 * math.exp(-0.75)
     angle = np.array([math.pi / 3])
-    h = SmallPerturbation(surface=ground, polarization="H").sigma0(angle)
-    v = SmallPerturbation(surface=ground, polarization="V").sigma0(angle)
+    h = SmallPerturbationModel(surface=ground, polarization="H").sigma0(angle)
+    v = SmallPerturbationModel(surface=ground, polarization="V").sigma0(angle)
     assert h == pytest.approx([common * ((0.5 - q) / (0.5 + q)) ** 2])
     assert v == pytest.approx([common * (3.0 * 6.25 / (2.0 + q) ** 2) ** 2])
 
 
-@pytest.mark.parametrize("model", [SmallPerturbation, IntegralEquation])
+@pytest.mark.parametrize("model", [SmallPerturbationModel, IntegralEquationModel])
 @pytest.mark.parametrize("correlation", ["gaussian", "exponential"])
 def test_v_exceeds_h_off_nadir_on_a_slightly_rough_surface(model, correlation):
     ground = surface(0.2, 2.0, correlation)
@@ -169,8 +169,8 @@ def test_h_exceeds_v_under_physical_optics():
     # The tangent plane reflects by Fresnel, and |R_h| > |R_v| at every slant angle.
     ground = surface(1.0, 10.0)
     angles = np.radians([10.0, 30.0, 50.0])
-    v = PhysicalOptics(surface=ground, polarization="V").sigma0(angles)
-    assert np.all(PhysicalOptics(surface=ground, polarization="H").sigma0(angles) > v)
+    v = PhysicalOpticsModel(surface=ground, polarization="V").sigma0(angles)
+    assert np.all(PhysicalOpticsModel(surface=ground, polarization="H").sigma0(angles) > v)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -230,7 +230,7 @@ def test_coherent_and_diffuse_power_add_up_to_fresnel(ks):
     ground = surface(ks, 60.0)
     reflected = abs(fresnel_reflection(ground.permittivity, np.ones(1), "V")[0]) ** 2
     coherent = reflected * coherent_power_factor(ground.rms_height_m, CARRIER_HZ, np.zeros(1))[0]
-    for model in (PhysicalOptics(surface=ground), IntegralEquation(surface=ground)):
+    for model in (PhysicalOpticsModel(surface=ground), IntegralEquationModel(surface=ground)):
         total = coherent + hemisphere_share_at_nadir(model)
         assert total == pytest.approx(reflected, rel=0.01)
         assert total <= 1.0
@@ -247,14 +247,14 @@ def test_coherent_power_factor():
     [
         (GeometricalOptics, surface(0.3, 20.0), ["not rough enough"]),
         (GeometricalOptics, surface(3.0, 4.0), ["too short", "too sharp"]),
-        (PhysicalOptics, surface(1.0, 3.0), ["too short", "too sharp"]),
-        (SmallPerturbation, surface(0.5, 2.0), ["too rough"]),
-        (SmallPerturbation, surface(0.2, 0.2), ["too steep"]),
-        (IntegralEquation, surface(4.0, 20.0), ["too rough"]),
+        (PhysicalOpticsModel, surface(1.0, 3.0), ["too short", "too sharp"]),
+        (SmallPerturbationModel, surface(0.5, 2.0), ["too rough"]),
+        (SmallPerturbationModel, surface(0.2, 0.2), ["too steep"]),
+        (IntegralEquationModel, surface(4.0, 20.0), ["too rough"]),
         (GeometricalOptics, surface(3.0, 30.0), []),
-        (PhysicalOptics, surface(0.5, 20.0), []),
-        (SmallPerturbation, surface(0.1, 2.0), []),
-        (IntegralEquation, surface(1.0, 5.0), []),
+        (PhysicalOpticsModel, surface(0.5, 20.0), []),
+        (SmallPerturbationModel, surface(0.1, 2.0), []),
+        (IntegralEquationModel, surface(1.0, 5.0), []),
     ],
 )
 def test_validity_says_what_is_violated(model, ground, words):
@@ -264,7 +264,7 @@ def test_validity_says_what_is_violated(model, ground, words):
 
 
 def test_iem_with_fresnel_at_incidence_is_limited_in_length():
-    model = IntegralEquation(surface=surface(1.0, 20.0), fresnel_angle="incidence")
+    model = IntegralEquationModel(surface=surface(1.0, 20.0), fresnel_angle="incidence")
     assert "k s k L = 20" in model.validity()[0]
 
 
@@ -291,6 +291,6 @@ def test_impossible_surfaces_are_refused(change, words):
 def test_models_refuse_surfaces_they_cannot_do():
     with pytest.raises(ValueError, match="no rms slope"):
         GeometricalOptics(surface=surface(3.0, 30.0, "exponential"))
-    for model in (PhysicalOptics, IntegralEquation):
+    for model in (PhysicalOpticsModel, IntegralEquationModel):
         with pytest.raises(ValueError, match="use GeometricalOptics"):
             model(surface=surface(30.0, 300.0))

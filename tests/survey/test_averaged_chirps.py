@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, run
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.studies.images import fly_images
-from sionna_radar.studies.link import link_budget
+from sionna_radar.studies.images import run_images
+from sionna_radar.studies.link import run_link_budget
 from sionna_radar.survey.preparation import prepare
 
 SHORT = {
@@ -27,7 +28,7 @@ def averaged(mode, **changes):
 @pytest.mark.parametrize("mode", MODES)
 def test_the_block_size_changes_no_pulse(mode):
     prepared = prepare(averaged(mode))
-    first, second = run(prepared), run(prepared, block_size=17)
+    first, second = run(prepared), run(prepared, execution=Execution(block_size=17))
     assert first.points.sha256() == second.points.sha256()
     assert len(first.points) > 0.9 * len(prepared)
     # Each lies on the ground, at the pose in the middle of its burst.
@@ -90,8 +91,8 @@ def test_what_cannot_be_averaged_is_refused_with_a_remedy(mode, changes, message
 def test_what_knows_single_chirps_alone_says_so(tmp_path):
     scenario, recorded = averaged("coherent"), tmp_path / "s.nc"
     refused = {
-        "a link budget knows single chirps alone; set 1": lambda: link_budget(scenario),
-        "an image knows single chirps alone; set 1": lambda: fly_images(scenario),
+        "a link budget knows single chirps alone; set 1": lambda: run_link_budget(scenario),
+        "an image knows single chirps alone; set 1": lambda: run_images(scenario),
         "a recording knows single chirps alone; set 1": lambda: run(scenario, recordings={"signals": recorded}),
     }
     for message, call in refused.items():

@@ -97,7 +97,7 @@ def test_a_custom_scan_has_the_gap_and_the_noise_of_the_same_scan_by_name():
 def test_a_prepared_survey_has_its_parts_already():
     prepared = prepare(load_scenario("hills", SHORT))
     with pytest.raises(TypeError, match="give them to `prepare`"):
-        run(prepared, dem_method=Smooth())
+        run(prepared, parts=CustomParts(dem_method=Smooth()))
 
 
 # What `run` says of wrong parts, past the types, which the tests check at every call and a user's script does not.

@@ -49,7 +49,7 @@ def test_an_array_and_a_raster_are_ground_with_rows_to_the_north() -> None:
 def test_a_path_is_that_of_the_scenario(file: Path) -> None:
     by_key = run(load_scenario("hills", {"platform.length_m": 8.0, "terrain": {"kind": "raster", "path": str(file)}}))
     for path in (file, str(file)):
-        survey = run(SCENARIO, terrain=path)
+        survey = run(SCENARIO, parts=CustomParts(terrain=path))
         assert survey.points.sha256() == by_key.points.sha256()
         assert survey.prepared.scenario.terrain == by_key.prepared.scenario.terrain
         assert survey.prepared.scenario.source == SCENARIO.source
@@ -70,13 +70,13 @@ def test_measured_ground_has_relief_below_the_footprint_and_synthetic_ground_non
 
 
 def test_a_survey_over_an_array_maps_it_and_says_what_it_flew_over() -> None:
-    survey = run(SCENARIO, terrain=(HEIGHT_M, SPACING_M))
+    survey = run(SCENARIO, parts=CustomParts(terrain=(HEIGHT_M, SPACING_M)))
     assert survey.lit_error.rms_m < 0.2
     assert survey.replaced == {"terrain": "sionna_radar.foundation.raster.Raster"}
     assert any("its heights are 4 m apart" in warning for warning in survey.warnings)
     with_void = HEIGHT_M.copy()
     with_void[:3] = np.nan
-    assert len(run(SCENARIO, terrain=(with_void, SPACING_M)).points) == len(survey.points)
+    assert len(run(SCENARIO, parts=CustomParts(terrain=(with_void, SPACING_M))).points) == len(survey.points)
 
 
 def test_material_and_covers_stay_those_of_the_scenario(file: Path) -> None:
@@ -105,16 +105,16 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_what_is_no_array_of_heights_is_refused(terrain: Any, words: str) -> None:
     with pytest.raises(ScenarioError, match=f"terrain: .*{words}"):
-        run(SCENARIO, terrain=terrain)
+        run(SCENARIO, parts=CustomParts(terrain=terrain))
 
 
 @pytest.mark.usefixtures("unchecked")
 def test_what_is_no_ground_is_refused_with_the_remedy(file: Path, tmp_path: Path) -> None:
     with pytest.raises(PluginError, match=r"terrain is of the type ndarray; give \(heights, spacing_m\)"):
-        run(SCENARIO, terrain=HEIGHT_M)  # type: ignore[arg-type]
+        run(SCENARIO, parts=CustomParts(terrain=HEIGHT_M))  # type: ignore[arg-type]
     with pytest.raises(ScenarioError, match=r"spans 689798 to 690202 m east .* give the path of its file"):
-        run(SCENARIO, terrain=Raster.read(file))
+        run(SCENARIO, parts=CustomParts(terrain=Raster.read(file)))
     with pytest.raises(ScenarioError, match="terrain: it has no surface"):
-        run(SCENARIO, terrain=(np.full((101, 101), np.nan), SPACING_M))
+        run(SCENARIO, parts=CustomParts(terrain=(np.full((101, 101), np.nan), SPACING_M)))
     with pytest.raises((InputFileError, ScenarioError), match=r"terrain\.path.*nowhere"):
-        run(SCENARIO, terrain=tmp_path / "nowhere.tif")
+        run(SCENARIO, parts=CustomParts(terrain=tmp_path / "nowhere.tif"))

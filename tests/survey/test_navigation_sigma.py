@@ -7,14 +7,14 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.linear.gridding import grid_points
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.navigation_sigma import navigation_sigma
-from sionna_radar.survey.remapping import record_survey
+from sionna_radar.survey.observed_survey import observe_survey
 
 FLIGHT = {"platform.length_m": 24.0, "terrain.kind": "hills"}
 
 
 @pytest.fixture(scope="module")
 def recorded():
-    return record_survey(load_scenario("hills", FLIGHT))
+    return observe_survey(load_scenario("hills", FLIGHT))
 
 
 @pytest.mark.parametrize(

@@ -59,13 +59,13 @@ def test_a_prepared_survey_flies_as_its_scenario_does_and_as_often_as_wanted():
 def test_custom_parts_are_given_before_the_survey_is_prepared():
     prepared = prepare(HILLS)
     with pytest.raises(TypeError, match="has its parts already; give them to `prepare`"):
-        run(prepared, scan=prepared.flight.scan)
+        run(prepared, parts=CustomParts(scan=prepared.flight.scan))
 
 
 def test_custom_parts_fly_the_same_prepared_or_not():
     scan = build_scan(ScanTable(mode="conical", incidence_deg=30.0))
     survey = run(prepare(HILLS, CustomParts(scan=scan)))
-    assert_same(survey, run(HILLS, scan=scan))
+    assert_same(survey, run(HILLS, parts=CustomParts(scan=scan)))
     assert list(survey.replaced) == ["radar.scan"]
 
 
@@ -78,7 +78,7 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("unchecked")
 def test_a_scan_without_its_spacing_is_refused_by_the_name_of_what_it_lacks():
     with pytest.raises(PluginError, match=r"^scan = Unspaced is not a valid Scan: it lacks spacing_m$"):
-        run(HILLS, scan=Unspaced())
+        run(HILLS, parts=CustomParts(scan=Unspaced()))
 
 
 @pytest.mark.usefixtures("unchecked")

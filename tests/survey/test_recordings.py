@@ -15,10 +15,15 @@ import xarray as xr
 from rich.console import Console
 
 from sionna_radar import RadarError, ScenarioError, load_scenario, parse_scenario, prepare, process, run, to_toml
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.execution.checkpoints import open_checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import attempt, name_of, named
+from sionna_radar.foundation.errors import OutputError, PluginError
+from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
 from sionna_radar.report.studies.processed import processed_table, write_processed
 from sionna_radar.report.survey.products import write_survey
+from sionna_radar.survey.preparation import CustomParts
 from sionna_radar.survey.recordings import netcdf
 
 SHORT = {"platform.length_m": 6.0}
@@ -98,7 +103,7 @@ def test_xarray_reads_the_paths_and_the_profiles(flown):
 )
 def test_the_same_settings_give_the_same_bits(scene, overrides, tmp_path):
     survey, files = recorded(tmp_path, overrides, scene=scene)
-    again = process(files["signals"], block_size=37)
+    again = process(files["signals"], execution=Execution(block_size=37))
     assert again.points.sha256() == survey.points.sha256()
     np.testing.assert_array_equal(again.dem.height_m, survey.dem.height_m)
     assert (again.comparison.lit_error, again.comparison.dem_error) == (survey.lit_error, survey.dem_error)
@@ -174,7 +179,11 @@ def test_recordings_appear_whole_or_not_at_all(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(load_scenario("hills", SHORT | COARSE), recordings={"signals": tmp_path / "a.nc"}, progress=stop)
+        run(
+            load_scenario("hills", SHORT | COARSE),
+            recordings={"signals": tmp_path / "a.nc"},
+            execution=Execution(progress=stop),
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -201,14 +210,54 @@ def test_a_recording_fixes_all_but_the_processing_and_the_map(flown):
         process(flown[1]["signals"], {"processing.cfar.guard": 2000})
 
 
+def test_workers_process_a_recording_to_the_same_bits_and_go_on(flown, tmp_path):
+    """Each opens the file once; what is kept is not processed again."""
+
+    class Others:
+        """Does tasks as workers would: functions by their names, tasks as JSON."""
+
+        count = 2
+
+        def __init__(self):
+            self.tasks = []
+
+        def each(self, work, tasks, shared=None):
+            for number, task in enumerate(tasks):
+                self.tasks.append(task)
+                yield number, attempt(named(name_of(work)), json.loads(json.dumps(task)))
+
+    survey, files = flown
+    others, nobody = Others(), Others()
+    with open_checkpoints(tmp_path / "parts", {}, resume=False) as kept:
+        there = process(files["signals"], execution=Execution(block_size=50, workers=others, checkpoints=kept))
+        again = process(files["signals"], execution=Execution(block_size=50, workers=nobody, checkpoints=kept))
+    assert others.tasks
+    assert nobody.tasks == []
+    for processed in (there, again):
+        assert processed.points.sha256() == survey.points.sha256()
+        np.testing.assert_array_equal(processed.dem.height_m, survey.dem.height_m)
+    with pytest.raises(PluginError, match=r"^dem\.method replaced from Python"):
+        process(files["signals"], parts=CustomParts(dem_method=Linear()), execution=Execution(workers=Others()))
+
+
+def test_errors_away_from_walls_are_those_of_the_flight(tmp_path):
+    scenario = load_scenario("buildings", {"platform.length_m": 20.0, "dem.method": "linear"})
+    survey = run(scenario, recordings={"signals": tmp_path / "a.nc"})
+    comparison = process(tmp_path / "a.nc").comparison
+    assert repr(comparison.off_wall_error) == repr(survey.off_wall_error)
+    assert comparison.off_wall_error.count < comparison.lit_error.count
+
+
 def test_a_custom_antenna_must_be_given_again(tmp_path):
     cut = taylor_cut(float(np.deg2rad(3.0)), -25.0)
     antenna = Antenna(cut, cut)
     overrides = SHORT | COARSE | {"dem.method": "smooth"}
-    survey = run(load_scenario("hills", overrides), antenna=antenna, recordings={"signals": tmp_path / "a.nc"})
+    survey = run(
+        load_scenario("hills", overrides), recordings={"signals": tmp_path / "a.nc"}, parts=CustomParts(antenna=antenna)
+    )
     with pytest.raises(ScenarioError, match=r"radar\.antenna: was replaced by"):
         process(tmp_path / "a.nc")
-    assert process(tmp_path / "a.nc", antenna=antenna).points.sha256() == survey.points.sha256()
+    assert process(tmp_path / "a.nc", parts=CustomParts(antenna=antenna)).points.sha256() == survey.points.sha256()
 
 
 def test_the_place_on_the_map_is_recorded(tmp_path):
@@ -257,7 +306,11 @@ def test_a_disk_that_fills_up_ends_in_one_error(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(netcdf.shutil, "disk_usage", lambda folder: usage._replace(free=next(free)))
     with pytest.raises(OutputError, match="MB are free, and"):
-        run(load_scenario("hills", SHORT | COARSE), recordings={"paths": tmp_path / "a.nc"}, block_size=20)
+        run(
+            load_scenario("hills", SHORT | COARSE),
+            recordings={"paths": tmp_path / "a.nc"},
+            execution=Execution(block_size=20),
+        )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -10,13 +10,14 @@ import time
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.checkpoints import FOLDER, open_checkpoints
+from sionna_radar.execution.checkpoints import FOLDER, open_checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.foundation.columns import packed
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.loading import identity
-from sionna_radar.survey import recording
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.observation import SegmentObserver, _segment_and_counts, observe
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import FinishedStretch
 
 SHORT = {"platform.length_m": 24.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 48}
 BLOCK = 12
@@ -36,12 +37,12 @@ class Stop(BaseException):
     ],
 )
 def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "STRETCH_BLOCKS", 2)
+    monkeypatch.setattr("sionna_radar.survey.observation.SEGMENT_BLOCKS", 2)
     scenario = load_scenario(scene, SHORT | changes)
     prepared = prepare(scenario)
-    whole = run(prepared, block_size=BLOCK)
+    whole = run(prepared, execution=Execution(block_size=BLOCK))
     flown = []
-    observed = recording._Flying.counted
+    observed = SegmentObserver._counted
 
     def counted(self, block):
         flown.append(block.pulses.index)
@@ -49,17 +50,17 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
             raise Stop
         return observed(self, block)
 
-    monkeypatch.setattr(recording._Flying, "counted", counted)
+    monkeypatch.setattr(SegmentObserver, "_counted", counted)
     interrupts = 0
     while True:
         try:
             with open_checkpoints(tmp_path / "out", identity(scenario, BLOCK), resume=True) as parts:
-                again = run(prepared, block_size=BLOCK, parts=parts)
+                again = run(prepared, execution=Execution(block_size=BLOCK, checkpoints=parts))
                 break
         except Stop:
             interrupts += 1
     assert interrupts >= 2
-    # An interrupt costs no more than the blocks of the stretch that it hit.
+    # An interrupt costs no more than the blocks of the segment that it hit.
     assert len(flown) <= len(list(prepared.flight.line_bounds(BLOCK))) + 2 * interrupts
     assert again.points.sha256() == whole.points.sha256()
     assert repr((again.paths, again.warnings, again.lit_error)) == repr((whole.paths, whole.warnings, whole.lit_error))
@@ -68,18 +69,18 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
     assert not (tmp_path / "out" / FOLDER).exists()
 
 
-def test_a_stretch_is_its_bytes(tmp_path, monkeypatch):
-    monkeypatch.setattr(recording, "STRETCH_BLOCKS", 100)
+def test_a_segment_is_its_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr("sionna_radar.survey.observation.SEGMENT_BLOCKS", 100)
     scenario = load_scenario("rain", SHORT | {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth"})
     prepared, kept = prepare(scenario), []
     with open_checkpoints(tmp_path / "out", {}, resume=False) as parts:
         monkeypatch.setattr(type(parts), "put", lambda self, key, content: kept.append(content))
-        recording.record(prepared, prepared.build_sensor(), parts=parts)
-    finished = FinishedStretch.unpacked(kept[0])
-    assert finished.packed() == kept[0]
-    assert finished.seen.profiles.volume is not None
-    assert len(finished.seen.echoes) > 50
-    assert finished.counted.paths > 1000
+        observe(prepared, Execution(checkpoints=parts))
+    seen, counted = _segment_and_counts(kept[0])
+    assert packed(seen=seen, counted=counted) == kept[0]
+    assert seen.profiles.volume is not None
+    assert len(seen.echoes) > 50
+    assert counted.paths > 1000
 
 
 @pytest.mark.study

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from sionna_radar import load_scenario, process, run
+from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import Recording, record
 
 SHORT = {
     "platform.length_m": 15.0,
@@ -41,12 +42,12 @@ def test_a_receiver_that_is_not_used_changes_no_bit(surveys):
 
 def test_neither_the_block_size_nor_packing_changes_a_bit(surveys):
     prepared = prepare(load_scenario("hills", ON))
-    recording = record(prepared, prepared.build_sensor(), block_size=37)
-    again = Recording.unpacked(recording.packed())
+    recording = observe(prepared, Execution(block_size=37))[1]
+    again = Observed.unpacked(recording.packed())
     for found in (recording, again):
         np.testing.assert_array_equal(found.echoes.direction, recording.echoes.direction)
         np.testing.assert_array_equal(found.echoes.across_sigma_rad, recording.echoes.across_sigma_rad)
-    assert run(prepared, block_size=37).points.sha256() == surveys["on"].points.sha256()
+    assert run(prepared, execution=Execution(block_size=37)).points.sha256() == surveys["on"].points.sha256()
 
 
 def test_a_phase_error_tilts_the_points():

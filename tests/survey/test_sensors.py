@@ -11,13 +11,14 @@ import pytest
 import sionna_radar
 from sionna_radar import parse_scenario, run
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.scenario.platform import NavigationTable
-from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import place, record
-from sionna_radar.survey.remapping import record_survey
+from sionna_radar.survey.observation import observe, place
+from sionna_radar.survey.observed_survey import observe_survey
+from sionna_radar.survey.preparation import CustomParts, prepare
 from sionna_radar.survey.sensors.lidar import Lidar
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor
@@ -75,8 +76,8 @@ def test_a_sensor_sees_the_truth_and_corrects_by_the_measured_pose(keys, kind):
 
 def test_placing_reads_the_measured_pose_alone(monkeypatch):
     ready = prepare(scenario_of(navigation=NOISY))
-    sensor = ready.build_sensor()
-    echoes = record(ready, sensor).echoes
+    sensor, observed = observe(ready, Execution())
+    echoes = observed.echoes
     points = place(echoes, sensor, ready.flight)
     made = type(ready.flight).pulses
 
@@ -101,12 +102,12 @@ def test_errors_of_navigation_spoil_the_dem_but_not_the_echoes(exact):
     np.testing.assert_array_equal(erring.points.power, exact.points.power)
     assert erring.paths == exact.paths
     assert erring.dem_error.rms_m > 1.1 * exact.dem_error.rms_m
-    again = run(scenario_of(navigation=NOISY), block_size=13)
+    again = run(scenario_of(navigation=NOISY), execution=Execution(block_size=13))
     assert again.points.sha256() == erring.points.sha256()
 
 
 def test_a_survey_mapped_again_is_the_survey_flown_with_those_errors(exact):
-    survey = record_survey(scenario_of())
+    survey = observe_survey(scenario_of())
     assert survey.points(None).sha256() == exact.points.sha256()
     assert survey.lit_error(None) == exact.lit_error
     navigation = survey.navigation(NavigationTable(**NOISY))
@@ -118,7 +119,7 @@ def test_a_survey_is_mapped_again_by_the_scenarios_own_method():
     """Each navigation moves the whole echoes that the map models, as it would have in flight."""
     shorter = HILLS["platform"] | {"length_m": 6.0}
     data = HILLS | {"platform": shorter, "dem": {"method": "smooth"}, "tracing": {"paths_per_pulse": 64}}
-    survey = record_survey(parse_scenario(data))
+    survey = observe_survey(parse_scenario(data))
     assert survey.lit_error(None) == run(parse_scenario(data)).lit_error
     erring = data | {"platform": shorter | {"navigation": NOISY}}
     assert survey.lit_error(survey.navigation(NavigationTable(**NOISY))) == run(parse_scenario(erring)).lit_error
@@ -131,7 +132,7 @@ def test_a_lidar_has_no_echoes_for_a_map_to_model():
 
 def test_a_velocity_error_of_5_cm_a_second_is_2_cm_of_range():
     down = {"scan": {"mode": "fixed", "incidence_deg": 0.0}}
-    survey = record_survey(scenario_of(radar=down))
+    survey = observe_survey(scenario_of(radar=down))
     wrong = survey.navigation(NavigationTable(velocity_constant_mps=(0.0, 0.0, 0.05)))
     off = survey.points(wrong).range_m - survey.points(None).range_m
     np.testing.assert_allclose(off, -0.0214, atol=1e-4)  # a climb believed in is a receding ground corrected for
@@ -163,7 +164,7 @@ def test_noise_of_the_lidar_is_what_was_asked_for(lidar):
     noisy = run(scenario_of(sensor="lidar", lidar={"range_noise_m": 0.05}))
     off = noisy.points.range_m - lidar.points.range_m
     assert off.std() == pytest.approx(0.05, rel=0.2)
-    assert noisy.points.sha256() == run(noisy.scenario, block_size=11).points.sha256()
+    assert noisy.points.sha256() == run(noisy.scenario, execution=Execution(block_size=11)).points.sha256()
 
 
 def test_a_lidar_survey_is_written_without_a_chirp(lidar, tmp_path):
@@ -181,7 +182,7 @@ def test_the_triangle_needs_no_velocity(exact):
     untouched = run(scenario_of(radar={"sweep": "triangular"}, navigation=wrong))
     assert untouched.points.sha256() == survey.points.sha256()
     assert run(scenario_of(navigation=wrong)).dem_error.rms_m > 1.5 * survey.dem_error.rms_m
-    assert run(survey.scenario, block_size=17).points.sha256() == survey.points.sha256()
+    assert run(survey.scenario, execution=Execution(block_size=17)).points.sha256() == survey.points.sha256()
 
 
 class EveryOther:
@@ -211,7 +212,7 @@ class EveryOther:
 
 
 def test_a_sensor_of_ones_own(lidar):
-    survey = run(scenario_of(), sensor=EveryOther)
+    survey = run(scenario_of(), parts=CustomParts(sensor=EveryOther))
     mine = lidar.points.pulse % 2 == 0
     np.testing.assert_allclose(survey.points.position_m, lidar.points.position_m[mine])
 

@@ -4,15 +4,17 @@ import json
 
 import pytest
 
-from sionna_radar.foundation.checkpoints import open_checkpoints
+from sionna_radar.execution.checkpoints import open_checkpoints
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import SHARED, Failure, attempt, name_of, named
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.workers import SHARED, Failure, attempt, name_of, named
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.terrain import tiles
 from sionna_radar.mapping.terrain.tiles import Tiles
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import remapping
+from sionna_radar.survey import observed_survey
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import CustomParts
 
 # Two tiles.
 WIDE = {
@@ -34,7 +36,7 @@ class Next:
     def __init__(self):
         self.tasks = []
 
-    def each(self, work, tasks, progress=None, shared=None):
+    def each(self, work, tasks, shared=None):
         for number, task in reversed(list(enumerate(tasks))):
             self.tasks.append(task)
             yield number, attempt(named(name_of(work)), {**json.loads(json.dumps(task)), SHARED: shared})
@@ -63,7 +65,7 @@ def alone(scenario):
 
 def test_a_map_is_the_same_on_workers(scenario, alone):
     workers = Next()
-    there = run(scenario, workers=workers)
+    there = run(scenario, execution=Execution(workers=workers))
     assert workers.made == [1, 0]
     assert known(there) == known(alone)
 
@@ -72,19 +74,19 @@ def test_finished_tiles_are_not_made_again(scenario, alone, tmp_path, monkeypatc
     made = []
     piece = Tiles.piece
 
-    def counted(self, number, step=lambda: None):
+    def counted(self, number):
         made.append(number)
         if len(made) == 2:
             raise KeyboardInterrupt
-        return piece(self, number, step)
+        return piece(self, number)
 
     monkeypatch.setattr(Tiles, "piece", counted)
     monkeypatch.setenv("SIONNA_RADAR_THREADS", "1")
     told = []
     with pytest.raises(KeyboardInterrupt), open_checkpoints(tmp_path, {}, resume=False) as parts:
-        run(scenario, parts=parts)
+        run(scenario, execution=Execution(checkpoints=parts))
     with open_checkpoints(tmp_path, {}, resume=True) as parts:
-        again = run(scenario, parts=parts, progress=lambda *done: told.append(done))
+        again = run(scenario, execution=Execution(checkpoints=parts, progress=lambda *done: told.append(done)))
     assert made == [0, 1, 1]
     assert known(again) == known(alone)
     mapping = [(done, total) for stage, done, total in told if stage == "mapping" and total]
@@ -94,8 +96,8 @@ def test_finished_tiles_are_not_made_again(scenario, alone, tmp_path, monkeypatc
 def test_workers_take_tiles_that_are_kept(scenario, alone, tmp_path):
     first, second = Next(), Next()
     with open_checkpoints(tmp_path, {}, resume=False) as parts:
-        run(scenario, parts=parts, workers=first)
-        again = run(scenario, parts=parts, workers=second)
+        run(scenario, execution=Execution(checkpoints=parts, workers=first))
+        again = run(scenario, execution=Execution(checkpoints=parts, workers=second))
     assert first.made == [1, 0]
     assert second.tasks == []
     assert known(again) == known(alone)
@@ -103,20 +105,20 @@ def test_workers_take_tiles_that_are_kept(scenario, alone, tmp_path):
 
 def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
     class Failing(Next):
-        def each(self, work, tasks, progress=None, shared=None):
-            if work is not remapping.tile_task:
-                yield from super().each(work, tasks, progress, shared)
+        def each(self, work, tasks, shared=None):
+            if work is not observed_survey.tile_task:
+                yield from super().each(work, tasks, shared)
                 return
             yield 0, Failure(kind="OutputError", text="no room")
 
     with pytest.raises(OutputError, match="no room"):
-        run(scenario, workers=Failing())
+        run(scenario, execution=Execution(workers=Failing()))
 
 
 def test_a_single_tile_is_made_here(monkeypatch):
     monkeypatch.setattr(tiles, "TILE_M", 1000.0)
     workers = Next()
-    run(load_scenario("hills", WIDE | {"dem.method": "smooth"}), workers=workers)
+    run(load_scenario("hills", WIDE | {"dem.method": "smooth"}), execution=Execution(workers=workers))
     assert workers.tasks
     assert workers.made == []
 
@@ -125,5 +127,10 @@ def test_parts_from_python_are_not_sent(monkeypatch, tmp_path):
     """A survey that is recorded is flown here, with what was given from Python; so it is mapped here."""
     workers = Next()
     recordings = {"profiles": tmp_path / "profiles.nc"}
-    run(load_scenario("hills", WIDE), dem_method=Smooth(), workers=workers, recordings=recordings)
+    run(
+        load_scenario("hills", WIDE),
+        recordings=recordings,
+        parts=CustomParts(dem_method=Smooth()),
+        execution=Execution(workers=workers),
+    )
     assert workers.tasks == []

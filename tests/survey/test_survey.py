@@ -8,11 +8,12 @@ from scipy.constants import Boltzmann
 
 from beams import make_antenna, plane_power
 from sionna_radar import parse_scenario, run
+from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import locate
-from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.preparation import CustomParts, prepare
 
 HILLS = {
     "seed": 4,
@@ -42,7 +43,7 @@ def survey():
 
 @pytest.mark.parametrize("block_size", [1, 64, 10**6])
 def test_the_block_size_changes_no_bit(survey, block_size):
-    other = run(scenario_of(), block_size=block_size)
+    other = run(scenario_of(), execution=Execution(block_size=block_size))
     assert other.points.sha256() == survey.points.sha256()
     np.testing.assert_array_equal(other.dem.height_m, survey.dem.height_m)
     assert other.dem_error == survey.dem_error
@@ -52,7 +53,7 @@ def test_the_block_size_changes_no_bit(survey, block_size):
 @pytest.mark.parametrize("method", ["refined", pytest.param("stepped", marks=pytest.mark.study)])
 def test_maps_of_whole_echoes_do_not_depend_on_the_block_size_and_follow_the_navigation(method):
     keys = {"dem__method": method, "processing__echoes": "all", "platform__length_m": 4.0, "dem__spacing_m": 2.0}
-    one, other = run(scenario_of(**keys)), run(scenario_of(**keys), block_size=17)
+    one, other = run(scenario_of(**keys)), run(scenario_of(**keys), execution=Execution(block_size=17))
     np.testing.assert_array_equal(other.dem.height_m, one.dem.height_m)
     # A navigation that places the radar half a metre too high lifts the whole map by that.
     lifted = run(scenario_of(**keys, platform__navigation={"position_constant_m": [0.0, 0.0, 0.5]}))
@@ -77,7 +78,8 @@ def test_a_second_run_is_the_same_and_another_seed_is_not(survey):
 @pytest.mark.parametrize("keys", [{"radar__sampling": "iq"}, {"radar__antenna": {"beamwidth_deg": [2.0, 4.0]}}])
 def test_block_sizes_of_other_radars(keys):
     digests = {
-        run(scenario_of(platform__length_m=5.0, **keys), block_size=size).points.sha256() for size in (1, 37, 999)
+        run(scenario_of(platform__length_m=5.0, **keys), execution=Execution(block_size=size)).points.sha256()
+        for size in (1, 37, 999)
     }
     assert len(digests) == 1
 
@@ -95,7 +97,10 @@ def test_the_survey_is_told_whole(survey):
 
 def test_progress_tells_every_stage_and_counts_every_pulse():
     calls = []
-    run(scenario_of(platform__length_m=5.0), block_size=20, progress=lambda *step: calls.append(step))
+    run(
+        scenario_of(platform__length_m=5.0),
+        execution=Execution(block_size=20, progress=lambda *step: calls.append(step)),
+    )
     assert calls == [
         *(("preparing", done, 6) for done in range(7)),
         ("tracing", 0, 0),
@@ -195,7 +200,7 @@ def test_a_scan_and_an_antenna_of_ones_own():
     down = RotatingScan(
         mode="fixed", incidence_rad=0.0, half_swath_rad=np.pi, rotation_rad_s=0.0, start_rad=0.0, stabilised=True
     )
-    survey = run(scenario_of(platform__length_m=3.0), antenna=make_antenna(1.0, 1.0), scan=down)
+    survey = run(scenario_of(platform__length_m=3.0), parts=CustomParts(antenna=make_antenna(1.0, 1.0), scan=down))
     assert survey.pulses == 108  # 0.3 s of 360 chirps a second
     assert survey.replaced == {
         "radar.antenna": "sionna_radar.radar.antenna.Antenna, half-power beam 1 x 1 deg",

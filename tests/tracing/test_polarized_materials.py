@@ -21,10 +21,10 @@ from sionna_radar.surfaces.permittivity import building_permittivity, soil_permi
 from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_material
 from sionna_radar.surfaces.rough_surface import (
     GeometricalOptics,
-    IntegralEquation,
-    PhysicalOptics,
+    IntegralEquationModel,
+    PhysicalOpticsModel,
     RoughSurface,
-    SmallPerturbation,
+    SmallPerturbationModel,
 )
 from sionna_radar.surfaces.sionna_slab import SionnaSlab, slab_material
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
@@ -64,9 +64,9 @@ MODELS = {
         TableBackscatter(incidence_rad=(0.0, 0.3, 0.8, 1.5), sigma0_db=(0.0, -9.0, -14.0, -22.0))
     ),
     "kirchhoff": rough(GeometricalOptics, 0.002, 0.006),
-    "physical_optics": rough(PhysicalOptics, 0.0006, 0.005, correlation="exponential"),
-    "small_perturbation": rough(SmallPerturbation, 0.00015, 0.0012),
-    "integral_equation": rough(IntegralEquation, 0.0003, 0.0018, fresnel_angle="incidence"),
+    "physical_optics": rough(PhysicalOpticsModel, 0.0006, 0.005, correlation="exponential"),
+    "small_perturbation": rough(SmallPerturbationModel, 0.00015, 0.0012),
+    "integral_equation": rough(IntegralEquationModel, 0.0003, 0.0018, fresnel_angle="incidence"),
 }  # fmt: skip
 # H of those alone that tell it from V.
 EACH = [(name, "V") for name in MODELS] + [

@@ -22,7 +22,7 @@ from sionna_radar.weather.rain import (
     rain_attenuation_db_per_km,
     rain_attenuations_db_per_km,
 )
-from sionna_radar.weather.scattering import mie_efficiencies
+from sionna_radar.weather.scattering import mie_backscatter
 from sionna_radar.weather.validity import Obscurant, Precipitation
 
 CARRIER_HZ = 77e9
@@ -76,7 +76,7 @@ def test_the_drops_drawn_for_the_echo_weigh_as_their_reflectivity():
     edge = np.linspace(1e-5, 20 / drops.slope_per_m, 4001)
     middle = (edge[1:] + edge[:-1]) / 2
     size = np.pi * middle * CARRIER_HZ / 299_792_458.0
-    back = mie_efficiencies(size, water_permittivity(CARRIER_HZ, 288.15) ** 0.5).backscatter
+    back = mie_backscatter(size, water_permittivity(CARRIER_HZ, 288.15) ** 0.5)
     weight = drops.density_per_m4(middle) * np.pi / 4 * middle**2 * back
     assert weight.sum() * (edge[1] - edge[0]) == pytest.approx(
         drop_reflectivity_per_m(CARRIER_HZ, drops=drops, temperature_k=288.15), rel=1e-3

@@ -8,7 +8,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.weather.permittivity import ice_permittivity
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectivity_per_m
-from sionna_radar.weather.scattering import clausius_mossotti, mie_efficiencies
+from sionna_radar.weather.scattering import clausius_mossotti, mie_backscatter
 from sionna_radar.weather.snow import (
     LARGEST,
     flakes,
@@ -89,7 +89,7 @@ def test_spheres_of_the_flakes_density_are_no_snow():
     filled = falling.mass_kg / 917.0 / (math.pi / 6 * falling.diameter_m**3)
     mixed = (1 + 2 * filled * clausius_mossotti(ice)) / (1 - filled * clausius_mossotti(ice))  # Maxwell Garnett
     size = math.pi * falling.diameter_m * 94e9 / speed_of_light
-    back = [mie_efficiencies(size[i : i + 1], complex(m) ** 0.5).backscatter[0] for i, m in enumerate(mixed)]
+    back = [mie_backscatter(size[i : i + 1], complex(m) ** 0.5)[0] for i, m in enumerate(mixed)]
     spheres_per_m = float(falling.count_per_m3 * math.pi / 4 * falling.diameter_m**2 @ np.array(back))
     assert dbz(reflectivity(94e9, 4.0), 94e9) - dbz(spheres_per_m, 94e9) > 10
 

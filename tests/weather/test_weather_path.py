@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sionna_radar.weather.path import gaussian_two_way_beam_sr, rain_clutter_power, two_way_attenuation
+from sionna_radar.weather.path import rain_clutter_power, two_way_attenuation
 from sionna_radar.weather.validity import ValidityError
 
 RADAR = {"two_way_beam_sr": 7e-4, "peak_gain": 1e4, "wavelength_m": 3.893e-3}
@@ -53,7 +53,6 @@ def test_the_sum_over_a_beam_and_its_cells_is_the_formula():
     angle = np.linspace(-4 * beam_rad, 4 * beam_rad, 401)
     one_way = np.exp(-4 * math.log(2) * (angle[:, None] ** 2 + angle[None, :] ** 2) / beam_rad**2)
     omega_2 = np.sum(one_way**2) * (angle[1] - angle[0]) ** 2
-    assert gaussian_two_way_beam_sr(beam_rad, beam_rad) == pytest.approx(omega_2, rel=1e-6)
     edges = np.linspace(20.0, 120.0, 5)
     fine = np.linspace(20.0, 120.0, 40_001)
     middle, dr = (fine[1:] + fine[:-1]) / 2, fine[1] - fine[0]
@@ -63,7 +62,7 @@ def test_the_sum_over_a_beam_and_its_cells_is_the_formula():
     found = rain_clutter_power(
         edges,
         reflectivity_per_m=eta,
-        two_way_beam_sr=gaussian_two_way_beam_sr(beam_rad, beam_rad),
+        two_way_beam_sr=omega_2,
         peak_gain=1e4,
         wavelength_m=math.sqrt(1e-5),
         specific_attenuation_db_per_km=loss,

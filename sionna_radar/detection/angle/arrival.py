@@ -68,22 +68,6 @@ def coherence(along_rad: Float[np.ndarray, "..."], snr: Float[np.ndarray, "..."]
     return found
 
 
-def phase_variance(
-    coherent: Float[np.ndarray, "..."], looks: Float[np.ndarray, "..."] | float
-) -> Float[np.ndarray, "..."]:
-    """Return the Cramer-Rao bound of the variance of the phase of a cross-spectrum, in rad^2.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> round(float(np.sqrt(phase_variance(np.array(0.9), 16.0))), 4)  # rad
-    0.0856
-
-    """
-    found: Float[np.ndarray, ...] = (1 - coherent**2) / (2 * np.asarray(looks) * coherent**2)
-    return found
-
-
 def ratio_covariance(
     ratio: Float[np.ndarray, "point receiver node"],
     share: Float[np.ndarray, " node"],

@@ -7,13 +7,11 @@ most w (1 + sqrt(N / L))^2 (Marchenko and Pastur 1967), and a surface whose phas
 s that of the covariance exp(-s^2 (m - n)^2 / 2). One or two directions are MUSIC's; two that have no minimum of their
 own inside the beam give no point, since the direction of one would be a mean of both.
 
-The beam formers of a row are conventional (Bartlett), minimum variance (Capon), and MUSIC. The row's signals in a
-range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u the direction cosine
-along the row, and R = E[x x^H]. Bartlett's spectrum a^H R a is as sharp as the row is long; Capon's 1 / a^H R^-1 a
-and MUSIC's 1 / |E^H a|^2, E the eigenvectors of R without those of the strongest sources (Stoica and Nehorai 1989,
-"MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans. ASSP 37), tell nearer sources apart as their powers
-exceed the noise. Two ways of one wave are coherent, and R has one source alone; its mean with that of the row turned
-around, (R + J R* J) / 2, parts them.
+The row's signals in a range cell are x = sum a(u) s + noise, a(u) = exp(j k z u) over the places z of the receivers, u
+the direction cosine along the row, and R = E[x x^H]. MUSIC's spectrum 1 / |E^H a|^2, E the eigenvectors of R without
+those of the strongest sources (Stoica and Nehorai 1989, "MUSIC, maximum likelihood, and Cramer-Rao bound", IEEE Trans.
+ASSP 37), tells nearer sources apart as their powers exceed the noise. Two ways of one wave are coherent, and R has one
+source alone; its mean with that of the row turned around, (R + J R* J) / 2, parts them.
 
 MUSIC stands here in a few lines of NumPy: the libraries at hand are written for studies of other signals, hold single
 covariances, and one of them says that it is not designed for real-world applications (doatools).
@@ -30,8 +28,6 @@ from sionna_radar.detection.angle.segments import Stretches, wavefront_bend
 
 # Steps of the direction cosine in a spectrum: so many in the width of the row's own beam.
 STEPS_IN_BEAM = 100
-# Of the mean power, added to a covariance before it is inverted.
-LOADING = 1e-9
 
 
 def steering(
@@ -46,25 +42,6 @@ def forward_backward(covariance: Complex[np.ndarray, "*point e e"]) -> Complex[n
     """Return covariances of an even row averaged with those of the row turned around."""
     averaged: Complex[np.ndarray, "*point e e"] = (covariance + covariance[..., ::-1, ::-1].conj()) / 2
     return averaged
-
-
-def bartlett(
-    covariance: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"]
-) -> Float[np.ndarray, "*point n"]:
-    """Return the mean power that a beam in each direction receives."""
-    return _form(covariance, vectors) / vectors.shape[1] ** 2
-
-
-def capon(
-    covariance: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"]
-) -> Float[np.ndarray, "*point n"]:
-    """Return the least mean power of beams that pass each direction as it is."""
-    count = vectors.shape[1]
-    level = np.trace(covariance, axis1=-2, axis2=-1).real[..., None, None] / count
-    spectrum: Float[np.ndarray, "*point n"] = 1 / _form(
-        np.linalg.inv(covariance + LOADING * level * np.eye(count)), vectors
-    )
-    return spectrum
 
 
 def noise_share(
@@ -138,13 +115,6 @@ def cosine_variance(
     inside = np.einsum("pis,pij,pjs->ps", along.conj(), gram, along).real
     outside = np.sum(np.abs(derivative) ** 2, axis=2) - inside
     return 1 / (2 * looks[:, None] * power_over_noise * np.maximum(outside, 1e-12))
-
-
-def _form(
-    matrix: Complex[np.ndarray, "*point e e"], vectors: Complex[np.ndarray, "n e"]
-) -> Float[np.ndarray, "*point n"]:
-    form: Float[np.ndarray, "*point n"] = np.sum((vectors.conj() @ matrix) * vectors, axis=-1).real
-    return form
 
 
 # Scatter of a phase from receiver to receiver up to which one surface is followed, and steps of it.

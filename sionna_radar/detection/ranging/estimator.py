@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.scenario.parts import RANGE_ESTIMATORS
 from sionna_radar.scenario.processing import ProcessingTable
-from sionna_radar.scenario.registry import require
+from sionna_radar.scenario.registry import registers, require
 from sionna_radar.scenario.table import Table
 
 Builder = TypeVar("Builder", bound=Callable[..., "RangeEstimator"])
@@ -77,24 +77,11 @@ class RangeEstimator(Protocol):
         ...
 
 
+@registers(RANGE_ESTIMATORS, "[processing.ranging_parameters]")
 def register_range_estimator(name: str, parameters: type[Table] | None = None) -> Callable[[Builder], Builder]:
     """Register a range estimator, for `processing.ranging` in a scenario.
 
-    Parameters
-    ----------
-    name:
-        Its name in scenarios.
-    parameters:
-        Its table of parameters, `[processing.ranging_parameters]`; None if it takes none.
-
-    Returns
-    -------
-    A decorator for a class or function that builds a `RangeEstimator`; it is called with the parameters, if any.
-
-    Raises
-    ------
-    PluginError
-        The name is taken, or the parameters are not a `Table`.
+    It decorates a class or function that builds a `RangeEstimator`; it is called with the parameters, if any.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """ArduPilot's DataFlash logs (`.bin`).
 
 A file describes its own messages: FMT gives the type, length, name, format characters and columns of each. Layout and
-characters as in ArduPilot's AP_Logger (LogStructure.h). It is read here, without pymavlink, whose reader does
-not end on a message of no length; the tests hold the two side by side.
+characters as in ArduPilot's AP_Logger (LogStructure.h). It is read here: pymavlink 2.4 refuses a whole log for one FMT
+with an unknown character, and finds nothing in one with a message of no length; the tests hold the two side by side.
 """
 
 import struct

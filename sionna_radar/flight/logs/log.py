@@ -81,7 +81,7 @@ class Spreads:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class LogSource:
     """A stream of a log: how many rows it has, and over which time."""
 
     name: str
@@ -108,14 +108,14 @@ class FlightLog:
     positions: Positions
     attitudes: Attitudes | None
     spreads: Spreads | None
-    sources: tuple[Source, ...]
+    sources: tuple[LogSource, ...]
     notes: tuple[str, ...] = ()
 
 
-def source_of(name: str, time_s: Float[np.ndarray, " n"]) -> Source:
+def source_of(name: str, time_s: Float[np.ndarray, " n"]) -> LogSource:
     """Return the source of some rows."""
     finite = time_s[np.isfinite(time_s)]
-    return Source(name=name, rows=len(time_s), duration_s=float(np.ptp(finite)) if len(finite) else 0.0)
+    return LogSource(name=name, rows=len(time_s), duration_s=float(np.ptp(finite)) if len(finite) else 0.0)
 
 
 def spreads_of(

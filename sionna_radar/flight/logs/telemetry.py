@@ -1,6 +1,7 @@
 """Telemetry logs (`.tlog`): MAVLink packets, each behind eight bytes of time (microseconds of Unix time, big-endian).
 
-The frames are found here and decoded by pymavlink, which checks their sums. Of several vehicles the one with most
+The frames are found here, since pymavlink's own reader gives some messages behind damaged bytes a time 1e12 s off, and
+decoded by pymavlink, which checks their sums. Of several vehicles the one with most
 positions is used. Times are those of the vehicle (`time_boot_ms`), set to the station's clock.
 """
 

@@ -88,7 +88,7 @@ class Sightings:
 
 
 @dataclass(frozen=True)
-class Footprints:
+class BeamFootprints:
     """Where the beam's nodes meet a surface.
 
     range_m: NaN where a ray meets nothing; range_per_height: its derivative with respect to the surface height there.
@@ -144,8 +144,8 @@ def footprints(
     sightings: Sightings,
     surface: Heightfield,
     wanted: Bool[np.ndarray, " node"] | None = None,
-    near: Footprints | None = None,
-) -> Footprints:
+    near: BeamFootprints | None = None,
+) -> BeamFootprints:
     """Cast the beam's nodes of every pulse, or some of the nodes, on a surface.
 
     near: where they met a surface that was the same within centimetres: what has come to hide what since is not seen.
@@ -154,7 +154,7 @@ def footprints(
 
     pose, beam = sightings.pose, sightings.beam.direction
     shape = len(pose), len(beam)
-    feet = Footprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape), np.empty(shape))
+    feet = BeamFootprints(np.empty(shape), np.empty((*shape, 2)), np.empty(shape), np.empty(shape))
     height, grid = np.ascontiguousarray(surface.height_m), surface.grid
     on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
     guess = np.empty((0, 0)) if near is None else near.range_m
@@ -175,12 +175,12 @@ def footprints(
 class EchoModel:
     """Predicted echoes of all pulses over one surface."""
 
-    def __init__(self, sightings: Sightings, surface: Heightfield, near: Footprints | None = None) -> None:
+    def __init__(self, sightings: Sightings, surface: Heightfield, near: BeamFootprints | None = None) -> None:
         self._sightings = sightings
         self._feet = footprints(sightings, surface, near=near)
 
     @property
-    def footprints(self) -> Footprints:
+    def footprints(self) -> BeamFootprints:
         """Where the beam's nodes meet the surface."""
         return self._feet
 

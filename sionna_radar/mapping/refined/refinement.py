@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Step, Steps, no_step
+from sionna_radar.foundation.progress import expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, Linearised, MeanRanges, Sightings
 from sionna_radar.mapping.echo_model.speckle import repeats
@@ -55,7 +55,7 @@ def smoothing_steps(grid: Grid) -> int:
     return SMOOTHING.steps * tile_count(grid)
 
 
-def refine(sightings: Sightings, grid: Grid, step: Step = no_step, each: EachPiece = pieces_here) -> Mapped:
+def refine(sightings: Sightings, grid: Grid, each: EachPiece = pieces_here) -> Mapped:
     """Return the most probable surface over a grid given whole echoes.
 
     Parameters
@@ -64,31 +64,29 @@ def refine(sightings: Sightings, grid: Grid, step: Step = no_step, each: EachPie
         Profiles and measured poses.
     grid:
         Cells of the DEM.
-    step:
-        Called after each of `refinement_steps`.
     each:
         Has the pieces of all tiles made.
 
     """
-    return Tiles(sightings, grid, REFINING).mapped(each, step)
+    return Tiles(sightings, grid, REFINING).mapped(each)
 
 
-def smooth_echoes(sightings: Sightings, grid: Grid, step: Step = no_step, each: EachPiece = pieces_here) -> Mapped:
+def smooth_echoes(sightings: Sightings, grid: Grid, each: EachPiece = pieces_here) -> Mapped:
     """Return the most probable surface over a grid given the mean ranges of whole echoes; see `refine`."""
-    return Tiles(sightings, grid, SMOOTHING).mapped(each, step)
+    return Tiles(sightings, grid, SMOOTHING).mapped(each)
 
 
-def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> TileSurface:
+def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> TileSurface:
     """Return the surface through the mean ranges of echoes."""
-    first = echo_surface(sightings, echoes, grid, step)
+    first = echo_surface(sightings, echoes, grid)
     return first.smoothed, first, None
 
 
-def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step) -> TileSurface:
+def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid) -> TileSurface:
     """Return the surface that fits the whole echoes best, from one through their mean ranges."""
-    first = echo_surface(sightings, echoes, grid, step, ROUGH)
+    first = echo_surface(sightings, echoes, grid, ROUGH)
     looks = sightings.looks_per_cell / repeats(sightings.repeated(echoes.range_m))
-    fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m, step)
+    fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m)
     linearised = partial(_some_linearised, sightings, fitted.surface, looks)
     return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)
 
@@ -119,8 +117,8 @@ class Refined:
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        step = Steps(given.progress, "mapping", refinement_steps(given.grid))
-        mapped = refine(given.sightings, given.grid, step, given.each_piece)
+        expect_steps(refinement_steps(given.grid))
+        mapped = refine(given.sightings, given.grid, given.each_piece)
         return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
 
 
@@ -144,21 +142,19 @@ class Smooth:
         if pulses < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
         if given.sightings is not None:
-            step = Steps(given.progress, "mapping", smoothing_steps(given.grid))
-            mapped = smooth_echoes(given.sightings, given.grid, step, given.each_piece)
+            expect_steps(smoothing_steps(given.grid))
+            mapped = smooth_echoes(given.sightings, given.grid, given.each_piece)
             return Estimate.known_by(seen_part(mapped.surface, given), mapped.uncertainty)
         return self._through_points(given)
 
     def _through_points(self, given: MapInputs) -> Estimate:
         # The system is solved by iterations, whose number shows at the end.
-        step = Steps(given.progress, "mapping")
         heights = given.heights()
         # Estimators of ranges know their errors to a factor, which the fit below takes for known.
         measured = heights.above(heights.trend())
         factor = fit_covariance(measured.rows(calm(measured)), 1, NOISE_FACTOR_SPREAD).noise_factor
         heights = replace(heights, sigma_m=heights.sigma_m * np.sqrt(factor))
-        fitted = smooth(heights, given.grid, step)
-        step.finish()
+        fitted = smooth(heights, given.grid)
         kriging = Kriging(fitted.model.covariance, heights, fitted.noise_factor, fitted.model.local)
         uncertainty = TiledUncertainty((TileUncertainty.of(EVERYWHERE, kriging),))
         return Estimate.known_by(seen_part(fitted.surface, given), uncertainty)

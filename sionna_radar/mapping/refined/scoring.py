@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Step
+from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.threads import equal_parts, in_threads
-from sionna_radar.mapping.echo_model.model import EchoModel, Footprints, Sightings
+from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Sightings
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel
 
@@ -74,7 +74,6 @@ def most_probable(
     looks: Float[np.ndarray, " pulse"],
     first: Smoothed,
     place_m: Float[np.ndarray, "pulse 2"],
-    step: Step,
 ) -> Smoothed:
     """Return the most probable surface given whole echoes.
 
@@ -86,15 +85,13 @@ def most_probable(
         A surface near it.
     place_m:
         Where the echoes come from: there the surface must settle.
-    step:
-        Called `MAX_SCORING_STEPS` times.
 
     """
     fitted, mixing, middle = first, Mixing(), first.surface.weights(*place_m.T)
-    near: Footprints | None = None
+    near: BeamFootprints | None = None
     nearest, least_m, settled = first, np.inf, False
     for number in range(MAX_SCORING_STEPS):
-        step()
+        advance()
         if settled:
             continue
         # What comes to hide what is looked for as long as the surface still moves much.
@@ -126,7 +123,7 @@ def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: Te
 
 
 def _on_cells(
-    feet: Footprints, score: Float[np.ndarray, "pulse node"], surface: Heightfield
+    feet: BeamFootprints, score: Float[np.ndarray, "pulse node"], surface: Heightfield
 ) -> Float[np.ndarray, " cell"]:
     """Return the score of the heights of cells, from that of the heights under the nodes."""
     from sionna_radar.mapping.refined.curvature import add_to_cells

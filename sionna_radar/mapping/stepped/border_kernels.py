@@ -15,7 +15,7 @@ NOTHING = -1
 STRIDE_CELLS = 4
 
 
-class Columns(NamedTuple):
+class CellColumns(NamedTuple):
     """The map: height and slopes of each cell's top, and its part.
 
     ceiling: a height that no cell near reaches, not even after a change; highest: of all ceilings.
@@ -114,7 +114,7 @@ HIGHEST_RATIO = 8.0
 ROUNDING = 1e-6
 
 
-class Views(NamedTuple):
+class CellViews(NamedTuple):
     """Poses of the pulses and samples of the beam, and where its rays meet the map.
 
     enters: range at which each ray comes near the map; meets: range of what it meets, infinite without;
@@ -131,7 +131,7 @@ class Views(NamedTuple):
     what: Int32[np.ndarray, "pulse sample"]
 
 
-class Echoes(NamedTuple):
+class PulseEchoes(NamedTuple):
     """The measured profiles, and those that the map predicts.
 
     floor: noise and unexplained power in the cells of each pulse; hits: predicted power before the window's response

@@ -26,7 +26,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_parts, in_threads, parts
 from sionna_radar.mapping.echo_model.beam import beam_samples
 from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
-from sionna_radar.mapping.stepped.border_kernels import NOTHING, Columns, Echoes, Views
+from sionna_radar.mapping.stepped.border_kernels import NOTHING, CellColumns, CellViews, PulseEchoes
 
 Result = TypeVar("Result")
 # Samples of the beam: so many for each map cell within the main lobe, but not fewer and not more than these.
@@ -150,7 +150,7 @@ class _Block:
         number = inverse.reshape(part.shape).astype(np.int64)
         spacing = grid.spacing_m
         ceiling = maximum_filter(height_m, 2 * GROWTH_CELLS + 1, mode="nearest") + spacing
-        self._columns = Columns(
+        self._columns = CellColumns(
             height_m.copy(),
             *_slopes(height_m, number, spacing),
             number,
@@ -298,7 +298,7 @@ class _Block:
         return list(in_threads(work, parts(len(self._echoes.first), PULSES_AT_ONCE)))
 
 
-def _views(sightings: Sightings, spacing_m: float) -> Views:
+def _views(sightings: Sightings, spacing_m: float) -> CellViews:
     """Return the poses and samples of the beam, not yet cast."""
     pose, beam = sightings.pose, sightings.beam
     # Area of the main lobe on ground as far as the nearest half of all echoes, seen at 45 deg.
@@ -307,7 +307,7 @@ def _views(sightings: Sightings, spacing_m: float) -> Views:
     count = int(np.clip(SAMPLES_PER_CELL * area_m2 / spacing_m**2, MIN_SAMPLES, MAX_SAMPLES))
     direction, share = beam_samples(beam, count)
     shape = len(pose), len(share)
-    return Views(
+    return CellViews(
         position=np.ascontiguousarray(pose.position_m),
         velocity=np.ascontiguousarray(pose.velocity_mps),
         R_world_antenna=np.ascontiguousarray(pose.R_world_antenna),
@@ -319,7 +319,7 @@ def _views(sightings: Sightings, spacing_m: float) -> Views:
     )
 
 
-def _echoes(sightings: Sightings) -> Echoes:
+def _echoes(sightings: Sightings) -> PulseEchoes:
     """Return the measured profiles, not yet predicted."""
     profiles = sightings.profiles
     power, start = profiles.power.astype(np.float64), profiles.start
@@ -327,7 +327,7 @@ def _echoes(sightings: Sightings) -> Echoes:
     some = np.diff(start) > 0
     strongest[some] = np.maximum.reduceat(power, start[:-1][some])
     pad = 2 * (len(sightings.response) // 2) + 1
-    return Echoes(
+    return PulseEchoes(
         first=profiles.first,
         start=start,
         power=power,

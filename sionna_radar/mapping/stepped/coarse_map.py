@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.progress import Progress, Step, Steps
+from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.model import Sightings
@@ -86,9 +86,7 @@ class _Block:
     level_m: Float[np.ndarray, " level"]
 
 
-def coarse_map(
-    sightings: Sightings, points: Points, grid: Grid, axis_m: Float[np.ndarray, "pulse 3"], progress: Progress
-) -> CoarseMap:
+def coarse_map(sightings: Sightings, points: Points, grid: Grid, axis_m: Float[np.ndarray, "pulse 3"]) -> CoarseMap:
     """Return the coarse map, block by block; the level is the widest of all blocks.
 
     Parameters
@@ -101,23 +99,20 @@ def coarse_map(
         Cells of the map.
     axis_m:
         Where on their axes the echoes of the pulses are.
-    progress:
-        Called for the pulses of each block ("levels").
 
     """
     height, supported = np.zeros(grid.shape), np.zeros(grid.shape, dtype=bool)
     widest = sightings.profiles.cell_m
     blocks = list(_blocks(sightings, points, grid))
-    step = Steps(progress, "levels", PASSES * sum(int(block.near.sum()) for block in blocks))
-    for block in blocks:
-        cells = grid.cut(block.rows, block.columns)
-        found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block, step)
-        core = slice(block.row, block.row + BLOCK_CELLS), slice(block.column, block.column + BLOCK_CELLS)
-        inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
-        height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-        supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
-        widest = max(widest, float(block.level_m[1] - block.level_m[0]))
-    step.finish()
+    with stage("levels", PASSES * sum(int(block.near.sum()) for block in blocks)):
+        for block in blocks:
+            cells = grid.cut(block.rows, block.columns)
+            found, for_it = _block(sightings.rows(block.near), axis_m[block.near], cells, block)
+            core = slice(block.row, block.row + BLOCK_CELLS), slice(block.column, block.column + BLOCK_CELLS)
+            inner = slice(block.row - block.rows.start, None), slice(block.column - block.columns.start, None)
+            height[core] = found[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            supported[core] = for_it[inner][:BLOCK_CELLS, :BLOCK_CELLS]
+            widest = max(widest, float(block.level_m[1] - block.level_m[0]))
     return CoarseMap(height, supported, widest)
 
 
@@ -138,15 +133,15 @@ def _blocks(sightings: Sightings, points: Points, grid: Grid) -> Iterator[_Block
 
 
 def _block(
-    sightings: Sightings, axis_m: Float[np.ndarray, "pulse 3"], grid: Grid, block: _Block, step: Step
+    sightings: Sightings, axis_m: Float[np.ndarray, "pulse 3"], grid: Grid, block: _Block
 ) -> tuple[Float[np.ndarray, "row column"], Bool[np.ndarray, "row column"]]:
     """Return the heights of a block, from the echoes and then also from visibility, and which echoes support."""
     base_m, level_m = block.base_m, block.level_m
-    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m, step=step))]
+    height = base_m + level_m[choose_levels(evidence_against(sightings, grid, base_m, level_m))]
     nearest = KDTree(axis_m[:, :2]).query(grid.centres_m)[1]
     origin_m = sightings.pose.position_m[nearest].reshape(*grid.shape, 3)
     in_view = lowest_in_view_m(height, grid, origin_m) + float(level_m[1] - level_m[0])
-    against = evidence_against(sightings, grid, base_m, level_m, in_view, step)
+    against = evidence_against(sightings, grid, base_m, level_m, in_view)
     chosen = choose_levels(against)
     supported = np.take_along_axis(against, chosen[..., None], axis=-1)[..., 0] < 0
     return base_m + level_m[chosen], supported

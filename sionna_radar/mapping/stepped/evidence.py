@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.progress import Step, no_step
+from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import in_threads, parts
 from sionna_radar.mapping.echo_model.beam import BeamNodes
@@ -50,7 +50,6 @@ def evidence_against(
     base_m: Float[np.ndarray, "row column"],
     level_m: Float[np.ndarray, " level"],
     in_view_m: Float[np.ndarray, "row column"] | None = None,
-    step: Step = no_step,
 ) -> Float32[np.ndarray, "row column level"]:
     """Return the evidence against a surface at some heights over the cells of a grid.
 
@@ -64,8 +63,6 @@ def evidence_against(
         Base heights of the cells, and the levels above them, increasing.
     in_view_m:
         Heights above which the cells are known to be in view; None if unknown.
-    step:
-        Called after each pulse.
 
     Returns
     -------
@@ -92,8 +89,7 @@ def evidence_against(
     )
     for _ in in_threads(lambda low, high: add_evidence(*given, against, low, high), parts(grid.rows, ROWS_AT_ONCE)):
         pass
-    for _ in range(len(sightings)):
-        step()
+    advance(len(sightings))
     lowest: Float32[np.ndarray, "row column level"] = against.min(axis=-1)
     return lowest
 

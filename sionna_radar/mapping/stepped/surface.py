@@ -23,7 +23,7 @@ from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Progress, Step, Steps, silent
+from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.coverage import closed
@@ -125,9 +125,7 @@ class SteppedMap:
     uncertainty: SteppedUncertainty
 
 
-def step_surface(
-    sightings: Sightings, points: Points, grid: Grid, gap_m: float, progress: Progress = silent
-) -> SteppedMap:
+def step_surface(sightings: Sightings, points: Points, grid: Grid, gap_m: float) -> SteppedMap:
     """Return the most probable surface, with steps.
 
     Parameters
@@ -140,17 +138,15 @@ def step_surface(
         Cells of the DEM.
     gap_m:
         Widest gap, within a part, that is filled between cells supported by echoes.
-    progress:
-        Called for the pulses of the coarse map ("levels"), and for the steps in its parts ("mapping").
 
     """
     echoes = mean_ranges(sightings)
     axis_m = on_axis(sightings.pose, echoes.range_m)
-    coarse = coarse_map(sightings, points, grid, axis_m, progress)
+    coarse = coarse_map(sightings, points, grid, axis_m)
     step_m = max(STEP_LEVELS * coarse.level_m, grid.spacing_m)
     part = parts_of(coarse.height_m, step_m)
     surfaces = _Surfaces(sightings, echoes, points, grid, coarse, step_m)
-    height, sigma, roofs = surfaces.of(part, progress)
+    height, sigma, roofs = surfaces.of(part)
     filled = coarse.supported.copy()
     for number, window in enumerate(windows_of(part)):
         inside = part[window] == number
@@ -177,7 +173,7 @@ class _Surfaces:
     step_m: float
 
     def of(
-        self, part: Int[np.ndarray, "row column"], progress: Progress
+        self, part: Int[np.ndarray, "row column"]
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], dict[int, Plane]]:
         """Return the heights of all cells, their standard deviations, and the planes through located echoes."""
         whole, grid = self._whole_part(part), self.grid
@@ -186,21 +182,20 @@ class _Surfaces:
         pulses = np.bincount(whole[whole >= 0], minlength=len(windows))
         alone = pulses >= MIN_PULSES
         steps = [refinement_steps(grid.cut(*window)) for window in windows]
-        step = Steps(progress, "mapping", sum(steps[number] for number in np.flatnonzero(alone)))
+        expect_steps(sum(steps[number] for number in np.flatnonzero(alone)))
 
-        def map_part(number: int, step: Step) -> None:
+        def map_part(number: int) -> None:
             window = windows[number]
             inside, own = part[window] == number, whole == number
-            found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside, step)
+            found, known = self._from_echoes(own, grid.cut(*window), self.coarse.height_m[window], inside)
             height[window][inside], sigma[window][inside] = found[inside], known[inside]
 
         # A part as large as all others together keeps all cores busy; those others go side by side, the largest first.
         largest = np.argsort(-pulses, kind="stable")[: int(alone.sum())]
         first = int(2 * pulses.max(initial=0) > pulses.sum())
         for numbers in (largest[:first], largest[first:]):
-            for _ in several_at_once(map_part, numbers.tolist(), [steps[number] for number in numbers], step):
+            for _ in several_at_once(map_part, numbers.tolist(), [steps[number] for number in numbers]):
                 pass
-        step.finish()
         mapped = np.isfinite(sigma) & self.coarse.supported
         spread_m = max(spread((self.coarse.height_m - height)[mapped]), self.coarse.level_m / 2)
         beam_rad = self.sightings.beam.spread[1]
@@ -221,19 +216,17 @@ class _Surfaces:
         cells: Grid,
         coarse_m: Float[np.ndarray, "row column"],
         inside: Bool[np.ndarray, "row column"],
-        step: Step,
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
         """Return heights and standard deviations of a part from the echoes that see nothing else."""
         sightings = self.sightings.rows(own)
         plane = plane_of_echoes(sightings, self.echoes.rows(own), cells)
         if plane is None:
-            mapped = refine(sightings, cells, step)
+            mapped = refine(sightings, cells)
             height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)
             # Far from the echoes the coarse map knows better, which is not wrong by a step but in single cells.
             far = median_filter(np.abs(height - coarse_m), ALONE_CELLS, mode="nearest") >= self.step_m
             return np.where(far, coarse_m, height), np.where(far, np.nan, sigma)
-        for _ in range(refinement_steps(cells)):
-            step()
+        advance(refinement_steps(cells))
         place = cells.centres_m
         return plane.at(place).reshape(cells.shape), plane.sigma_m(place).reshape(cells.shape)
 
@@ -277,6 +270,6 @@ class Stepped:
         assert given.sightings is not None
         if len(given.sightings) < MIN_PULSES:
             return Estimate(dem=empty(given.grid))
-        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m, given.progress)
+        stepped = step_surface(given.sightings, given.points, given.grid, given.max_gap_m)
         seen = seen_part(stepped.surface, given)
         return Estimate.known_by(seen.within(stepped.supported), stepped.uncertainty)

@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.progress import Step
+from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.echo_model.model import EchoModel, MeanRanges, Sightings
 from sionna_radar.mapping.terrain.covariance import GROUPS
@@ -53,9 +53,7 @@ class EchoSurface:
         return np.column_stack([heights.place_m, FOOTPRINT_SPREADS * heights.spread_m, apart])
 
 
-def echo_surface(
-    sightings: Sightings, echoes: MeanRanges, grid: Grid, step: Step, tolerance: float = TOLERANCE
-) -> EchoSurface:
+def echo_surface(sightings: Sightings, echoes: MeanRanges, grid: Grid, tolerance: float = TOLERANCE) -> EchoSurface:
     """Return the most probable surface through the mean ranges of whole echoes, over a grid that reaches footprints.
 
     Parameters
@@ -64,8 +62,6 @@ def echo_surface(
         Whole echoes, their measured poses, and their mean ranges.
     grid:
         Cells of the DEM.
-    step:
-        Called after each of `SURFACES`.
     tolerance:
         Of the last of them; see `smooth`.
 
@@ -82,7 +78,7 @@ def echo_surface(
             heights.rows(fits), grid, tolerance=tolerance if last else ROUGH, groups=GROUPS if last else 1
         )
         surface = smoothed.surface
-        step()
+        advance()
     return EchoSurface(smoothed, heights, fits)
 
 

@@ -17,9 +17,9 @@ from functools import cached_property
 import numpy as np
 import scipy.fft
 from jaxtyping import Float, Int
+from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import own_cores
 from sionna_radar.mapping.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
@@ -144,7 +144,9 @@ class TerrainModel:
             return flat + informed.ravel().view(real)
 
         start = np.ascontiguousarray(every[low].astype(single))
-        found = conjugate_gradients(normal, start.ravel().view(real), iterations, tolerance)
+        given = start.ravel().view(real)
+        system = LinearOperator((len(given), len(given)), matvec=normal, dtype=real)
+        found, _ = cg(system, given, rtol=tolerance, maxiter=iterations)
         every[low] = found.view(single).reshape(down.shape)
         white: Float[np.ndarray, "field row column"] = scipy.fft.irfft2(every / twice, s=shape)
         return white.ravel()
@@ -179,9 +181,7 @@ class Smoothed:
         return self.model.surface(self.white)
 
 
-def smooth(
-    heights: Heights, grid: Grid, step: Step = no_step, tolerance: float = TOLERANCE, groups: int = GROUPS
-) -> Smoothed:
+def smooth(heights: Heights, grid: Grid, tolerance: float = TOLERANCE, groups: int = GROUPS) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.
 
     Parameters
@@ -190,8 +190,6 @@ def smooth(
         The measured heights.
     grid:
         Cells that the surface must cover; it extends beyond them.
-    step:
-        Called after each iteration of the solution.
     tolerance:
         Of the solution: its residual relative to that of the trend.
     groups:
@@ -201,7 +199,7 @@ def smooth(
     trend = heights.trend()
     measured = heights.above(trend)
     fitted = fit_covariance(measured.rows(calm(measured)), groups)
-    return smooth_with(heights, grid, trend, fitted, step, tolerance, local_relief(measured, fitted))
+    return smooth_with(heights, grid, trend, fitted, tolerance, local_relief(measured, fitted))
 
 
 def smooth_with(
@@ -209,7 +207,6 @@ def smooth_with(
     grid: Grid,
     trend: Float[np.ndarray, "3"],
     fitted: FittedCovariance,
-    step: Step = no_step,
     tolerance: float = TOLERANCE,
     local: LocalRelief | None = None,
 ) -> Smoothed:
@@ -224,36 +221,12 @@ def smooth_with(
     precision = 1 / heights.variance_m2(fitted.noise_factor)
 
     def information(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
-        step()
         return np.asarray(transposed @ (precision * (weights @ height_m)))
 
     excess = heights.height_m - weights @ model.trend_m.ravel()
     right = model.adjoint(transposed @ (precision * excess))
     white = model.solve(information, right, MAX_ITERATIONS, tolerance)
     return Smoothed(model, white, fitted.noise_factor)
-
-
-def conjugate_gradients(
-    operator: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
-    right: Float[np.ndarray, " n"],
-    iterations: int,
-    tolerance: float,
-) -> Float[np.ndarray, " n"]:
-    """Solve a symmetric positive definite system to a residual relative to its right side."""
-    solution, residual = np.zeros_like(right), right.copy()
-    direction, square = residual.copy(), float(residual @ residual)
-    goal = tolerance**2 * square
-    for _ in range(iterations):
-        if square <= goal:
-            break
-        image = operator(direction)
-        step = square / float(direction @ image)
-        solution += step * direction
-        residual -= step * image
-        new = float(residual @ residual)
-        direction = residual + new / square * direction
-        square = new
-    return solution
 
 
 def _low(rows: int, few: int) -> Int[np.ndarray, " row"]:

@@ -4,7 +4,7 @@ A tile depends on nothing of the others, so that they may be done side by side, 
 bytes, `Piece.packed`, are what travels and what is kept.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed, table_of
-from sionna_radar.foundation.progress import Step, no_step
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
@@ -38,7 +37,7 @@ TileSurface = tuple[Smoothed, EchoSurface, Information | None]
 class Tiling:
     """How the surface of a tile is made from echoes over a grid, and how many steps that takes at the most."""
 
-    surface: Callable[[Sightings, MeanRanges, Grid, Step], TileSurface]
+    surface: Callable[[Sightings, MeanRanges, Grid], TileSurface]
     steps: int
 
 
@@ -96,14 +95,14 @@ class Piece:
 
 
 # Makes the piece of a tile, by its number; None for one with too few echoes.
-MakePiece = Callable[[int, Step], Piece | None]
+MakePiece = Callable[[int], Piece | None]
 # Has the pieces of so many tiles made, in order, each in so many steps.
-EachPiece = Callable[[MakePiece, int, int, Step], Iterator[Piece | None]]
+EachPiece = Callable[[MakePiece, int, int], Iterable[Piece | None]]
 
 
-def pieces_here(make: MakePiece, count: int, steps: int, step: Step) -> Iterator[Piece | None]:
-    """Yield the pieces of all tiles, several made side by side by this process."""
-    return several_at_once(make, range(count), [steps] * count, step)
+def pieces_here(make: MakePiece, count: int, steps: int) -> Iterable[Piece | None]:
+    """Return the pieces of all tiles, several made side by side by this process."""
+    return several_at_once(make, range(count), [steps] * count)
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class Tiles:
     def __len__(self) -> int:
         return len(self._bounds)
 
-    def piece(self, number: int, step: Step = no_step) -> Piece | None:
+    def piece(self, number: int) -> Piece | None:
         """Return the surface of a tile; None where there are too few echoes."""
         west, east, south, north = bounds = self._bounds[number]
         x, y = self._place_m.T
@@ -135,9 +134,7 @@ class Tiles:
         across, along = _taper(self.grid.x_m, west, east), _taper(self.grid.y_m, south, north)
         window = _span(along > 0), _span(across > 0)
         part = self.grid.cut(*window)
-        smoothed, first, information = self.tiling.surface(
-            self.sightings.rows(here), self._echoes.rows(here), part, step
-        )
+        smoothed, first, information = self.tiling.surface(self.sightings.rows(here), self._echoes.rows(here), part)
         factor = first.smoothed.noise_factor
         if self.sightings.profiles.volume is not None:
             # Errors that neighbours share look like little noise.
@@ -151,11 +148,11 @@ class Tiles:
             known=TileUncertainty.of(bounds, kriging, information, first.outstanding()),
         )
 
-    def mapped(self, each: EachPiece = pieces_here, step: Step = no_step) -> Mapped:
+    def mapped(self, each: EachPiece = pieces_here) -> Mapped:
         """Return the blended surfaces of all tiles."""
         total, weight = np.zeros(self.grid.shape), np.zeros(self.grid.shape)
         known: list[TileUncertainty] = []
-        for piece in each(self.piece, len(self), self.tiling.steps, step):
+        for piece in each(self.piece, len(self), self.tiling.steps):
             if piece is not None:
                 total[piece.window] += piece.weight * piece.height_m
                 weight[piece.window] += piece.weight

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 
 from sionna_radar.radar.pattern import ProductPattern, SphericalPattern, directions_of
 
@@ -90,12 +90,13 @@ class PatternGrid:
         """
         theta, phi, power_db = self._finer()
         amplitude = 10 ** (power_db / 20)
+        between = RegularGridInterpolator((theta, phi), amplitude, bounds_error=False, fill_value=0.0)
         step = np.clip(min(np.diff(theta).min(), np.diff(phi).min()), FINEST_RAD, COARSEST_RAD)
 
         def toward(direction: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
             ahead, left, up = direction.T
             x, y, z = (left, up, ahead) if boresight == "z" else (ahead, left, up)
-            return _bilinear(amplitude, (theta, phi), np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi))
+            return between(np.column_stack([np.arccos(np.clip(z, -1, 1)), np.arctan2(y, x) % (2 * np.pi)]))
 
         return SphericalPattern.of(toward, float(step))
 
@@ -132,26 +133,6 @@ def _is_closed(angle: Float[np.ndarray, " n"]) -> bool:
     """Whether a cut goes all around but for one step."""
     gap = angle[0] + 2 * np.pi - angle[-1]
     return bool(gap <= 1.5 * np.diff(angle).max())
-
-
-def _bilinear(
-    samples: Float[np.ndarray, "row column"],
-    edges: tuple[Float[np.ndarray, " row"], Float[np.ndarray, " column"]],
-    row: Float[np.ndarray, " k"],
-    column: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, " k"]:
-    """Return samples on an uneven grid at places in it, zero outside."""
-    inside = np.ones(len(row), dtype=bool)
-    cells, shares = [], []
-    for edge, place in zip(edges, (row, column), strict=True):
-        inside &= (place >= edge[0] - 1e-9) & (place <= edge[-1] + 1e-9)
-        cell = np.clip(np.searchsorted(edge, place, side="right") - 1, 0, len(edge) - 2)
-        cells.append(cell)
-        shares.append(np.clip((place - edge[cell]) / (edge[cell + 1] - edge[cell]), 0.0, 1.0))
-    (r, c), (a, b) = cells, shares
-    low = samples[r, c] * (1 - b) + samples[r, c + 1] * b
-    high = samples[r + 1, c] * (1 - b) + samples[r + 1, c + 1] * b
-    return np.where(inside, low * (1 - a) + high * a, 0.0)
 
 
 def axis_gain_db(pattern: ProductPattern | SphericalPattern) -> float:

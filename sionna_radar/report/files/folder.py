@@ -21,8 +21,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from sionna_radar.foundation.checkpoints import FOLDER as PARTS
-from sionna_radar.foundation.checkpoints import abandoned, in_use, remedy_of, staged
+from sionna_radar.execution.checkpoints import FOLDER as PARTS
+from sionna_radar.execution.checkpoints import abandoned, in_use, remedy_of, staged
 from sionna_radar.foundation.errors import KeptElsewhereError, OutputError
 
 MANIFEST = "manifest.json"
@@ -363,12 +363,6 @@ def _unwanted(directory: Path, marker: str, own: Path | None = None) -> str:
             f"holds files of an earlier result that were changed since ({', '.join(changed[:MAX_NAMED])}{more}); "
             "move them away or name another folder"
         )
-    for name in filter(lambda name: (directory / name).exists(), (*earlier.names, MANIFEST)):
-        try:
-            # This changes nothing, but fails if another program has the file open and blocks its removal.
-            (directory / name).replace(directory / name)
-        except OSError as error:
-            return f"cannot be replaced: {name} is open in another program ({error.strerror}); close it there"
     return ""
 
 

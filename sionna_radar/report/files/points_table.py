@@ -4,7 +4,7 @@ Columns have their units in their names; a few thousand rows at a time are in me
 coordinates (`easting_m`, `northing_m`, `height_m`), otherwise in local metres (`east_m`, `north_m`, `up_m`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ ROWS_OF_A_GROUP = 100_000
 ON_MAP = ("easting_m", "northing_m", "height_m")
 LOCAL = ("east_m", "north_m", "up_m")
 # Tenths of a millimetre, microseconds, thousandths of a decibel: finer than what they describe.
-FORMATS = {"pulse": "%d", "echo": "%d", "time_s": "%.6f", "snr_db": "%.3f", "power_w": "%.6e"}
+FORMATS = {"pulse": "%d", "echo": "%d", "time_s": "%.6f", "snr_db": "%.3f", "power_w": "%.6e", "power": "%.6e"}
 LENGTH_FORMAT = "%.4f"
 MEANING = {
     "pulse": "index of the pulse in the survey",
@@ -74,13 +74,17 @@ def write_points_csv(
     path: Path, points: Points, time_s: Float[np.ndarray, " pulse"], georeference: Georeference | None
 ) -> None:
     """Write points as CSV: a header, and lengths to a tenth of a millimetre; see `columns_of` for the arguments."""
-    names = list(columns_of(points, time_s, georeference, slice(0, 0)))
+    write_csv(path, len(points), lambda rows: columns_of(points, time_s, georeference, rows))
+
+
+def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.ndarray]]) -> None:
+    """Write columns as CSV, those of some rows at a time."""
+    names = list(columns(slice(0, 0)))
     line = ",".join(FORMATS.get(name, LENGTH_FORMAT) for name in names) + "\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
-        for rows in _parts(len(points), ROWS_AT_ONCE):
-            columns = columns_of(points, time_s, georeference, rows).values()
-            file.write("".join([line % row for row in zip(*(c.tolist() for c in columns), strict=True)]))
+        for rows in _parts(count, ROWS_AT_ONCE):
+            file.write("".join([line % row for row in zip(*(c.tolist() for c in columns(rows).values()), strict=True)]))
 
 
 def write_points_parquet(

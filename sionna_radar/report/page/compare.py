@@ -17,12 +17,11 @@ from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.report.files.folder import write_folder, write_text
-from sionna_radar.report.page import markup
-from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.world import colour_scales
 from sionna_radar.report.terminal import console
-from sionna_radar.studies.comparison import Comparison, FlownResult
+from sionna_radar.studies.comparison import FlownResult, ResultsComparison
 
 MAX_KEYS = 200
 ERRORS = {
@@ -36,7 +35,7 @@ ERRORS = {
 }
 
 
-def error_rows(result: Comparison) -> dict[str, list[str]]:
+def error_rows(result: ResultsComparison) -> dict[str, list[str]]:
     """Return the errors of lit cells by name of the folder."""
     return {
         one.name: [figure(one.summary["lit_error"][key], form) for key, form in ERRORS.values()]
@@ -44,7 +43,7 @@ def error_rows(result: Comparison) -> dict[str, list[str]]:
     }
 
 
-def setting_rows(result: Comparison) -> dict[str, list[str]]:
+def setting_rows(result: ResultsComparison) -> dict[str, list[str]]:
     """Return the settings that differ by dotted key, one value for each folder; the first `MAX_KEYS` of many."""
     rows = {
         _value(key): [_value(value) for value in values] for key, values in islice(result.differing.items(), MAX_KEYS)
@@ -62,7 +61,7 @@ def _value(value: Any) -> str:
     return value if isinstance(value, str) and len(value) < 60 else shown(value)
 
 
-def print_comparison(result: Comparison) -> None:
+def print_comparison(result: ResultsComparison) -> None:
     """Print the errors of lit cells, and the settings that differ."""
     errors = Table(title="DEM minus truth of lit cells, m", title_justify="left")
     errors.add_column("folder", overflow="fold")
@@ -92,7 +91,7 @@ LOCAL = {"east": "East (m)", "north": "North (m)", "height": "Height (m)"}
 MAP = {"east": "Easting (m)", "north": "Northing (m)", "height": "Height (m)"}
 
 
-def write_comparison(result: Comparison, directory: Path) -> list[Path]:
+def write_comparison(result: ResultsComparison, directory: Path) -> list[Path]:
     """Write `compare.html` into a directory, all or nothing, and return the files.
 
     Raises
@@ -104,11 +103,11 @@ def write_comparison(result: Comparison, directory: Path) -> list[Path]:
     return write_folder(directory, MARKER, partial(_fill, result))
 
 
-def _fill(result: Comparison, directory: Path) -> None:
+def _fill(result: ResultsComparison, directory: Path) -> None:
     write_text(directory / MARKER, comparison_page(result))
 
 
-def comparison_page(result: Comparison) -> str:
+def comparison_page(result: ResultsComparison) -> str:
     """Return the page of a comparison as HTML."""
     pack = Pack()
     one_map = len({one.crs for one in result.results}) == 1
@@ -126,8 +125,19 @@ def comparison_page(result: Comparison) -> str:
             for one in result.results
         ],
     }
-    title = f"{len(result.results)} results side by side"
-    return document(title, _body(result, title, notes), pack.text(numbers), ("maps.js", "chirps.js", "compare.js"))
+    return document(
+        "compare.html",
+        pack.text(numbers),
+        ("maps.js", "chirps.js", "compare.js"),
+        title=f"{len(result.results)} results side by side",
+        names=[one.name for one in result.results],
+        errors=list(ERRORS),
+        rows=_error_cells(result),
+        settings=[[key, *values] for key, values in setting_rows(result).items()],
+        common=result.common,
+        notes=notes,
+        lines=LINES,
+    )
 
 
 def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, float]:
@@ -137,7 +147,7 @@ def _limits(dems: Sequence[Float[np.ndarray, "row column"]]) -> tuple[float, flo
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
 
 
-def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
+def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
     """Return DEM and error of each result on one scale, heights of different ground on scales of their own.
 
     Also returns what was left out.
@@ -159,7 +169,7 @@ def _maps(result: Comparison, pack: Pack, height: str) -> tuple[list[dict[str, A
     return maps, notes
 
 
-def _profiles(result: Comparison, pack: Pack) -> dict[str, Any] | None:
+def _profiles(result: ResultsComparison, pack: Pack) -> dict[str, Any] | None:
     """Return heights and errors along lines from west to east over the ground that all maps cover."""
     if result.common is None:
         return None
@@ -183,7 +193,7 @@ def _profiles(result: Comparison, pack: Pack) -> dict[str, Any] | None:
     }
 
 
-def _histogram(result: Comparison) -> dict[str, Any]:
+def _histogram(result: ResultsComparison) -> dict[str, Any]:
     """Return the shares of all filled cells by their error."""
     values = [one.error.height_m[one.error.filled] for one in result.results]
     together = np.abs(np.concatenate(values))
@@ -204,55 +214,18 @@ def _histogram(result: Comparison) -> dict[str, Any]:
     }
 
 
-def _body(result: Comparison, title: str, notes: list[str]) -> str:
+def _error_cells(result: ResultsComparison) -> list[list[TableCell | str]]:
     keys = [key for key, _ in ERRORS.values()]
-    rows: list[list[markup.Cell | str]] = []
-    for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True)):
-        cells = [
-            markup.Cell(text=text, key=f"{number}.lit_error.{key}", value=one.summary["lit_error"][key])
-            for key, text in zip(keys, texts, strict=True)
-        ]
-        rows.append([one.name, *cells])
-    settings = [[key, *values] for key, values in setting_rows(result).items()]
-    names = [one.name for one in result.results]
-    differing = (
-        markup.table(["Key", *names], settings, style="text")
-        if settings
-        else markup.paragraph("No setting differs.", "note")
-    )
-    rooms = "".join(markup.map_room(number) for number in range(2 * len(names)))
-    zooming = "Scroll to zoom, drag to move; " + (
-        "all maps follow one another. " if result.common else "there is no ground that all maps show. "
-    )
-    profiles = (
+    return [
         [
-            markup.controls(markup.slider("line", "Line", LINES - 1, LINES // 2)),
-            markup.plot("profile", "chart"),
-            markup.plot("profile-error", "chart"),
+            one.name,
+            *(
+                TableCell(text, f"{number}.lit_error.{key}", one.summary["lit_error"][key])
+                for key, text in zip(keys, texts, strict=True)
+            ),
         ]
-        if result.common
-        else [markup.paragraph("No ground is covered by all maps in one CRS, so that there is no profile.", "note")]
-    )
-    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
-    sections = [
-        markup.section(
-            "errors",
-            "Errors",
-            markup.table(["DEM minus truth of lit cells (m)", *ERRORS], rows),
-            charts,
-            markup.paragraph("Curves: all cells that a DEM fills, lit or not.", "note"),
-        ),
-        markup.section("settings", "Settings that differ", differing),
-        markup.section(
-            "maps",
-            "Maps",
-            markup.paragraph(zooming + " ".join(notes), "note"),
-            f'<div class="grid">{rooms}</div>',
-        ),
-        markup.section("profiles", "Profiles from west to east", *profiles),
+        for number, (one, texts) in enumerate(zip(result.results, error_rows(result).values(), strict=True))
     ]
-    links = {"errors": "Errors", "settings": "Settings that differ", "maps": "Maps", "profiles": "Profiles"}
-    return markup.head("Comparison", title, links) + "\n".join(sections)
 
 
 REMEDY = "give a folder that `sionna-radar run` or `process` wrote, with the error of its DEM"

@@ -78,32 +78,6 @@ def compressed(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, LEVEL)).decode("ascii")
 
 
-def unpacked(text: str) -> tuple[dict[str, Any], dict[int, bytes]]:
-    """Return the document of a packed text, and its arrays by their offsets: what `core.js` reads."""
-    content = zlib.decompress(base64.b64decode(text))
-    length = int.from_bytes(content[:4], "little")
-    document = json.loads(content[4 : 4 + length])
-    body = content[4 + length :]
-    return document, {place["at"]: body[place["at"] :] for place in _places(document)}
-
-
-def array_of(place: dict[str, Any], arrays: dict[int, bytes]) -> Float[np.ndarray, "..."]:
-    """Return the values of an array of an unpacked text."""
-    count = int(np.prod(place["shape"]))
-    numbers = np.frombuffer(arrays[place["at"]], dtype=f"<{place['type']}", count=count).reshape(place["shape"])
-    if "step" not in place:
-        return numbers.astype(np.float64)
-    return np.where(numbers == EMPTY, np.nan, place["zero"] + place["step"] * numbers.astype(np.float64))
-
-
-def _places(node: Any) -> list[dict[str, Any]]:
-    if isinstance(node, dict):
-        if {"at", "type", "shape"} <= node.keys():
-            return [node]
-        return [place for entry in node.values() for place in _places(entry)]
-    return [place for entry in node for place in _places(entry)] if isinstance(node, list) else []
-
-
 # Cells of one map, and of one surface in three dimensions.
 MAX_MAP_CELLS, MAX_RELIEF_CELLS = 400_000, 60_000
 HEIGHT_STEP_M = 0.001
@@ -413,18 +387,12 @@ def spread_pulses(count: int, most: int) -> Int[np.ndarray, " pulse"]:
     return np.unique(np.floor((np.arange(most) + within) * step).astype(np.int64))
 
 
-MEANING = (
-    "sigma0 is the backscatter coefficient that the scene's material has, in the radar's polarization, at the local "
-    "incidence angle under which the pulse whose beam axis met the ground nearest saw the cell; it is a property of "
-    "the scene, not an estimate from the echoes, and is empty where no main beam lit the cell or that pulse could not "
-    "see it"
-)
 LOOKS = 20_000
 ABOVE_M = 0.01
 
 
 def sigma0_db(prepared: Prepared, surface: Raster) -> Float[np.ndarray, "row column"]:
-    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; see `MEANING`."""
+    """Return sigma0 in dB of the cells of a surface, NaN where none is defined; `survey.html` says what it is."""
     scene, caster = prepared.scene.scene, prepared.scene.caster
     pose = prepared.flight.sample(LOOKS).true
     range_m = caster.cast(pose.position_m, pose.boresight).distance_m

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
 from sionna_radar.report.files.folder import SignedFile
-from sionna_radar.report.page import markup
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
     Beams,
@@ -69,9 +68,19 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
         "chosen": len(index) // 2,
         "world": _world(prepared, pack, frame, ground, solids, beams, hits),
     }
-    title = prepared.scenario.description or name
-    body = _body(prepared, title, len(index), beams, hits, solids)
-    return document(title, body, pack.text(numbers), ("world.js",))
+    return document(
+        "show.html",
+        pack.text(numbers),
+        ("world.js",),
+        title=prepared.scenario.description or name,
+        warnings=prepared.warnings + prepared.flown.warnings,
+        tiles=_tiles(prepared, beams, hits),
+        solids=solids,
+        pulses=len(index),
+        footprints=min(FOOTPRINTS, len(index)),
+        flown=flown_rows(prepared),
+        scenario=to_toml(prepared.scenario),
+    )
 
 
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
@@ -128,7 +137,8 @@ def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:
     return (closed + above).reshape(-1, 3)
 
 
-def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, hits: BoresightHits, solids: Solids | None) -> str:
+def _tiles(prepared: Prepared, beams: Beams, hits: BoresightHits) -> list[tuple[str, str, str]]:
+    """Return the large numbers of the page, their names, and what more there is to say of them."""
     heard = np.isfinite(hits.range_m)
     range_m = hits.range_m[heard]
     rings = beams.outline_m
@@ -138,62 +148,22 @@ def _body(prepared: Prepared, title: str, pulses: int, beams: Beams, hits: Bores
     start, end = trajectory.cruise_s()
     west, east, south, north = prepared.mapper.grid.extent_m
     nothing = float("nan")
-    tiles = [
-        markup.Tile(value=f"{len(prepared.flight):,}", name="pulses", note=f"in {end - start:.1f} s of flight"),
-        markup.Tile(
-            value=f"{number(range_m.min() if range_m.size else nothing, '.1f')} to "
-            f"{number(range_m.max() if range_m.size else nothing, '.1f', ' m')}",
-            name="range to the ground",
-            note=f"{prepared.receiver.chirp.max_range_m:.0f} m can be measured",
+    least, most = (range_m.min(), range_m.max()) if range_m.size else (nothing, nothing)
+    return [
+        (f"{len(prepared.flight):,}", "pulses", f"in {end - start:.1f} s of flight"),
+        (
+            f"{number(least, '.1f')} to {number(most, '.1f', ' m')}",
+            "range to the ground",
+            f"{prepared.receiver.chirp.max_range_m:.0f} m can be measured",
         ),
-        markup.Tile(
-            value=number(float(np.median(wide)) if wide.size else nothing, ".2g", " m"),
-            name="footprint",
-            note="diagonal of its box at half power, median",
+        (
+            number(float(np.median(wide)) if wide.size else nothing, ".2g", " m"),
+            "footprint",
+            "diagonal of its box at half power, median",
         ),
-        markup.Tile(
-            value=f"{east - west:.0f} x {north - south:.0f} m", name="area of the DEM", note="dashed in the view"
-        ),
-        markup.Tile(value=f"{1 - heard.mean():.1%}", name="beams without ground", note="of the axes"),
+        (f"{east - west:.0f} x {north - south:.0f} m", "area of the DEM", "dashed in the view"),
+        (f"{1 - heard.mean():.1%}", "beams without ground", "of the axes"),
     ]
-    switches = {
-        "track": "flight",
-        "rim": "edge of the DEM",
-        "footprints": "footprints",
-        "hits": "beam axes on the ground",
-    }
-    shown = [markup.switch(key, label) for key, label in switches.items()] + [markup.switch("beam", "beam")]
-    shown += [markup.switch("solids", "buildings and objects")] if solids else []
-    notes = (
-        f"Dots: where the beam axes of pulses spread over the flight meet the ground (the swath). Orange rings: "
-        f"footprints at half power of {min(FOOTPRINTS, pulses)} pulses. Nothing is traced yet: "
-        "rays are cast against the scene. "
-    )
-    return markup.head("Scenario", title, {"world-view": "In three dimensions", "flown": "Settings"}) + "\n".join(
-        [
-            markup.section(
-                "world-view",
-                "Before it is flown",
-                markup.warnings(prepared.warnings + prepared.flown.warnings),
-                markup.tiles(tiles),
-                markup.controls(
-                    markup.choice("upright", "Heights", ["to scale", "x 2", "x 4"]),
-                    *shown,
-                    markup.slider("pulse-world", "Pulse", pulses - 1, pulses // 2),
-                ),
-                markup.plot("world", "world"),
-                markup.paragraph(
-                    notes + (f"Of what stands there, {solids.note}." if solids and solids.note else ""), "note"
-                ),
-            ),
-            markup.section(
-                "flown",
-                "Settings",
-                markup.pairs(flown_rows(prepared)),
-                markup.folded("The resolved scenario", to_toml(prepared.scenario)),
-            ),
-        ]
-    )
 
 
 PAGE_FILE = SignedFile(command="show", before="<!-- ", after=" -->", at_end=True)

@@ -18,7 +18,7 @@ from pyproj import CRS, Transformer
 from rich.table import Table
 from scipy.io import netcdf_file
 
-from sionna_radar.foundation.workers import versions
+from sionna_radar.execution.workers import versions
 from sionna_radar.imaging.aperture import PixelGrid
 from sionna_radar.imaging.sar import SarImage
 from sionna_radar.imaging.slar import to_ground

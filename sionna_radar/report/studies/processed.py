@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from rich.table import Table
 
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels
 from sionna_radar.foundation.progress import peak_memory_mb
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.drawing import (
     BLUE,
     ERRORS,
@@ -34,10 +34,9 @@ from sionna_radar.report.drawing import (
     show_raster,
 )
 from sionna_radar.report.files.folder import COSTS, costs_json, strict_json, without_nan, write_folder, write_text
-from sionna_radar.report.files.geotiff import write_geotiff
 from sionna_radar.report.files.point_cloud import write_laz
-from sionna_radar.report.files.points_table import write_points_csv
-from sionna_radar.report.survey.products import provenance
+from sionna_radar.report.files.points_table import write_csv, write_points_csv
+from sionna_radar.report.survey.products import provenance, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import console, number
 from sionna_radar.survey.result import Processed
@@ -113,16 +112,6 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
 
 
 MARKER = "processed.json"
-ECHO_COLUMNS = {
-    "pulse": "%d",
-    "echo": "%d",
-    "time_s": "%.6f",
-    "range_m": "%.4f",
-    "range_sigma_m": "%.4f",
-    "snr_db": "%.3f",
-    "power": "%.6e",
-}
-ROWS_AT_ONCE = 20_000
 
 
 def write_processed(processed: Processed, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
@@ -153,23 +142,34 @@ def _write_all(processed: Processed, coordinates: Coordinates, directory: Path) 
     write_text(directory / COSTS, costs_json(processed.timing_s, peak_memory_mb()))
     settings = processed.settings.model_dump(mode="json", exclude_none=True)
     write_text(directory / "settings.toml", tomli_w.dumps(settings))
-    _write_echoes(directory / "echoes.csv", processed)
+    write_csv(directory / "echoes.csv", len(processed.echoes), partial(_echo_columns, processed))
     place = processed.georeference
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
     height_m = place.origin_m[2] if place else 0.0
-    rasters = {"dem": (processed.dem, "DEM height", height_m)}
+    rasters = {} if processed.dem is None else {"dem": (processed.dem, "DEM height", height_m)}
     if processed.dem_sigma is not None:
         rasters["dem_sigma"] = (processed.dem_sigma, "standard deviation of the DEM height", 0.0)
     if processed.comparison is not None:
         rasters["truth"] = (processed.comparison.truth, "true height", height_m)
         rasters["error"] = (processed.comparison.error, "DEM minus truth", 0.0)
-    for name, (raster, description, offset_m) in rasters.items():
-        if raster is not None and processed.points is not None:
-            made_by = provenance(processed.scenario, processed.points)
-            write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
+    if processed.points is not None:
+        write_rasters(directory, rasters, place, provenance(processed.scenario, processed.points))
     draw_processed(processed, directory / "figures", coordinates)
+
+
+def _echo_columns(processed: Processed, rows: slice) -> dict[str, np.ndarray]:
+    echoes = processed.echoes
+    return {
+        "pulse": echoes.pulse[rows],
+        "echo": echoes.number[rows],
+        "time_s": processed.time_s[echoes.pulse[rows]],
+        "range_m": echoes.range_m[rows],
+        "range_sigma_m": echoes.range_sigma_m[rows],
+        "snr_db": echoes.snr_db[rows],
+        "power": echoes.power[rows],
+    }
 
 
 def _document(processed: Processed) -> dict[str, Any]:
@@ -195,29 +195,12 @@ def _document(processed: Processed) -> dict[str, Any]:
         "noise_floor": processed.spectrum.floor,
         "dem_error": asdict(comparison.dem_error) if comparison else None,
         "lit_error": asdict(comparison.lit_error) if comparison else None,
+        "off_wall_error": asdict(comparison.off_wall_error) if comparison and comparison.off_wall_error else None,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
     kept: dict[str, Any] = without_nan(document)
     return kept
-
-
-def _write_echoes(path: Path, processed: Processed) -> None:
-    echoes, line = processed.echoes, ",".join(ECHO_COLUMNS.values()) + "\n"
-    columns = (
-        echoes.pulse,
-        echoes.number,
-        processed.time_s[echoes.pulse],
-        echoes.range_m,
-        echoes.range_sigma_m,
-        echoes.snr_db,
-        echoes.power,
-    )
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(ECHO_COLUMNS) + "\n")
-        for start in range(0, len(echoes), ROWS_AT_ONCE):
-            rows = np.column_stack([column[start : start + ROWS_AT_ONCE] for column in columns])
-            file.writelines(line % tuple(row) for row in rows)
 
 
 def print_processed(processed: Processed) -> None:
@@ -261,5 +244,8 @@ def _mapped(processed: Processed) -> dict[str, str]:
         lit = processed.comparison.lit_error
         numbers = number(lit.rms_m, ".3f", " m"), number(lit.mean_m, "+.3f", " m"), number(lit.nmad_m, ".3f", " m")
         rows["RMSE of lit cells"] = "{}, bias {}, NMAD {}".format(*numbers)
+        off_wall = processed.comparison.off_wall_error
+        if off_wall is not None:
+            rows["RMSE away from walls"] = number(off_wall.rms_m, ".3f", " m")
         rows["coverage"] = f"{lit.coverage:.1%}"
     return rows | {"coordinates": crs_name(processed.georeference), "time": f"{processed.timing_s['total']:.1f} s"}

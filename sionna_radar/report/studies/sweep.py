@@ -17,9 +17,9 @@ from typing import Any
 from rich.table import Table
 
 from sionna_radar.accuracy.compare import LE90_MEANING, DemError
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.files.contents import RUNS_FILES, RunsFile
 from sionna_radar.report.files.folder import strict_json, write_folder, write_text
 from sionna_radar.report.files.points_table import check_parquet

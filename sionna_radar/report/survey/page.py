@@ -14,12 +14,11 @@ from jaxtyping import Float, Int
 from sionna_radar.accuracy.breakdown import ErrorClass
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.numerics import decibels, on_one_thread
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.drawing import Coordinates, Frame, frame_of
-from sionna_radar.report.page import markup
-from sionna_radar.report.page.markup import document
+from sionna_radar.report.page.markup import TableCell, document
 from sionna_radar.report.page.scene_data import (
     HEIGHT_STEP_M,
     MAX_MAP_CELLS,
@@ -34,7 +33,6 @@ from sionna_radar.report.page.scene_data import (
     surroundings,
     thinned,
 )
-from sionna_radar.report.page.scene_data import MEANING as SIGMA0_MEANING
 from sionna_radar.report.page.world import (
     MAX_POINTS,
     box_of,
@@ -48,6 +46,7 @@ from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.survey.result import Survey
+from sionna_radar.survey.sensors.sensor import SensorWithChirps
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 
 BINS = 81
@@ -66,71 +65,46 @@ ERRORS = {
 }
 
 
-def errors_section(survey: Survey) -> str:
-    """Return the section of a page on the errors of a survey."""
+def _errors(survey: Survey) -> dict[str, Any]:
+    """Return what the section on errors shows: the errors beside the paper's, by classes of cells, and as stated."""
     named = {
         "lit_error": ("Lit cells", survey.lit_error),
         "off_wall_error": ("Lit cells off walls", survey.off_wall_error),
         "dem_error": ("All filled cells", survey.dem_error),
     }
-    rows = [_error_row(key, name, error) for key, (name, error) in named.items() if error is not None]
-    paper = reference_for(survey.prepared)
-    rows += [
-        [one.name, *(number(getattr(one, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
-        for one in paper.rows
-    ]
-    note = (
-        "Lit cells are those that the main beam reached; coverage is the share of them that the DEM fills. LE90 is the "
-        f"90th percentile of |error|, not the width |P95 - P5|. {paper.conditions}"
-    )
-    table = markup.table(["DEM minus truth (m)", *ERRORS, "Cells", "Coverage"], rows, note)
-    charts = f'<div class="grid small">{markup.plot("histogram", "chart")}{markup.plot("within", "chart")}</div>'
-    return markup.section("errors", "Errors of the elevation model", table, charts, _where(survey), _stated(survey))
+    paper, found = reference_for(survey.prepared), survey.breakdown
+    return {
+        "errors": list(ERRORS),
+        "error_rows": [
+            *(_error_row(key, name, error) for key, (name, error) in named.items() if error is not None),
+            *(
+                [one.name, *(number(getattr(one, key, np.nan), form) for key, form in ERRORS.values()), "-", "-"]
+                for one in paper.rows
+            ),
+        ],
+        "paper": paper.conditions,
+        "classes": {
+            "Slope of the truth (deg)": _class_rows(found.by_slope),
+            "Incidence angle (deg)": _class_rows(found.by_incidence),
+            "Distance from walls (m)": _class_rows(found.by_wall_distance or ()),
+        },
+        "checkpoints": found.checkpoints.statement,
+        "intervals": [f"in {p} %" for p in INTERVALS_PERCENT],
+        "stated": _stated_rows(survey),
+    }
 
 
-def _stated(survey: Survey) -> str:
-    """Return the calibration of the map's stated uncertainty, as HTML; empty without one."""
-    check = survey.dem_uncertainty
-    if check is None:
-        return ""
-    rows = [["all", *_calibration_row(check.cells)]]
-    for title, classes in (
-        ("slope of the truth, deg", check.by_slope),
-        ("distance from the nearest echo, m", check.by_echo_distance),
-    ):
-        rows += [[f"{title}: {one.low:g} to {one.high:g}", *_calibration_row(one.calibration)] for one in classes]
-    note = (
-        "Share of lit cells whose truth lies in the interval that the DEM states around their height (dem_sigma.tif); "
-        "z is the error over the stated standard deviation."
-    )
-    heads = ["Lit cells", *(f"in {p} %" for p in INTERVALS_PERCENT), "NMAD of z", "RMS of z", "sigma, RMS (m)", "Cells"]
-    return markup.table(heads, rows, note)
+def _error_row(key: str, name: str, error: DemError) -> list[TableCell | str]:
+    values = asdict(error)
+    cells: list[TableCell | str] = [name]
+    for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
+        value = float(values[field])
+        cells.append(TableCell(number(value, form), f"{key}.{field}", value if value == value else None))
+    return cells
 
 
-def _calibration_row(found: Calibration) -> list[str]:
-    inside = [number(share, ".1%") for share in found.coverage.values()]
-    spread = [number(found.nmad_z, ".2f"), number(found.rms_z, ".2f"), number(found.sigma_rms_m, ".3f")]
-    return [*inside, *spread, f"{found.count:,}"]
-
-
-def _where(survey: Survey) -> str:
-    """Return the errors by slope, incidence and distance from walls, and the checkpoint test, as HTML."""
-    found = survey.breakdown
-    tables = [
-        _class_table("Slope of the truth (deg)", found.by_slope),
-        _class_table("Incidence angle (deg)", found.by_incidence),
-        _class_table("Distance from walls (m)", found.by_wall_distance or ()),
-    ]
-    statement = (
-        markup.paragraph(f"Checkpoints: {found.checkpoints.statement}.", "note") if found.checkpoints.statement else ""
-    )
-    return f'<div class="tables">{"".join(tables)}</div>{statement}'
-
-
-def _class_table(name: str, classes: Sequence[ErrorClass]) -> str:
-    if not classes:
-        return ""
-    rows = [
+def _class_rows(classes: Sequence[ErrorClass]) -> list[list[str]]:
+    return [
         [
             f"{one.low:g} to {one.high:g}" if np.isfinite(one.high) else f"over {one.low:g}",
             number(one.rms_m, ".3f"),
@@ -139,17 +113,26 @@ def _class_table(name: str, classes: Sequence[ErrorClass]) -> str:
         ]
         for one in classes
     ]
-    return markup.table([name, "RMS (m)", "Mean (m)", "Cells"], rows)
 
 
-def _error_row(key: str, name: str, error: DemError) -> list[markup.Cell | str]:
-    values = asdict(error)
-    cells: list[markup.Cell | str] = [name]
-    for field, form in (*ERRORS.values(), ("count", ",.0f"), ("coverage", ".1%")):
-        value = float(values[field])
-        exact = value if value == value else None
-        cells.append(markup.Cell(text=number(value, form), key=f"{key}.{field}", value=exact))
-    return cells
+def _stated_rows(survey: Survey) -> list[list[str]]:
+    """Return the calibration of the map's stated uncertainty; empty without one."""
+    check = survey.dem_uncertainty
+    if check is None:
+        return []
+    rows = [["all", *_calibration_row(check.cells)]]
+    for title, classes in (
+        ("slope of the truth, deg", check.by_slope),
+        ("distance from the nearest echo, m", check.by_echo_distance),
+    ):
+        rows += [[f"{title}: {one.low:g} to {one.high:g}", *_calibration_row(one.calibration)] for one in classes]
+    return rows
+
+
+def _calibration_row(found: Calibration) -> list[str]:
+    inside = [number(share, ".1%") for share in found.coverage.values()]
+    spread = [number(found.nmad_z, ".2f"), number(found.rms_z, ".2f"), number(found.sigma_rms_m, ".3f")]
+    return [*inside, *spread, f"{found.count:,}"]
 
 
 def histogram_of(survey: Survey) -> dict[str, Any]:
@@ -199,10 +182,9 @@ def record_chirps(survey: Survey, index: Int[np.ndarray, " pulse"]) -> list[Chir
     if len(index) == 0:
         return []
     sensor, flight = survey.sensor or survey.prepared.build_sensor(), survey.prepared.flight
-    together = getattr(sensor, "record_chirps", None)
-    if together is not None:
+    if isinstance(sensor, SensorWithChirps):
         blocks = np.array_split(index, -(-len(index) // AT_ONCE))
-        return [record for block in blocks for record in together(flight.pulses(block))]
+        return [record for block in blocks for record in sensor.record_chirps(flight.pulses(block))]
     every = -(-len(index) // MAX_ONE_BY_ONE)
     records = (sensor.record_chirp(flight.pulses(index[row : row + 1])) for row in range(0, len(index), every))
     return [record for record in records if record is not None]
@@ -282,12 +264,37 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         "histogram": histogram_of(survey),
         "summary": summary(survey),
     }
-    title = survey.scenario.description or "A survey"
-    body = _body(survey, len(index), len(records), [one["name"] for one in maps], notes + more, world)
-    return document(title, body, pack.text(numbers), ("world.js", "maps.js", "chirps.js"))
-
-
-# ---------------------------------------------------------------------------------------------- numbers
+    lit = survey.lit_error
+    return document(
+        "survey.html",
+        pack.text(numbers),
+        ("world.js", "maps.js", "chirps.js"),
+        title=survey.scenario.description or "A survey",
+        warnings=survey.warnings,
+        tiles=[
+            (number(lit.rms_m, ".3f", " m"), "RMS error", "of lit cells, DEM minus truth"),
+            (number(lit.mean_m, "+.3f", " m"), "mean error", "bias"),
+            (number(lit.le90_m, ".3f", " m"), "LE90", "90th percentile of |error|"),
+            (f"{lit.coverage:.1%}", "coverage", "of lit cells"),
+            (f"{len(survey.points):,}", "echoes", f"of {survey.pulses:,} pulses"),
+            (f"{survey.paths:,}", "paths traced", "in all"),
+        ],
+        flown=flown_rows(survey.prepared)
+        | {"Coordinates": crs_name(survey.georeference)}
+        | {f"{key} replaced by": what for key, what in survey.replaced.items()},
+        lidar=survey.scenario.sensor == "lidar",
+        paints=[paint["name"] for paint in world["paints"]],
+        pulses=len(index),
+        world_notes=more,
+        maps=[one["name"] for one in maps],
+        map_notes=notes,
+        chirps=len(records),
+        replaced=survey.replaced,
+        points_sha256=survey.points.sha256(),
+        versions={name: version or "not installed" for name, version in versions().items()},
+        scenario=to_toml(survey.scenario),
+        **_errors(survey),
+    )
 
 
 def _backscatter(survey: Survey, lit: Raster) -> Raster | None:
@@ -426,111 +433,3 @@ def _span(*arrays: Float[np.ndarray, "..."], share: float = 0.0) -> tuple[float,
         return 0.0, 1.0
     low, high = (float(v) for v in np.percentile(values, [share, 100 - share]))
     return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
-
-
-# ------------------------------------------------------------------------------------------------- text
-
-
-def _body(survey: Survey, pulses: int, chirps: int, maps: list[str], notes: list[str], world: dict[str, Any]) -> str:
-    sections = [
-        _flown(survey),
-        errors_section(survey),
-        _world_section(survey, pulses, world, notes),
-        _map_section(survey, maps, notes),
-        *([_chirp_section(pulses, chirps)] if chirps else []),
-        _made(survey),
-    ]
-    names = {"flown": "What was flown", "errors": "Errors", "world-view": "In three dimensions", "map-view": "Maps"}
-    names |= {"chirp-view": "Chirps"} if chirps else {}
-    return markup.head("Survey", survey.scenario.description or "A survey", {**names, "made": "How it was made"}) + (
-        "\n".join(sections)
-    )
-
-
-def _flown(survey: Survey) -> str:
-    lit = survey.lit_error
-    shown = [
-        markup.Tile(value=number(lit.rms_m, ".3f", " m"), name="RMS error", note="of lit cells, DEM minus truth"),
-        markup.Tile(value=number(lit.mean_m, "+.3f", " m"), name="mean error", note="bias"),
-        markup.Tile(value=number(lit.le90_m, ".3f", " m"), name="LE90", note="90th percentile of |error|"),
-        markup.Tile(value=f"{lit.coverage:.1%}", name="coverage", note="of lit cells"),
-        markup.Tile(value=f"{len(survey.points):,}", name="echoes", note=f"of {survey.pulses:,} pulses"),
-        markup.Tile(value=f"{survey.paths:,}", name="paths traced", note="in all"),
-    ]
-    replaced = {f"{key} replaced by": what for key, what in survey.replaced.items()}
-    rows = flown_rows(survey.prepared) | {"Coordinates": crs_name(survey.georeference)} | replaced
-    return markup.section(
-        "flown", "What was flown", markup.warnings(survey.warnings), markup.tiles(shown), markup.pairs(rows)
-    )
-
-
-def _world_section(survey: Survey, pulses: int, world: dict[str, Any], notes: list[str]) -> str:
-    named = [paint["name"] for paint in world["paints"]]
-    explained = "Red: the beam axis and the echoes found in the pulse. "
-    if survey.scenario.sensor != "lidar":
-        explained = "The rays lie inside the main lobe, cast against the scene, coloured by their two-way gain; "
-        explained += "red: the beam axis, the footprint at half power, and the echoes found in the pulse. "
-    explained += "A click on an echo chooses the pulse nearest to it. "
-    if "sigma0 (dB)" in named:
-        explained += SIGMA0_MEANING[0].upper() + SIGMA0_MEANING[1:] + ". "
-    return markup.section(
-        "world-view",
-        "In three dimensions",
-        markup.controls(
-            markup.choice("paint", "Colour", named),
-            markup.choice("shape", "Surface", ["true surface", "DEM"]),
-            markup.choice("upright", "Heights", ["to scale", "x 2", "x 4"]),
-            markup.switch("track", "flight"),
-            markup.switch("points", "echoes"),
-            markup.switch("beam", "beam"),
-            markup.switch("around", "ground around"),
-            markup.slider("pulse-world", "Pulse", pulses - 1, pulses // 2),
-        ),
-        markup.plot("world", "world"),
-        markup.paragraph(explained + " ".join(n for n in notes if n.startswith("View")), "note"),
-    )
-
-
-def _map_section(survey: Survey, maps: list[str], notes: list[str]) -> str:
-    lines = "Scroll to zoom, drag to move; the maps follow one another. Grey: no height (shadow or no echo). "
-    return markup.section(
-        "map-view",
-        "Maps",
-        markup.paragraph(lines + " ".join(n for n in notes if n.startswith("Maps")), "note"),
-        markup.controls(markup.choice("left", "Compare", maps, 0), markup.choice("right", "with", maps, 1)),
-        f'<div class="grid">{markup.swipe("swipe")}{"".join(markup.map_room(n) for n in range(2, len(maps)))}</div>',
-    )
-
-
-def _chirp_section(pulses: int, chirps: int) -> str:
-    nearest = "" if chirps == pulses else "; the one nearest to the pulse chosen is shown"
-    return markup.section(
-        "chirp-view",
-        "Chirps",
-        markup.controls(markup.slider("pulse-chirp", "Pulse", pulses - 1, pulses // 2)),
-        f'<div class="grid small">{markup.plot("beat", "chart")}{markup.plot("spectrum", "chart")}</div>',
-        markup.paragraph(
-            f"Chirps of {chirps:,} pulses spread over the survey{nearest}. This slider and that of the view in three "
-            "dimensions move together. Powers are shown to 0.1 dB.",
-            "note",
-        ),
-    )
-
-
-def _made(survey: Survey) -> str:
-    installed = {name: version or "not installed" for name, version in versions().items()}
-    command = "sionna-radar run scenario.toml -o again"
-    alone = "scenario.toml stands beside this page, and is the resolved scenario below; the same seed gives the same "
-    alone += f"points, of SHA-256 {survey.points.sha256()}."
-    if survey.replaced:
-        alone = "Parts were replaced from Python, so that the scenario alone does not repeat the survey: "
-        alone += "; ".join(f"{key} by {what}" for key, what in survey.replaced.items()) + "."
-    return markup.section(
-        "made",
-        "How it was made",
-        markup.code(command),
-        markup.paragraph(alone, "note"),
-        "<h3>Versions</h3>",
-        markup.pairs(installed),
-        markup.folded("The resolved scenario", to_toml(survey.scenario)),
-    )

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.errors import OutputError
-from sionna_radar.foundation.progress import Progress, silent
-from sionna_radar.foundation.raster import Raster
-from sionna_radar.foundation.workers import versions
+from sionna_radar.foundation.progress import advance, stage
+from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.surface import SteppedUncertainty
 from sionna_radar.report.drawing import Coordinates
@@ -41,7 +41,6 @@ def write_survey(
     report: Report = Report.PAGE,
     points: Collection[PointsFile] = POINTS_FILES,
     recordings: Mapping[str, Path] | None = None,
-    progress: Progress = silent,
 ) -> list[Path]:
     """Write the results into a directory, completely or not at all, and return the files.
 
@@ -62,8 +61,6 @@ def write_survey(
         Formats in which the points are written.
     recordings:
         Finished recordings by their kinds, which are moved to the results as KIND.nc.
-    progress:
-        Called before each file and after the last; see `Progress`.
 
     Raises
     ------
@@ -79,9 +76,7 @@ def write_survey(
     ['dem.tif', 'dem_sigma.tif', 'error.tif', 'truth.tif']
 
     """
-    return write_folder(
-        directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}, progress)
-    )
+    return write_folder(directory, MARKER, partial(_write_all, survey, coordinates, report, points, recordings or {}))
 
 
 def _write_all(
@@ -90,10 +85,9 @@ def _write_all(
     report: Report,
     points: Collection[PointsFile],
     recordings: Mapping[str, Path],
-    progress: Progress,
     directory: Path,
 ) -> None:
-    steps: list[Callable[[], object]] = [
+    products: list[Callable[[], object]] = [
         partial(_write_numbers, survey, directory),
         *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
         partial(_write_rasters, survey, directory),
@@ -102,10 +96,10 @@ def _write_all(
         *([partial(_write_page, survey, coordinates, directory / "report.html")] if report is Report.PAGE else []),
         *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
     ]
-    for done, step in enumerate(steps):
-        progress("writing", done, len(steps))
-        step()
-    progress("writing", len(steps), len(steps))
+    with stage("writing", len(products)):
+        for write in products:
+            write()
+            advance()
 
 
 def _write_numbers(survey: Survey, directory: Path) -> None:
@@ -151,7 +145,16 @@ def _write_rasters(survey: Survey, directory: Path) -> None:
     if survey.no_echo is not None and survey.no_echo.any():
         silent = Raster(grid=survey.dem.grid, height_m=np.where(survey.no_echo, 1.0, np.nan))
         rasters["no_echo"] = (silent, "1 where the beam met the surface and nothing came back", 0.0)
-    made_by = provenance(survey.scenario, survey.points)
+    write_rasters(directory, rasters, place, provenance(survey.scenario, survey.points))
+
+
+def write_rasters(
+    directory: Path,
+    rasters: Mapping[str, tuple[Raster, str, float]],
+    place: Georeference | None,
+    made_by: Mapping[str, str],
+) -> None:
+    """Write rasters by name, each with what it is and what is added to its heights."""
     for name, (raster, description, offset_m) in rasters.items():
         write_geotiff(directory / f"{name}.tif", raster, place, description, offset_m, made_by)
 

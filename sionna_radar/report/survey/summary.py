@@ -11,8 +11,8 @@ from pyproj import CRS
 from rich.table import Table
 
 from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
+from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.foundation.workers import versions
 from sionna_radar.report.files.folder import strict_json, without_nan
 from sionna_radar.report.terminal import console
 from sionna_radar.survey.preparation import Prepared

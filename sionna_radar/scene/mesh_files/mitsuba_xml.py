@@ -1,6 +1,7 @@
 """Scenes of Mitsuba 3 and Sionna RT: shapes, transforms and the names of materials; the rest is passed over.
 
 Sionna's own loader runs the plug-ins that a scene names and reads any file; this one reads meshes of its own folder.
+Mitsuba also holds positions as float32: 0.25 m at a northing of 5,000 km.
 """
 
 from pathlib import Path

@@ -180,7 +180,6 @@ def read_by_trimesh(data: bytes, kind: str, beside: Mapping[str, bytes] | None =
                 resolver=dict(beside or {}),  # whatever is not in it cannot be opened
                 allow_remote=False,
                 process=False,
-                **({"skip_materials": True, "fix_texture": False} if kind == "ply" else {}),
             )
             return tuple(_parts(scene))
     except MeshError:

@@ -1,7 +1,8 @@
-"""Stanford polygon files. Trimesh reads binary triangles; polygons and text are read here, row by row.
+"""Stanford polygon files, read here: libraries fail on polygons, on text or on faces with more than their corners.
 
-For trimesh refuses binary files of triangles and quadrangles, cuts concave ones along the diagonal that lies outside
-them, and rounds text to the header's float32, which is 0.25 m at a northing of 5,000 km.
+Trimesh refuses binary files of triangles and quadrangles, cuts concave ones along the diagonal that lies outside them,
+and rounds text to the header's float32, which is 0.25 m at a northing of 5,000 km. meshio 5.3 rounds text so, too, and
+fails on faces with a property beside their corners, and on corners called `vertex_index`.
 """
 
 import struct
@@ -19,7 +20,6 @@ from sionna_radar.scene.mesh_files.part import (
     MeshError,
     MeshPart,
     check_count,
-    read_by_trimesh,
     triangles_of,
 )
 
@@ -28,7 +28,6 @@ FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 TYPES |= {"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"}
 TYPES |= {"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8"}
-KEYWORDS = (b"ply", b"format", b"element", b"property", b"end_header")
 INDEX_LISTS = ("vertex_indices", "vertex_index")
 
 
@@ -79,14 +78,7 @@ def read_ply(path: Path) -> tuple[MeshPart, ...]:
         message = f"has {len(data):,} bytes of text, more than {MAX_TEXT_BYTES:,}; save it as binary PLY"
         raise MeshError(message)
     _check_counts(elements, len(data) - start, text)
-    if text:
-        return _read_polygons(elements, _numbers(elements, data[start:]))
-    if _are_triangles(elements, data, start):
-        # Comments may hold what trimesh takes for a part of the header.
-        head = [line for line in data[:start].splitlines() if line.split()[:1] and line.split()[0] in KEYWORDS]
-        (part,) = read_by_trimesh(b"\n".join([*head, data[start:]]), "ply")
-        return (MeshPart(name="", vertices=part.vertices, faces=part.faces),)
-    return _read_polygons(elements, data[start:])
+    return _read_polygons(elements, _numbers(elements, data[start:]) if text else data[start:])
 
 
 def _header(data: bytes) -> tuple[bool, list[_Element], int]:
@@ -157,19 +149,6 @@ def _numbers(elements: list[_Element], text: bytes) -> bytes:
     return b"".join(found)
 
 
-def _are_triangles(elements: list[_Element], data: bytes, start: int) -> bool:
-    """Return whether vertices and triangles are all that the rows hold, to the last byte."""
-    lists = [(e.name, [p.name for p in e.properties if p.count_kind]) for e in elements]
-    if lists not in [[("vertex", []), ("face", [name])] for name in INDEX_LISTS]:
-        return False
-    vertex, face = elements
-    start += vertex.count * vertex.row(0).itemsize
-    if not face.count or len(data) != start + face.count * face.row(3).itemsize:
-        return False
-    found = np.frombuffer(data, face.row(3), face.count, start)
-    return bool(np.all(found[f"count-{face.index(*INDEX_LISTS)}"] == 3))
-
-
 def _read_polygons(elements: list[_Element], rows: bytes) -> tuple[MeshPart, ...]:
     """Return the triangles of rows that hold any polygons."""
     at, vertices, polygons = 0, None, None
@@ -193,6 +172,13 @@ def _lists(
     element: _Element, wanted: int, rows: bytes, at: int
 ) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " item"], int]:
     """Return the lengths and the items of one property's lists in the rows that begin at a byte, and where they end."""
+    triangles = element.row(3)
+    lists = wanted < 0 or element.properties[wanted].count_kind is not None
+    if lists and at + element.count * triangles.itemsize <= len(rows):
+        found = np.frombuffer(rows, triangles, element.count, at)
+        if all(np.all(found[name] == 3) for name in triangles.names or () if name.startswith("count-")):
+            corners = found[f"{wanted}"].ravel() if wanted >= 0 else np.zeros(0)
+            return np.full(element.count, 3), _whole(corners), at + found.nbytes
     size, items = [], []
     steps = []  # for each property the code of its count, if it is a list, and the bytes of one item
     for given in element.properties:
@@ -213,9 +199,14 @@ def _lists(
             if place == wanted:
                 size.append(count)
                 items.append(rows[begin:at])
-    found = np.frombuffer(b"".join(items), element.properties[wanted].kind if wanted >= 0 else TEXT)
-    whole = found.astype(np.int64)
+    listed = np.frombuffer(b"".join(items), element.properties[wanted].kind if wanted >= 0 else TEXT)
+    return np.array(size, dtype=np.int64), _whole(listed), at
+
+
+def _whole(found: np.ndarray) -> Int[np.ndarray, " item"]:
+    """Return indices as whole numbers; raises MeshError for others."""
+    whole: Int[np.ndarray, " item"] = found.astype(np.int64)
     if np.any(whole != found):
         message = f"has {np.count_nonzero(whole != found):,} indices that are no whole numbers; export the mesh again"
         raise MeshError(message)
-    return np.array(size, dtype=np.int64), whole, at
+    return whole

@@ -102,10 +102,10 @@ def _kept(theirs: dict[str, Any], carrier_hz: float, channel: Channel) -> dict[s
     return kept
 
 
-@register_terrain("sionna:san_francisco", CityTerrain)
-@register_terrain("sionna:munich", CityTerrain)
-@register_terrain("sionna:florence", CityTerrain)
-@register_terrain("sionna:etoile", CityTerrain)
+@register_terrain("sionna:san_francisco", CityTerrain, uses=("carrier_hz", "channel"))
+@register_terrain("sionna:munich", CityTerrain, uses=("carrier_hz", "channel"))
+@register_terrain("sionna:florence", CityTerrain, uses=("carrier_hz", "channel"))
+@register_terrain("sionna:etoile", CityTerrain, uses=("carrier_hz", "channel"))
 def city(terrain: CityTerrain, given: TerrainInputs) -> Landscape:
     """Return one of Sionna's cities."""
     surfaces, kept = load_city(terrain, given.carrier_hz, given.channel)

@@ -33,8 +33,8 @@ def file_frame(terrain: SampleTerrain | RasterTerrain) -> MapFrame:
     return MapFrame(crs=place.local, origin_m=place.origin)
 
 
-@register_terrain("jacksboro", SampleTerrain, frame=file_frame)
-@register_terrain("raster", RasterTerrain, frame=file_frame)
+@register_terrain("jacksboro", SampleTerrain, frame=file_frame, uses=("window_m",))
+@register_terrain("raster", RasterTerrain, frame=file_frame, uses=("window_m",))
 def elevation(terrain: SampleTerrain | RasterTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of an elevation raster, read only as far as the survey can see."""
     with _opened(terrain) as dataset:

@@ -33,7 +33,7 @@ def mesh_frame(terrain: MeshTerrain) -> MapFrame | None:
     return _frame_of(terrain, _crs_of(terrain.crs), upright(terrain, KEY))
 
 
-@register_terrain("mesh", MeshTerrain, frame=mesh_frame)
+@register_terrain("mesh", MeshTerrain, frame=mesh_frame, uses=())
 def mesh(terrain: MeshTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of a mesh file, with what stands on it."""
     parts = upright(terrain, KEY)

@@ -88,7 +88,7 @@ def cloud_frame(terrain: PointsTerrain) -> MapFrame | None:
         return place_cloud(cloud, terrain).frame
 
 
-@register_terrain("points", PointsTerrain, frame=cloud_frame)
+@register_terrain("points", PointsTerrain, frame=cloud_frame, uses=("window_m",))
 def points(terrain: PointsTerrain, given: TerrainInputs) -> Landscape:
     """Return the ground of a point cloud, gridded as far as the survey can see."""
     with open_cloud(terrain.path) as cloud:

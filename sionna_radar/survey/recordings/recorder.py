@@ -11,12 +11,12 @@ from typing import Any, Literal
 import numpy as np
 
 from sionna_radar.accuracy.truth import Comparison
+from sionna_radar.execution.checkpoints import abandoned, staged
 from sionna_radar.flight.pulses import Pulses
-from sionna_radar.foundation.checkpoints import abandoned, staged
 from sionna_radar.foundation.errors import OutputError, Problem, ScenarioError
 from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.survey.observation import Recorder, SampleType
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recording import Recorder, SampleType
 from sionna_radar.survey.recordings.signals import SignalRecorder, new_recording, write_pulses
 from sionna_radar.survey.sensors.sensor import Observation
 from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME

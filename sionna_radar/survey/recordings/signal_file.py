@@ -11,7 +11,7 @@ The file is netCDF-4. What it must have, and what it may:
   ranges, but no points and no DEM. The columns of the rotation are the boresight, left and up of the antenna.
 - `crs`, a grid mapping with `crs_wkt` and `local_origin_m` (easting, northing, height): local metres plus these are map
   coordinates.
-- `scenario`, `survey`, `true_height`, `lit`: of a simulated survey; see `SignalRecorder`.
+- `scenario`, `survey`, `true_height`, `lit`, `beside_wall`: of a simulated survey; see `SignalRecorder`.
 """
 
 import json
@@ -63,6 +63,18 @@ class RecordedFlight:
     ground_extent_m: Extent
     altitude_m: float
     beam_spacing_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedTruth:
+    """The true surface on the grid of a simulated survey's DEM.
+
+    lit: cells that its beam reached; beside_wall: those within half a footprint of a wall; None where there are none.
+    """
+
+    surface: Raster
+    lit: Bool[np.ndarray, "row column"]
+    beside_wall: Bool[np.ndarray, "row column"] | None
 
 
 @contextmanager
@@ -191,8 +203,8 @@ class SignalFile:
         return Georeference(crs_wkt=wkt, origin_m=(east, north, height), cells=cells)
 
     @cached_property
-    def truth(self) -> tuple[Raster, Bool[np.ndarray, "row column"]] | None:
-        """The true surface on the grid of the survey's DEM, and the cells that its beam reached; None without."""
+    def truth(self) -> "RecordedTruth | None":
+        """What is known of the true surface; None for a recording of a real radar."""
         if not all(name in self._file for name in ("true_height", "lit")):
             return None
         shape = self._file.variable("true_height").shape
@@ -202,7 +214,11 @@ class SignalFile:
         west_m, south_m, spacing_m = (self._vector(kept, name, 1)[0] for name in names)
         grid = Grid(west_m=west_m, south_m=south_m, spacing_m=spacing_m, columns=shape[1], rows=shape[0])
         height_m = np.asarray(self._file.variable("true_height")[...], dtype=np.float64)
-        return Raster(grid=grid, height_m=height_m), self._file.numbers("lit", shape) > 0
+        return RecordedTruth(
+            surface=Raster(grid=grid, height_m=height_m),
+            lit=self._file.numbers("lit", shape) > 0,
+            beside_wall=self._file.numbers("beside_wall", shape) > 0 if "beside_wall" in self._file else None,
+        )
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse sample"]]:
         """Return the beat signals of each sweep of pulses.

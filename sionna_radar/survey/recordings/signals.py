@@ -18,8 +18,8 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import PluginError, Problem, ScenarioError
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scenario import to_toml
+from sionna_radar.survey.observation import SampleType
 from sionna_radar.survey.preparation import Prepared
-from sionna_radar.survey.recording import SampleType
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT
 from sionna_radar.survey.sensors.sensor import Observation
@@ -176,6 +176,15 @@ class SignalRecorder:
             flag_values=np.array([0, 1], dtype=np.int8),
             flag_meanings="unlit lit",
         )
+        if comparison.beside_wall is not None:
+            self._file.variable(
+                "beside_wall",
+                ("y", "x"),
+                comparison.beside_wall.astype(np.int8),
+                long_name="whether a wall lies within half a footprint of the cell",
+                flag_values=np.array([0, 1], dtype=np.int8),
+                flag_meanings="away_from_walls beside_wall",
+            )
         if self._loose:
             self._pack()
         self.close()

@@ -16,6 +16,7 @@ from jaxtyping import Float, Inexact
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.array_library import HOST, ArrayLibrary, gpu_library
+from sionna_radar.foundation.progress import timed
 from sionna_radar.raytracer.backend import chosen_backend
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorInputs, register_sensor
@@ -58,9 +59,9 @@ class DeviceRadar(Radar):
             return super().observe(pulses)
         if not (self._looks and self._looks[0][0] is pulses):
             self.expect(pulses)
-        with self._watch("trace"):
+        with timed("trace"):
             look = self._looks.popleft()[1].result()
-        with self._watch("detect"):
+        with timed("detect"):
             found = self.sweeps.detect_in(look.power, pulses)
         return Observation(
             paths=look.paths,
@@ -79,7 +80,7 @@ class DeviceRadar(Radar):
             return None
         if processing.leakage != "keep" or processing.interference != "keep":
             return None
-        return getattr(self.tracer, "device_engine", None)
+        return self.tracer.device_engine
 
     def _look(self, engine: DeviceTracing, pulses: Pulses) -> "_Look":
         """Return paths, beat signals and spectra of a block; called in the thread that traces."""

@@ -7,7 +7,7 @@ from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
-from sionna_radar.foundation.progress import Stopwatch
+from sionna_radar.foundation.progress import timed
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.lidar import LidarReceiver, lidar_receiver
@@ -24,15 +24,14 @@ class Lidar:
         caster: RayCaster,
         range_noise_m: float,
         seed: int,
-        watch: Stopwatch | None = None,
         receiver: LidarReceiver | None = None,
     ) -> None:
         self._caster, self._range_noise_m, self._seed = caster, range_noise_m, seed
-        self._watch, self._receiver = watch or Stopwatch(), receiver
+        self._receiver = receiver
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the echoes of a block of pulses; their power is one, and they have no noise to stand against."""
-        with self._watch("trace"):
+        with timed("trace"):
             paths = read = trace_boresights(pulses, self._caster)
         if self._receiver is not None:
             read = self._receiver.received(paths, pulses)
@@ -67,4 +66,4 @@ def lidar(given: SensorInputs) -> Lidar:
     seed = given.engine.seed
     materials = [surface.material for surface in given.engine.scene.surfaces]
     receiver = lidar_receiver(given.lidar, given.weather, seed, materials)
-    return Lidar(given.engine.caster, given.lidar.range_noise_m, seed, given.watch, receiver)
+    return Lidar(given.engine.caster, given.lidar.range_noise_m, seed, receiver)

@@ -12,6 +12,7 @@ from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.detector import PairedEchoes
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.foundation.progress import timed
 from sionna_radar.signal.leakage import side_paths
 from sionna_radar.signal.receiver import Reception
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
@@ -31,7 +32,7 @@ class Radar:
     """
 
     def __init__(self, given: SensorInputs) -> None:
-        self._receiver, self._watch, self._angle = given.receiver, given.watch, given.angle
+        self._receiver, self._angle = given.receiver, given.angle
         self._bursts = given.bursts
         self.tracer = given.tracer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="trace")
@@ -57,18 +58,18 @@ class Radar:
         """Return the echoes of a block of pulses."""
         if self._expected and self._expected[0][0] is pulses:
             _, traced, received = self._expected.popleft()
-            with self._watch("trace"):
+            with timed("trace"):
                 paths = traced.result()
-            with self._watch("synthesise"):
+            with timed("synthesise"):
                 reception = received.result()
         else:
-            with self._watch("trace"):
+            with timed("trace"):
                 paths = self._trace(pulses)
-            with self._watch("synthesise"):
+            with timed("synthesise"):
                 reception = self._receiver.reception(paths, self._sent(pulses))
         if self._angle is not None:
             return self._in_directions(self._angle, paths, reception, pulses)
-        with self._watch("detect"):
+        with timed("detect"):
             found = self.sweeps.detect(reception.beats, pulses)
         return Observation(
             paths=self._of_pulses(paths),
@@ -81,13 +82,13 @@ class Radar:
 
     def _in_directions(self, angle: AngleEstimator, paths: Paths, reception: Reception, pulses: Pulses) -> Observation:
         """Return points along the echoes of a block, from the signals of all receivers."""
-        with self._watch("synthesise"):
+        with timed("synthesise"):
             sent = self._sent(pulses)
             sides = [
                 self._receiver.beat(side_paths(paths, sent, side), sent, channel)
                 for channel, side in enumerate(angle.receivers, start=1)
             ]
-        with self._watch("detect"):
+        with timed("detect"):
             window_m = self.sweeps.window_m(pulses)
             # What leaks is the same in all receivers.
             beats = [self.sweeps.cleaned([beat], pulses)[0] for beat in (reception.beats[0], *sides)]
@@ -99,9 +100,9 @@ class Radar:
             saturated=self._counted(reception),
         )
 
-    def rest(self) -> None:
+    def release_memory(self) -> None:
         """Give back memory until more pulses are observed."""
-        self._thread.submit(self.tracer.rest).result()
+        self._thread.submit(self.tracer.release_memory).result()
 
     def beat(self, pulses: Pulses) -> Inexact[np.ndarray, "pulse sample"]:
         """Return the beat signals of the first sweep of pulses, without what the processing takes out of them."""
@@ -145,7 +146,7 @@ class Radar:
         return counted
 
     def _beats(self, paths: Paths, pulses: Pulses) -> Beats:
-        with self._watch("synthesise"):
+        with timed("synthesise"):
             return self._receiver.beats(paths, self._sent(pulses))
 
 

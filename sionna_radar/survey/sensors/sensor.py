@@ -1,7 +1,7 @@
 """What every sensor offers, what it is built from, and how a scenario names one."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -12,7 +12,6 @@ from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule
-from sionna_radar.foundation.progress import Stopwatch
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
@@ -32,7 +31,7 @@ Builder = TypeVar("Builder", bound=Callable[..., "Sensor"])
 class Observation:
     """What a sensor observes in a block of pulses; of the measured pose it uses only what rain requires.
 
-    paths: what was lit.
+    paths: what was lit; none for a recording.
     echoes: sorted by pulse; their ranges are as the sensor reads them, Doppler shift included.
     profiles: range profiles around the echoes, for maps that model whole echoes; None where the sensor has none.
     through_volume: whether the echoes are those of ground behind a volume of rain that the sensor knows of.
@@ -65,6 +64,24 @@ class Sensor(Protocol):
         ...
 
 
+@runtime_checkable
+class SensorWithLookahead(Sensor, Protocol):
+    """A sensor that can begin with a block of pulses while another is observed."""
+
+    def expect(self, pulses: Pulses) -> None:
+        """Begin with the block that is to be observed after those expected before it."""
+        ...
+
+
+@runtime_checkable
+class SensorWithChirps(Sensor, Protocol):
+    """A sensor that records the chirps of several pulses at once."""
+
+    def record_chirps(self, pulses: Pulses) -> list[ChirpRecord]:
+        """Return the chirp of each of some pulses, as `record_chirp` does of one."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class SensorInputs:
     """What a sensor is built from; each takes what it needs.
@@ -77,7 +94,6 @@ class SensorInputs:
     angle: finds directions inside the beam, with the receivers that it needs; None for echoes on the beam's axis.
     bursts: the chirps of each pulse; None for one.
     custom_engine: builds an engine in place of the one that the scenario names.
-    watch: counts the time spent in each stage.
     """
 
     engine: EngineInputs
@@ -90,7 +106,6 @@ class SensorInputs:
     angle: AngleEstimator | None = None
     bursts: Bursts | None = None
     custom_engine: Callable[[EngineInputs], Engine] | None = None
-    watch: Stopwatch = field(default_factory=Stopwatch)
 
     def tracer(self) -> Tracer | SteeredTracer:
         """Return a new tracer of all that a radar sees."""

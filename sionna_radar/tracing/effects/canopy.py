@@ -29,7 +29,7 @@ from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.randomness import Stream, place_uniforms
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
-from sionna_radar.scene.vegetation import Vegetation
+from sionna_radar.scene.vegetation import PlantCover
 from sionna_radar.surfaces.motion import Windblown
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.paths import VEGETATION, Paths
@@ -43,7 +43,7 @@ SHALLOWEST = 0.04
 class Canopy:
     """The vegetation of a scene, as it changes the paths to the ground."""
 
-    def __init__(self, vegetation: Vegetation, scene: Scene, chirp: Chirp, seed: int, wind: Windblown) -> None:
+    def __init__(self, vegetation: PlantCover, scene: Scene, chirp: Chirp, seed: int, wind: Windblown) -> None:
         self._vegetation, self._seed, self._wind = vegetation, seed, wind
         self._wavelength_m = chirp.wavelength_m
         self._sigma0 = [as_radar_material(scene.materials[surface.material]).co_polar for surface in scene.surfaces]

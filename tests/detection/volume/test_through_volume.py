@@ -10,9 +10,10 @@ from sionna_radar.detection.volume.clutter import VolumeClutter, first_guess
 from sionna_radar.detection.volume.detector import shows_volume
 from sionna_radar.detection.volume.end import Views
 from sionna_radar.detection.volume.height_track import AxisHeights, track
+from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.equation import two_way_beam_sr
+from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.recording import record
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.tracing.effects.atmosphere import build_weather
 from sionna_radar.weather.path import rain_clutter_power
@@ -136,8 +137,8 @@ def test_off_takes_rain_for_ground():
 
 def test_whole_scan_lines_make_the_result_whatever_the_block_size():
     # What is learned of the rain is learned once, before any block.
-    ready, sensor, _ = through(25.0)
-    seen = [record(ready, sensor, block_size=size).echoes for size in (1, 64, 1000)]
+    ready, _, _ = through(25.0)
+    seen = [observe(ready, Execution(block_size=size))[1].echoes for size in (1, 64, 1000)]
     for echoes in seen[1:]:
         for name in ("pulse", "range_m", "range_sigma_m", "power", "snr_db"):
             np.testing.assert_array_equal(getattr(echoes, name), getattr(seen[0], name))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import rasterio
 
+from packed_pages import array_of, unpacked
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.page.compare import comparison_page, read_results
-from sionna_radar.report.page.scene_data import array_of, unpacked
 from sionna_radar.studies.comparison import compare_results, differing_settings
 
 

@@ -1,17 +1,25 @@
-"""What the view in three dimensions draws, against geometry worked out by hand on a level plane."""
+"""What a page draws and says of a flight, against geometry worked out by hand, and its packed numbers."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from beams import make_antenna
+from packed_pages import array_of, unpacked
+from sionna_radar import load_scenario
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.report.page.scene_data import (
+    EMPTY,
     MAX_FACES,
     OUTLINE_RAYS,
+    Pack,
     cast_beams,
     fan_of,
+    flown_rows,
     sigma0_db,
     solids_within,
     spread_pulses,
@@ -117,3 +125,31 @@ def test_buildings_stand_and_ground_lies():
     roof = replace(ground, name="munich-3")
     assert standing(roof, "sionna:munich")
     assert not standing(ground, "sionna:munich")
+
+
+@pytest.mark.parametrize(
+    ("keys", "rate"), [({"radar.stagger": 0.5}, "288 Hz"), ({"processing.average.chirps": 4}, "90 Hz")]
+)
+def test_the_pulse_rate_is_that_of_pulses(keys, rate):
+    scenario = load_scenario("hills", {"platform.length_m": 10.0, "terrain.spacing_m": 2.0, **keys})
+    assert flown_rows(prepare(scenario))["Pulse rate"] == rate
+
+
+@given(arrays(np.float64, (3, 4), elements=st.floats(-500, 500) | st.just(np.nan)), st.sampled_from([0.001, 0.1, 5.0]))
+def test_rounded_values_come_back_within_half_a_step(values, step):
+    pack = Pack()
+    before, place, after = pack.exact(np.arange(3.0)), pack.rounded(values, step), pack.whole(np.array([7, -7]))
+    document, arrays_ = unpacked(pack.text({"deep": [{"here": place}], "before": before, "after": after}))
+    back = array_of(document["deep"][0]["here"], arrays_)
+    known = values[np.isfinite(values)]
+    coarse = max(step, np.ptp(known) / (EMPTY - 1)) if len(known) else step
+    assert np.array_equal(np.isnan(back), np.isnan(values))
+    assert np.nanmax(np.abs(back - values), initial=0.0) <= 0.5001 * coarse
+    assert array_of(document["before"], arrays_).tolist() == [0.0, 1.0, 2.0]
+    assert array_of(document["after"], arrays_).tolist() == [7.0, -7.0]
+
+
+def test_text_in_a_pack_cannot_end_a_script():
+    text = Pack().text({"name": "</script><script>alert(1)</script>", "none": float("nan")})
+    assert "<" not in text
+    assert unpacked(text)[0] == {"name": "</script><script>alert(1)</script>", "none": None}

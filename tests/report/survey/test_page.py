@@ -1,6 +1,5 @@
 """The page of a survey: whole in itself, bounded, escaped, and with the numbers of `summary.json`."""
 
-import html
 import json
 import logging
 import re
@@ -8,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
+from packed_pages import array_of, unpacked
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.report.page import markup as document_module
-from sionna_radar.report.page.scene_data import array_of, unpacked
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import reference_for, summary_json
@@ -75,7 +75,7 @@ def test_hostile_text_is_shown_as_text(survey):
     )
     assert "<script>window.stolen" not in page
     assert "<img" not in page
-    assert page.count(html.escape(HOSTILE)) >= 3  # title, heading, warning
+    assert page.count(str(escape(HOSTILE))) >= 3  # title, heading, warning
     assert page.count("</script>") == 3
     assert numbers_of(page)[0]["summary"]["scenario"]["description"] == HOSTILE
 

@@ -18,6 +18,7 @@ from pyproj import CRS
 
 from sionna_radar.accuracy.breakdown import Breakdown
 from sionna_radar.accuracy.compare import DemError
+from sionna_radar.foundation.progress import progress_to
 from sionna_radar.report.files.contents import PointsFile, Report
 from sionna_radar.report.files.geotiff import write_geotiff
 from sionna_radar.report.files.points_table import ON_MAP, columns_of, write_points_csv
@@ -47,13 +48,8 @@ def folder(flown, tmp_path_factory) -> Path:
     patch.setattr(products, "draw_all", lambda *_: [])
     calls = []
     out = tmp_path_factory.mktemp("products") / "out"
-    write_survey(
-        flown,
-        out,
-        report=Report.NONE,
-        points=[PointsFile.LAZ, PointsFile.CSV],
-        progress=lambda *step: calls.append(step),
-    )
+    with progress_to(lambda *step: calls.append(step)):
+        write_survey(flown, out, report=Report.NONE, points=[PointsFile.LAZ, PointsFile.CSV])
     patch.undo()
     assert calls == [("writing", done, 6) for done in range(7)]
     return out

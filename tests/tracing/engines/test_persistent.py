@@ -20,7 +20,7 @@ from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.cell_tree import CellTree
 from sionna_radar.tracing.engines.persistent.density import DensityMap, FilledBeam
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
-from sionna_radar.tracing.engines.persistent.scatterers import Points, Scatterers
+from sionna_radar.tracing.engines.persistent.scatterers import CellPoints, Scatterers
 
 PENCIL = Antenna(taylor_cut(np.deg2rad(2.0), -20.0), taylor_cut(np.deg2rad(2.0), -20.0))
 
@@ -54,7 +54,7 @@ def looking(position_m: np.ndarray, velocity_mps: np.ndarray, incidence_deg: flo
     return Pulses(index=index, time_s=index.astype(float), scan_rad=np.zeros(count), true=pose, measured=pose)
 
 
-def scatter(ground: Scene, per_m2: float, seed: int) -> Points:
+def scatter(ground: Scene, per_m2: float, seed: int) -> CellPoints:
     return Scatterers(ground, DensityMap.constant(per_m2), seed).all()
 
 

@@ -26,7 +26,7 @@ from sionna_radar.surfaces.radar_material import RadarMaterial, as_radar_materia
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scatterers(Columns):
+class FacetScatterers(Columns):
     """What a facet is to the radar: a place, a normal whose length is twice the area, an identity and a surface."""
 
     place_m: Float[np.ndarray, "facet 3"]
@@ -49,10 +49,10 @@ class Facets(Columns):
         return (self.corner_m[:, 0] + self.corner_m[:, 1] + self.corner_m[:, 2]) / 3
 
     @property
-    def scatterers(self) -> "Scatterers":
+    def scatterers(self) -> "FacetScatterers":
         """A scatterer at the centroid of each."""
         corner = self.corner_m
-        return Scatterers(
+        return FacetScatterers(
             place_m=self.centre_m,
             normal_m2=np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]),
             identity=self.identity,

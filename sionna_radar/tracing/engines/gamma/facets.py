@@ -39,7 +39,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.engines.gamma.facet_index import FOOTPRINT_DB, FacetIndex, Fineness, Footprint
-from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, FacetScattering, Scatterers, facets_of
+from sionna_radar.tracing.engines.gamma.facet_mesh import Facets, FacetScatterers, FacetScattering, facets_of
 from sionna_radar.tracing.paths import Paths, wander_hz
 
 # Longest side of a facet: this share of the half-power footprint, and this many range cells. At nadir,
@@ -206,7 +206,7 @@ class GammaEngine:
             surface=facets.surface,
         )
 
-    def _in_footprints(self, pose: Pose, low: int, high: int) -> tuple[Int[np.ndarray, " facet"], Scatterers]:
+    def _in_footprints(self, pose: Pose, low: int, high: int) -> tuple[Int[np.ndarray, " facet"], FacetScatterers]:
         """Return the facets whose centres lie in the footprints of poses, the coarse ones divided until they are fine.
 
         The row of the pose of each is returned with them; they are sorted by it.
@@ -218,13 +218,13 @@ class GammaEngine:
         found += self._divided(self._index.facets.rows(place[coarse]), row[coarse], pose)
         row = np.concatenate([rows for rows, _ in found])
         order = np.argsort(row, kind="stable")
-        return row[order], Scatterers.concatenate([facets for _, facets in found]).rows(order)
+        return row[order], FacetScatterers.concatenate([facets for _, facets in found]).rows(order)
 
     def _divided(
         self, facets: Facets, row: Int[np.ndarray, " facet"], pose: Pose
-    ) -> list[tuple[Int[np.ndarray, " _"], Scatterers]]:
+    ) -> list[tuple[Int[np.ndarray, " _"], FacetScatterers]]:
         """Return the parts of facets whose centres lie in the footprints of their poses, divided until fine."""
-        fine: list[tuple[Int[np.ndarray, " _"], Scatterers]] = []
+        fine: list[tuple[Int[np.ndarray, " _"], FacetScatterers]] = []
         while len(facets):
             if len(facets) + sum(len(rows) for rows, _ in fine) > MAX_FACETS:
                 raise _TooManyError

@@ -89,9 +89,9 @@ class PersistentEngine:
         other._mirrored = None if self._mirrored is None else self._mirrored.with_antenna(antenna)
         return other
 
-    def rest(self) -> None:
+    def release_memory(self) -> None:
         """Give back the memory of the scatterers until more pulses are traced."""
-        self._scatterers.rest()
+        self._scatterers.release_memory()
 
     def _look_through(self, antenna: Antenna) -> None:
         self._beam = filled_beam(antenna)

@@ -37,7 +37,7 @@ FIRST_MIX, SECOND_MIX = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB13311
 
 
 @dataclass(frozen=True, kw_only=True)
-class Points(Columns):
+class CellPoints(Columns):
     """Scatterers.
 
     normal: unit normal of its triangle.
@@ -58,9 +58,9 @@ class Points(Columns):
     face: Int[np.ndarray, " point"]
 
     @staticmethod
-    def room_for(count: int) -> "Points":
+    def room_for(count: int) -> "CellPoints":
         """Return a table to be written into."""
-        return Points(
+        return CellPoints(
             position_m=np.empty((count, 3)),
             normal=np.empty((count, 3), dtype=np.float32),
             area_m2=np.empty(count, dtype=np.float32),
@@ -115,13 +115,13 @@ class Scatterers:
         self._triangles, self.cells, self._tree = found
         self._state = _states(np.uint64(seed), self.cells.surface, self.cells.place, self.cells.side_m)
         self._count = _counts(self._state, self.cells.expected)
-        self.rest()
+        self.release_memory()
 
-    def rest(self) -> None:
+    def release_memory(self) -> None:
         """Give back the memory of what was drawn; what beams need is drawn again."""
         self._at = np.full(len(self.cells), -1, dtype=np.int64)
         # Room that is not written to takes no memory.
-        self._points = Points.room_for(min(int(self._count.sum()), KEPT))
+        self._points = CellPoints.room_for(min(int(self._count.sum()), KEPT))
         self._used = 0
         self._room = SeenPlaces.room_for(0)
 
@@ -161,7 +161,7 @@ class Scatterers:
             self._room = SeenPlaces.room_for(count)
         return self._room.first(count)
 
-    def all(self) -> Points:
+    def all(self) -> CellPoints:
         """Return all scatterers, surface by surface."""
         self._draw(np.arange(len(self.cells)))
         ranges = [np.arange(at, at + count) for at, count in zip(self._at, self._count, strict=True)]
@@ -179,7 +179,7 @@ class Scatterers:
             self._used, new = 0, cell
         needed = self._used + int(self._count[new].sum())
         if needed > len(self._points):  # more than are kept, all of them for this block
-            self._points = Points.room_for(needed)
+            self._points = CellPoints.room_for(needed)
         length = self._count[new]
         self._at[new] = self._used + np.cumsum(length) - length
         cells = self.cells

@@ -1,0 +1,406 @@
+"""Workers of dask.distributed: processes started for a study on this machine, or a cluster that is there.
+
+Only functions named by their module, JSON text and bytes travel. Dask is imported when workers are asked for.
+"""
+
+import json
+import logging
+import os
+import queue
+import signal
+import socket
+import sys
+import tempfile
+import threading
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+from uuid import uuid4
+
+from sionna_radar.execution.checkpoints import abandoned, staged
+from sionna_radar.execution.workers import (
+    SHARED,
+    Failure,
+    InProcess,
+    Task,
+    Work,
+    Workers,
+    attempt,
+    name_of,
+    named,
+    versions,
+)
+from sionna_radar.foundation.errors import Problem, ScenarioError, WorkerError, WorkersLostError
+from sionna_radar.foundation.input_file import allow_network, network_allowed
+from sionna_radar.foundation.interrupts import raise_received
+from sionna_radar.foundation.progress import tune_heaps
+from sionna_radar.foundation.threads import THREADS_VARIABLE, cores, given_threads, threads_of_all
+
+if TYPE_CHECKING:
+    from distributed import Client, Future, LocalCluster
+
+logger = logging.getLogger("sionna_radar")
+
+# A task that has ended its worker this many times is given up.
+ATTEMPTS = 3
+CONNECT_S = 10.0
+# A cluster without workers is told of, and is waited for.
+LONELY_S, FIRST_WORKER_S = 3.0, 30.0
+# Names what the processes load ahead.
+AHEAD_VARIABLE = "SIONNA_RADAR_AHEAD"
+# How often an interrupt is looked for.
+TICK_S = 0.2
+CLOSING_S = 2.0
+# The tracer and the pools of threads belong to the process: a worker with several threads does one task at a time.
+_one_at_a_time = threading.Lock()
+
+
+@contextmanager
+def open_workers(
+    count: int | None = None, scheduler: str | None = None, ahead: Sequence[str] = ()
+) -> Iterator[Workers]:
+    """Yield workers: processes of this machine, those of a cluster that is there, or this process itself.
+
+    Parameters
+    ----------
+    count:
+        Processes to start; the cores are shared among them. While they have nothing to do, this process may use as many
+        threads as all of them.
+    scheduler:
+        Address of a dask scheduler, tcp://HOST:PORT.
+    ahead:
+        Modules that processes load as soon as they start, before they are given anything to do.
+
+    Raises
+    ------
+    ScenarioError
+        Both are given, or fewer than one process.
+    WorkerError
+        Dask is not installed, there is no cluster at the address, or its workers have another version.
+
+    Examples
+    --------
+    >>> with open_workers() as workers:
+    ...     workers.count
+    0
+
+    """
+    if count is not None and scheduler is not None:
+        _refuse("--workers", "both --workers and --scheduler are given; choose one")
+    if count is not None and count < 1:
+        _refuse("--workers", f"{count} workers do nothing; give at least 1, or leave it out")
+    if count is None and scheduler is None:
+        yield InProcess()
+        return
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        message = "workers need dask; install it with `pip install 'sionna-radar[cluster]'`"
+        raise WorkerError(message) from error
+    # What it tells of its connections is for those who run a cluster; some comes when all is over. Its parts have
+    # levels of their own.
+    for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    opened = _local_client(count, ahead) if count is not None else _remote_client(str(scheduler))
+    with opened as client:
+        workers = DaskWorkers(client=client, program={} if count else versions(), local=count or 0)
+        workers.check()
+        yield workers
+
+
+@contextmanager
+def _local_client(count: int, ahead: Sequence[str]) -> Iterator["Client"]:
+    import dask
+    from distributed import Client, LocalCluster
+
+    given = given_threads()
+    threads = given or max(cores() // count, 1)
+    settings = {
+        # What dask would set there, the threads of BLAS among it, is ours to choose.
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"),
+        "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.scheduler.worker-ttl": None,
+    }
+    _start_silent_tracker()
+    temporary = Path(tempfile.gettempdir())
+    for _ in abandoned(temporary):
+        pass
+    with staged(temporary) as place:
+        folder = str(place)
+        with dask.config.set(settings | {"temporary-directory": folder}):
+            cluster = LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                memory_limit=None,
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+                scheduler_kwargs={
+                    "allowed_failures": ATTEMPTS - 1,
+                    # Its pages cannot be left out: on a port that is free, and without what draws them.
+                    "dashboard": False,
+                    "dashboard_address": "127.0.0.1:0",
+                },
+                env={THREADS_VARIABLE: str(threads), AHEAD_VARIABLE: " ".join(ahead)},
+                preload=[__name__],
+            )
+        try:
+            with Client(cluster, set_as_default=False) as client, threads_of_all(given and count * given):
+                yield client
+        finally:
+            _end(cluster)
+
+
+def _start_silent_tracker() -> None:
+    """Start the process in which Python keeps account of semaphores, silent about those of a run that is killed."""
+    from multiprocessing import resource_tracker
+
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
+
+
+def dask_setup(_: Any) -> None:
+    """Let a worker ignore Ctrl-C, which reaches all processes of a terminal: the one that started it ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    tune_heaps()
+    if os.environ.get(AHEAD_VARIABLE):
+        threading.Thread(target=_load_ahead, args=(os.environ[AHEAD_VARIABLE].split(),), daemon=True).start()
+
+
+def _load_ahead(modules: Sequence[str]) -> None:
+    """Import modules while nothing is to be done; the first task waits for it, as it needs them."""
+    with _one_at_a_time:
+        for module in modules:
+            # Whatever is wrong with one, a task will say.
+            with suppress(Exception):
+                import_module(module)
+
+
+def _end(cluster: "LocalCluster") -> None:
+    """End the workers, whatever they do: what they finished is here already."""
+    for nanny in list(cluster.workers.values()):
+        nanny.auto_restart = False
+        process = getattr(nanny, "process", None)
+        pid = process.pid if process is not None else None
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+    with suppress(TimeoutError):
+        cluster.close(timeout=CLOSING_S)
+
+
+@contextmanager
+def _remote_client(address: str) -> Iterator["Client"]:
+    from distributed import Client
+
+    try:
+        # Dask may hang where it finds no scheduler a second time, so that somebody must answer first.
+        host, port = _host_and_port(address)
+        socket.create_connection((host, port), timeout=CONNECT_S).close()
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        message = f"--scheduler: no dask scheduler answers at {address!r} ({error}); give tcp://HOST:PORT of one"
+        raise WorkerError(message) from error
+    with client:
+        try:
+            _wait_for_first(client)
+        except TimeoutError as error:
+            message = f"--scheduler: the cluster at {address} has no workers; start some with `dask worker {address}`"
+            raise WorkerError(message) from error
+        yield client
+
+
+def _wait_for_first(client: "Client") -> None:
+    try:
+        client.wait_for_workers(1, timeout=LONELY_S)
+    except TimeoutError:
+        logger.warning("the cluster has no worker yet; waiting %g s for one", FIRST_WORKER_S)
+        client.wait_for_workers(1, timeout=FIRST_WORKER_S)
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
+    found = urlsplit(address)
+    if found.scheme != "tcp" or not found.hostname or not found.port:
+        message = "this is no such address"
+        raise ValueError(message)
+    return found.hostname, found.port
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaskWorkers:
+    """The workers of a dask cluster.
+
+    program: versions that each must have; local: how many were started here, 0 for a cluster that was there.
+    """
+
+    client: "Client"
+    program: Mapping[str, Any]
+    local: int
+
+    @property
+    def count(self) -> int:
+        """How many tasks are done at once."""
+        return self.local or max(self._there(), 1)
+
+    def _there(self) -> int:
+        try:
+            return len(self.client.nthreads())
+        except OSError as error:
+            raise WorkersLostError("the dask scheduler is gone") from error  # noqa: EM101
+
+    def check(self) -> None:
+        """Raise WorkerError unless all workers have the same version of the program."""
+        if self.local:
+            return
+        try:
+            replies = self.client.run(differences, dict(self.program))
+        except Exception as error:
+            message = f"--scheduler: its workers cannot run this program ({error}); install the same version there"
+            raise WorkerError(message) from error
+        for address, different in replies.items():
+            if different:
+                raise WorkerError(_other_program(address, different))
+
+    def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
+        """Yield the result of each task, or why it has none, as they finish.
+
+        A worker is given one task at a time: one that ends its worker takes no other with it.
+        """
+        finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
+        running: dict[Future, int] = {}
+        waiting = iter(enumerate(tasks))
+        given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
+        at_hand = None if shared is None or not tasks else self._sent(shared)
+        try:
+            while True:
+                for number, task in _first(waiting, self.count - len(running)):
+                    future = self._submit(json.dumps(task), json.dumps(given), at_hand)
+                    running[future] = number
+                    future.add_done_callback(finished.put)
+                if not running:
+                    return
+                future = self._next(finished)
+                yield running.pop(future), _result(future)
+        finally:
+            for future in running:
+                future.cancel(reason="the study has ended")
+
+    def _submit(self, task: str, given: str, shared: "Future | None") -> "Future":
+        key = f"sionna-radar-{uuid4().hex}"
+        return self.client.submit(perform, task, given, shared, key=key, pure=False)
+
+    def _sent(self, shared: bytes) -> "Future":
+        """Return the shared payload as a task, so that dask recomputes it when the worker that holds it is lost."""
+        with warnings.catch_warnings():
+            # Dask would rather have it in a file that all can read.
+            warnings.filterwarnings("ignore", "Sending large graph", UserWarning)
+            return self.client.submit(_itself, shared, key=f"sionna-radar-{uuid4().hex}", pure=False)
+
+    def _next(self, finished: "queue.SimpleQueue[Future]") -> "Future":
+        """Return the next finished task, interrupts heeded meanwhile."""
+        since, told = monotonic(), False
+        while True:
+            raise_received()
+            try:
+                return finished.get(timeout=TICK_S)
+            except queue.Empty:
+                if self.client.status not in ("running", "connecting"):
+                    raise WorkersLostError("the dask scheduler is gone") from None  # noqa: EM101
+                if not told and monotonic() - since > LONELY_S:
+                    told = True
+                    if not self._there():
+                        logger.warning("the cluster has no worker any more; waiting for one")
+
+
+def _first(waiting: Iterator[tuple[int, Task]], count: int) -> Iterator[tuple[int, Task]]:
+    for _, item in zip(range(count), waiting, strict=False):
+        yield item
+
+
+def _result(future: "Future") -> bytes | Failure:
+    """Return the result or failure of a finished task, and log its worker's messages here."""
+    from distributed import KilledWorker
+
+    if future.status in ("cancelled", "lost"):
+        raise WorkersLostError("the dask scheduler has lost a task: it ended, or was started anew")  # noqa: EM101
+    if future.status == "error":
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            tries = error.allowed_failures + 1
+            text = f"its worker died {tries} times; is there memory enough?"
+            return Failure(kind=WorkersLostError.__name__, text=text)
+        message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
+        raise WorkerError(message) from error
+    reply = future.result()
+    for level, text in reply["log"]:
+        logger.log(level, "%s", text)
+    if reply["different"]:
+        raise WorkerError(_other_program(reply["host"], reply["different"]))
+    failure = reply["failure"]
+    return reply["result"] if failure is None else Failure.of_document(failure)
+
+
+def _itself(shared: bytes) -> bytes:
+    return shared
+
+
+def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
+    """Do a task in a worker, and return its result or failure, and what was logged meanwhile."""
+    settings, log = json.loads(given), _Log()
+    different = differences(settings["program"])
+    reply: dict[str, Any] = {"result": None, "failure": None, "log": log.records, "different": different, "host": ""}
+    if different:
+        return reply | {"host": os.uname().nodename if hasattr(os, "uname") else "a worker"}
+    with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():
+        found = attempt(named(settings["name"]), {**json.loads(task), SHARED: shared})
+    if isinstance(found, Failure):
+        return reply | {"failure": found.document()}
+    return reply | {"result": found}
+
+
+def differences(program: dict[str, Any]) -> dict[str, list[Any]]:
+    """Return the versions that differ in this process: what is wanted and what is there."""
+    there = versions() if program else {}
+    return {name: [wanted, there.get(name)] for name, wanted in program.items() if there.get(name) != wanted}
+
+
+def _other_program(where: str, different: Mapping[str, Sequence[Any]]) -> str:
+    named = ", ".join(f"{name} {there} in place of {wanted}" for name, (wanted, there) in different.items())
+    return f"--scheduler: the worker at {where} has {named}; install the same versions there"
+
+
+class _Log(logging.Handler):
+    """Collects the warnings of the program."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.records: list[tuple[int, str]] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append((record.levelno, record.getMessage()))
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Collect what is logged, in place of printing it."""
+        propagate = logger.propagate
+        logger.addHandler(self)
+        logger.propagate = False
+        try:
+            yield
+        finally:
+            logger.removeHandler(self)
+            logger.propagate = propagate
+
+
+def _refuse(field: str, message: str) -> None:
+    raise ScenarioError([Problem(field, message)], "command line")

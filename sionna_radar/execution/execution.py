@@ -1,0 +1,112 @@
+"""How a survey or a study is computed: in blocks, on workers, with checkpoints, and who is told of its progress."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+from sionna_radar.execution.checkpoints import Checkpoints
+from sionna_radar.execution.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt
+from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import Progress, advance, shown_progress, steps_done
+from sionna_radar.foundation.threads import several_at_once
+
+BLOCK_SIZE = 256
+
+
+@dataclass(frozen=True, kw_only=True)
+class Execution:
+    """How something is computed, which changes the time and the memory it takes, never the result.
+
+    block_size: pulses simulated at once.
+    workers: processes that share the work, from `open_workers`; without them this process does it.
+    checkpoints: where finished parts are kept as they come, and those that are there already are taken from; see
+        `open_checkpoints`.
+    progress: called at the start of each stage and after each of its steps with its name, the steps done and their
+        number, 0 if unknown; None for a bar in a notebook and nothing in a script.
+
+    Raises
+    ------
+    ScenarioError
+        The block size is less than 1.
+
+    Examples
+    --------
+    >>> run(load_scenario("hills", {"platform.length_m": 10.0}), execution=Execution(block_size=32)).pulses
+    100
+
+    """
+
+    block_size: int = BLOCK_SIZE
+    workers: Workers | None = None
+    checkpoints: Checkpoints | None = None
+    progress: Progress | None = None
+
+    def __post_init__(self) -> None:
+        if self.block_size < 1:
+            message = f"{self.block_size} pulses are none; give at least 1"
+            raise ScenarioError([Problem("block_size", message)])
+
+    @property
+    def distributed(self) -> bool:
+        """Whether other processes do the work."""
+        return self.workers is not None and self.workers.count > 0
+
+    def reported(self) -> AbstractContextManager[None]:
+        """Return a context in which the progress of what is computed is reported."""
+        return shown_progress(self.progress)
+
+    def missing(self, tasks: Mapping[str, Task]) -> list[str]:
+        """Return the keys of the tasks of which no result is kept."""
+        return [key for key in tasks if self.checkpoints is None or key not in self.checkpoints]
+
+    def over(
+        self,
+        tasks: Mapping[str, Task],
+        work: Work,
+        *,
+        shared: Any = None,
+        steps: Mapping[str, int] | None = None,
+        side_by_side: bool = False,
+    ) -> Iterator[tuple[str, bytes | Failure]]:
+        """Yield the key and the result of each task: those kept first, and others as they finish.
+
+        A result is kept at once. A failure is not, so that the task is tried again when the run goes on.
+
+        Parameters
+        ----------
+        tasks:
+            JSON documents by the keys of their results among the checkpoints.
+        work:
+            Computes the result of a task, as bytes. Workers find a function by its module and name; in this process it
+            may be any.
+        shared:
+            What all tasks have in common, their entry `SHARED`; bytes if workers are to have it.
+        steps:
+            How many steps of the current stage each task takes; without it one.
+        side_by_side:
+            Whether this process does several at once, in threads.
+
+        """
+        keys = []
+        for key in tasks:
+            content = None if self.checkpoints is None else self.checkpoints.get(key)
+            if content is None:
+                keys.append(key)
+                continue
+            advance(1 if steps is None else steps[key])
+            yield key, content
+        counts = [1 if steps is None else steps[key] for key in keys]
+        todo = [{**tasks[key], SHARED: shared} for key in keys]
+        if side_by_side and not self.distributed:
+            several = several_at_once(lambda number: attempt(work, todo[number]), range(len(keys)), counts)
+            done: Iterator[tuple[int, bytes | Failure]] = enumerate(several)
+        else:
+            done = (self.workers or InProcess()).each(work, [tasks[key] for key in keys], shared)
+        for _ in keys:
+            before = steps_done()
+            number, result = next(done)
+            advance(counts[number] - (steps_done() - before))
+            if self.checkpoints is not None and not isinstance(result, Failure):
+                self.checkpoints.put(keys[number], result)
+            yield keys[number], result

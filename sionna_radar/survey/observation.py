@@ -1,0 +1,335 @@
+"""Observing a prepared survey: the echoes that its sensor returns, segment by segment of the flight.
+
+A segment is some consecutive blocks of pulses. What was observed over one is packed as bytes, which a worker returns
+and from which an interrupted survey goes on.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
+from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import Failure, Task, Work
+from sionna_radar.flight.pulses import Bursts, Pulses, PulseSequence
+from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import advance, stage, timed
+from sionna_radar.foundation.threads import beside, cores
+from sionna_radar.mapping.points import Points, locate
+from sionna_radar.scenario import Scenario
+from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithLookahead
+
+# Blocks of a segment, so that a long survey has not too many, and the least number of segments of a short one.
+SEGMENT_BLOCKS, MIN_SEGMENTS = 8, 16
+# Poses alone are small: placing takes many at once.
+PLACED_AT_ONCE = 4096
+# How recorders keep the samples of beat signals.
+SampleType = Literal["float64", "float32", "int16"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """What a sensor observed over some consecutive blocks of pulses.
+
+    echoes: sorted by pulse, not corrected for Doppler; profiles: around them, where the map wants them.
+    lost: pulses without an echo because rain masks the ground.
+    saturated_pulses, saturated_samples: those that the receiver's converter clipped.
+    """
+
+    echoes: Echoes
+    profiles: Profiles | None
+    lost: int
+    saturated_pulses: int = 0
+    saturated_samples: int = 0
+
+    @staticmethod
+    def joined(segments: Sequence["Segment"]) -> "Segment":
+        """Return the concatenation of segments in order."""
+        profiles = [segment.profiles for segment in segments if segment.profiles is not None]
+        return Segment(
+            echoes=Echoes.concatenate([segment.echoes for segment in segments]),
+            profiles=Profiles.concatenate(profiles) if profiles else None,
+            lost=sum(segment.lost for segment in segments),
+            saturated_pulses=sum(segment.saturated_pulses for segment in segments),
+            saturated_samples=sum(segment.saturated_samples for segment in segments),
+        )
+
+
+def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
+    """Return a segment, and the true hits that were counted over it if any were, from their bytes."""
+    columns = columns_of(content)
+    counted = table_of(Counted, "counted", columns) if f"counted{OF}paths" in columns else None
+    return _segment_of("seen", columns), counted
+
+
+def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
+    """Return the segment that was packed under a name."""
+    profiles, of_profiles = None, f"{name}{OF}profiles"
+    if f"{of_profiles}{OF}pulse" in columns:
+        inner = f"{of_profiles}{OF}volume"
+        volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
+        profiles = table_of(Profiles, of_profiles, columns, volume=volume)
+    return Segment(
+        echoes=table_of(Echoes, f"{name}{OF}echoes", columns),
+        profiles=profiles,
+        **{key: int(columns[f"{name}{OF}{key}"]) for key in ("lost", "saturated_pulses", "saturated_samples")},
+    )
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """Keeps one kind of what a survey observes, such as its beat signals; see `sionna_radar.survey.recordings`."""
+
+    def write(self, pulses: Pulses, seen: Observation) -> None:
+        """Keep a block of pulses."""
+        ...
+
+    def finish(self, comparison: Comparison) -> None:
+        """Keep what is known after the flight, and close the file."""
+        ...
+
+    def close(self) -> None:
+        """Close the file as it is."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedBlock:
+    """A block of pulses and what the sensor observed; its echoes are not corrected for motion."""
+
+    pulses: Pulses
+    observation: Observation
+
+
+def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
+    """Yield blocks of pulses as the sensor observes them.
+
+    A `SensorWithLookahead` is told of each block before it observes the one in front of it, and may begin with it in
+    another thread, if there is more than one core to do so.
+    """
+    ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
+    coming = iter(blocks)
+    current = next(coming, None)
+    if ahead is not None and current is not None:
+        ahead.expect(current)
+    while current is not None:
+        following = next(coming, None)
+        if ahead is not None and following is not None:
+            ahead.expect(following)
+        yield ObservedBlock(pulses=current, observation=sensor.observe(current))
+        current = following
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observed(Segment):
+    """What a sensor observed in a survey, independent of the measured pose; the columns are those of a segment.
+
+    hits: what the beam truly hit; None where that is not known.
+    """
+
+    hits: TrueHits | None = None
+
+    @property
+    def behind_volume(self) -> bool:
+        """Whether its profiles are of ground behind a volume of rain."""
+        return self.profiles is not None and self.profiles.volume is not None
+
+    def packed(self) -> bytes:
+        """Return its bytes, from which `unpacked` makes it again, bit for bit."""
+        return packed(observed=self)
+
+    @staticmethod
+    def unpacked(content: bytes) -> "Observed":
+        """Return what was observed from its bytes."""
+        columns = columns_of(content)
+        of_hits = f"observed{OF}hits"
+        hits = table_of(TrueHits, of_hits, columns) if f"{of_hits}{OF}lit" in columns else None
+        return Observed(**vars(_segment_of("observed", columns)), hits=hits)
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Pulses and the sensor that observes them: a survey to be flown, or a recording of one."""
+
+    @property
+    def activity(self) -> str:
+        """What observing it is called while it goes on."""
+        ...
+
+    @property
+    def flight(self) -> PulseSequence:
+        """The pulses."""
+        ...
+
+    @property
+    def bursts(self) -> Bursts | None:
+        """The chirps of each pulse; None for one."""
+        ...
+
+    @property
+    def keeps_profiles(self) -> bool:
+        """Whether the map uses range profiles around the echoes."""
+        ...
+
+    def document(self) -> Task:
+        """Return what a worker opens it from, JSON; PluginError where it has parts that workers do not have."""
+        ...
+
+    def build_sensor(self) -> Sensor:
+        """Return a new sensor."""
+        ...
+
+    def tally(self) -> Tally | None:
+        """Return a new count of true hits; None where the truth is not known."""
+        ...
+
+
+@on_one_thread
+def observe(
+    source: Source, execution: Execution, recorders: Sequence[Recorder] = (), work: Work | None = None
+) -> tuple[Sensor, Observed]:
+    """Return the sensor of a survey and what it observed, the same bits in this process or on workers.
+
+    While workers begin, this process builds the sensor, for what follows the flight.
+
+    Parameters
+    ----------
+    source:
+        The survey or recording.
+    execution:
+        Segments are kept among its checkpoints, and shared among its workers.
+    recorders:
+        What keeps more of each block: then this process flies the survey as a whole.
+    work:
+        Function of a module that observes a segment on a worker; without it that of prepared surveys.
+
+    Raises
+    ------
+    PluginError
+        Parts of the scenario were replaced from Python, which workers do not have.
+    RadarError
+        A segment cannot be flown.
+
+    """
+    if recorders:
+        execution = Execution(block_size=execution.block_size)
+    document = source.document() if execution.distributed else {}
+    segments = segments_of(source, execution.block_size)
+    tasks: dict[str, Task] = {key_of(blocks): {**document, "blocks": blocks} for blocks in segments}
+    steps = {key_of(blocks): blocks[-1][1] - blocks[0][0] for blocks in segments}
+    with stage(source.activity, len(source.flight)):
+        if execution.distributed:
+            building = beside(source.build_sensor)
+            with timed("workers"):
+                found = _results(execution, tasks, work or segment_task, steps)
+            sensor = building()
+        else:
+            with timed("prepare"):
+                sensor = source.build_sensor()
+            blocks = [block for key in execution.missing(tasks) for block in tasks[key]["blocks"]]
+            found = _results(execution, tasks, SegmentObserver(source, sensor, blocks, recorders).segment, steps)
+    whole = Segment.joined([found[key][0] for key in tasks])
+    tally = source.tally()
+    for _, counted in (found[key] for key in tasks):
+        if tally is not None and counted is not None:
+            tally.add_counted(counted)
+    return sensor, Observed(**vars(whole), hits=None if tally is None else tally.hits())
+
+
+def _results(
+    execution: Execution, tasks: dict[str, Task], work: Callable[[Task], bytes], steps: dict[str, int]
+) -> dict[str, tuple[Segment, Counted | None]]:
+    found = {}
+    for key, result in execution.over(tasks, work, steps=steps):
+        if isinstance(result, Failure):
+            raise result.error()
+        found[key] = _segment_and_counts(result)
+    return found
+
+
+def segments_of(source: Source, block_size: int) -> list[list[tuple[int, int]]]:
+    """Return the blocks of each segment of a survey, by their first pulses and their ends."""
+    chirps = 1 if source.bursts is None else source.bursts.chirps
+    bounds = list(source.flight.line_bounds(max(1, block_size // chirps)))
+    count = min(SEGMENT_BLOCKS, -(-len(bounds) // MIN_SEGMENTS))
+    return [bounds[first : first + count] for first in range(0, len(bounds), count)]
+
+
+def key_of(blocks: Sequence[tuple[int, int]]) -> str:
+    """Return the key of a segment among the checkpoints of its survey."""
+    return f"blocks {list(blocks)}"
+
+
+@on_one_thread
+def segment_task(task: Task) -> bytes:
+    """Return the bytes of a segment that a worker flies."""
+    prepared, sensor = on_this_worker(task["scenario"])
+    return SegmentObserver(prepared, sensor, task["blocks"]).segment(task)
+
+
+@lru_cache(maxsize=1)
+def on_this_worker(scenario: str) -> tuple[Prepared, Sensor]:
+    """Return a prepared survey and its sensor: a worker flies many segments of one."""
+    prepared = prepare(Scenario.model_validate_json(scenario))
+    return prepared, prepared.build_sensor()
+
+
+class SegmentObserver:
+    """Observes blocks of pulses in their order, and counts the true hits; recorders keep more of each."""
+
+    def __init__(
+        self,
+        source: Source,
+        sensor: Sensor,
+        blocks: Sequence[Sequence[int]],
+        recorders: Sequence[Recorder] = (),
+    ) -> None:
+        self._sensor, self._recorders, self._keeps_profiles = sensor, recorders, source.keeps_profiles
+        self._tally = source.tally()
+        self._observed = observe_blocks((source.flight.pulses(np.arange(*block)) for block in blocks), sensor)
+
+    def segment(self, task: Task) -> bytes:
+        """Return the bytes of the next segment."""
+        seen = []
+        for first, end in task["blocks"]:
+            seen.append(self._counted(next(self._observed)))
+            advance(end - first)
+        return packed(seen=Segment.joined(seen), counted=None if self._tally is None else self._tally.taken())
+
+    def _counted(self, block: ObservedBlock) -> Segment:
+        """Return the echoes, profiles and counts of a block, after tallying and recording it."""
+        pulses, seen = block.pulses, block.observation
+        if self._tally is not None:
+            with timed("map"):
+                self._tally.add(seen.paths, pulses)
+                self._tally.add_silence(seen.paths, pulses, seen.echoes)
+        with timed("record"):
+            for recorder in self._recorders:
+                recorder.write(pulses, seen)
+        if self._tally is not None and not seen.through_volume:
+            corrected = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
+            self._tally.add_echoes(corrected, seen.paths)
+        saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
+        return Segment(
+            echoes=seen.echoes,
+            profiles=seen.profiles if self._keeps_profiles else None,
+            lost=len(pulses) - len(np.unique(seen.echoes.pulse)) if seen.through_volume else 0,
+            saturated_pulses=int(np.count_nonzero(saturated)),
+            saturated_samples=int(saturated.sum()),
+        )
+
+
+def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
+    """Correct and locate echoes by the poses that a schedule's navigation reports."""
+    located = []
+    for pulses in schedule.blocks(block_size):
+        own = echoes.of_pulses(pulses.index)
+        corrected = sensor.correct(own, pulses.index, pulses.measured)
+        located.append(locate(corrected, pulses.index, pulses.measured))
+    return Points.concatenate(located)

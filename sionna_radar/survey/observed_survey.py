@@ -1,0 +1,162 @@
+"""A survey observed once and mapped as often as wanted, each time with another navigation system.
+
+Errors of navigation change nothing that is traced: the survey is observed once, and only the Doppler correction of its
+echoes, their location, the DEM and its comparison are computed again.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+from sionna_radar.accuracy.compare import DemError
+from sionna_radar.execution.execution import Execution
+from sionna_radar.execution.workers import SHARED, Failure, Task
+from sionna_radar.flight.pulses import Navigation, build_navigation
+from sionna_radar.foundation.numerics import on_one_thread
+from sionna_radar.foundation.progress import progress_to, silent
+from sionna_radar.mapping.mapper import Estimate
+from sionna_radar.mapping.points import Points
+from sionna_radar.mapping.terrain.tiles import EachPiece, MakePiece, Piece, Tiles, pieces_here
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.bases import NavigationParameters
+from sionna_radar.survey.observation import Observed, observe, on_this_worker, place
+from sionna_radar.survey.preparation import CustomParts, Prepared, prepare
+from sionna_radar.survey.sensors.sensor import Sensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedSurvey:
+    """A prepared survey, the sensor that flew it, and what it observed."""
+
+    prepared: Prepared
+    sensor: Sensor
+    observed: Observed
+
+    def points(self, navigation: Navigation | None) -> Points:
+        """Return the points as a navigation system places them; None knows the pose exactly."""
+        return place(self.observed.echoes, self.sensor, self.prepared.with_navigation(navigation).flight)
+
+    def lit_error(self, navigation: Navigation | None) -> DemError:
+        """Return the error of lit cells of the DEM made with a navigation system, by the scenario's own `dem.method`.
+
+        Raises
+        ------
+        ScenarioError
+            The method models whole echoes, and the sensor returns none.
+
+        """
+        prepared = self.prepared.with_navigation(navigation)
+        with progress_to(silent):
+            made = prepared.mapper.map(self.points(navigation), self.observed.profiles, prepared.measured)
+        assert self.observed.hits is not None  # the truth of a simulation is known
+        return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
+
+    def navigation(self, table: NavigationParameters, seed: int | None = None) -> Navigation | None:
+        """Return a navigation system with some errors, on the lever arm of this survey."""
+        scenario, schedule = self.prepared.local, self.prepared.flight
+        table = table.model_copy(update={"lever_arm_m": schedule.lever_arm_m})
+        seed = scenario.seed if seed is None else seed
+        return build_navigation(table, schedule.trajectory, scenario.radar.chirp_rate_hz, seed)
+
+
+def observe_survey(
+    scenario: Scenario, *, parts: CustomParts | None = None, execution: Execution | None = None
+) -> ObservedSurvey:
+    """Fly a survey and keep what is needed to map it again.
+
+    Parameters
+    ----------
+    scenario:
+        The survey; its own errors of navigation play no part.
+    parts, execution:
+        As for `sionna_radar.run`.
+
+    Raises
+    ------
+    ScenarioError, InputFileError
+        The scenario cannot be flown; see `prepare`.
+
+    """
+    execution = execution or Execution()
+    with execution.reported():
+        prepared = prepare(scenario, parts)
+        sensor, observed = observe(prepared, execution)
+    return ObservedSurvey(prepared=prepared, sensor=sensor, observed=observed)
+
+
+@lru_cache(maxsize=1)
+def observed_elsewhere(scenario: str, observed: bytes) -> ObservedSurvey:
+    """Return a survey that another process has flown, from the JSON text of its scenario and what it observed."""
+    prepared, sensor = on_this_worker(scenario)
+    return ObservedSurvey(prepared=prepared, sensor=sensor, observed=Observed.unpacked(observed))
+
+
+# The bytes of a tile with too few echoes.
+NOTHING = b""
+
+
+def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
+    """Return the DEM of a survey, bit for bit what its mapper makes alone.
+
+    Parameters
+    ----------
+    prepared, observed, points:
+        The survey, what its sensor observed, and the located echoes.
+    execution:
+        Tiles of the map are kept among its checkpoints, and shared among its workers.
+
+    """
+    each = _over_tiles(prepared, observed, execution)
+    return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
+
+
+def _over_tiles(prepared: Prepared, observed: Observed, execution: Execution) -> EachPiece:
+    """Return what makes the pieces of the tiles: the workers, or this process if it has parts that they do not."""
+
+    def each(make: MakePiece, count: int, steps: int) -> Iterator[Piece | None]:
+        distributed = execution.distributed and count > 1 and not prepared.custom.described()
+        if not distributed and execution.checkpoints is None:
+            yield from pieces_here(make, count, steps)
+            return
+        scenario = prepared.scenario.model_dump_json() if distributed else ""
+        tasks = {key_of_tile(number): {"scenario": scenario, "tile": number} for number in range(count)}
+        means = execution if distributed else Execution(checkpoints=execution.checkpoints)
+        work = tile_task if distributed else lambda task: _content_of(make(task["tile"]))
+        shared = observed.packed() if distributed else None
+        found = {}
+        for key, result in means.over(tasks, work, shared=shared, steps=dict.fromkeys(tasks, steps), side_by_side=True):
+            if isinstance(result, Failure):
+                raise result.error()
+            found[key] = result
+        for key in tasks:
+            yield _piece_of(found.pop(key))
+
+    return each
+
+
+@on_one_thread
+def tile_task(task: Task) -> bytes:
+    """Return the bytes of the piece of a task's tile."""
+    return _content_of(_tiles_of(task["scenario"], task[SHARED]).piece(task["tile"]))
+
+
+@lru_cache(maxsize=1)
+def _tiles_of(scenario: str, observed: bytes) -> Tiles:
+    """Return the tiles of a survey that another process has flown: a worker makes several."""
+    survey = observed_elsewhere(scenario, observed)
+    tiles = survey.prepared.mapper.tiles(survey.observed.profiles, survey.prepared.measured)
+    assert tiles is not None  # tasks are made for the tiles of a map
+    return tiles
+
+
+def key_of_tile(number: int) -> str:
+    """Return the key of a tile among the checkpoints of its survey."""
+    return f"tile {number} of the map"
+
+
+def _content_of(piece: Piece | None) -> bytes:
+    return NOTHING if piece is None else piece.packed()
+
+
+def _piece_of(content: bytes) -> Piece | None:
+    return None if content == NOTHING else Piece.unpacked(content)

@@ -1,0 +1,102 @@
+"""A program that something kills ends with one clear line; signals, exit codes and its own death are passed on."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are watched on Linux alone")
+CODE = """
+import os, signal, sys, time
+from sionna_radar.foundation.interrupts import interrupts_reported
+from sionna_radar.execution.supervisor import supervised
+def program():
+    with interrupts_reported():
+        print(os.getpid(), flush=True)
+        {does}
+supervised(program)
+"""
+
+
+def begin(does: str) -> subprocess.Popen:
+    command = [sys.executable, "-c", CODE.format(does=does)]
+    buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=buffered)
+
+
+@pytest.mark.parametrize(
+    ("does", "says"),
+    [
+        ("os.abort()", "a library that could not go on (SIGABRT)"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "(SIGSEGV)"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "want of memory (SIGKILL)"),
+    ],
+)
+def test_what_is_killed_leaves_one_clear_line(does, says):
+    _, said = (process := begin(does)).communicate(timeout=30)
+    assert process.returncode == 1
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert says in said
+    assert "--resume" in said
+
+
+@pytest.mark.parametrize("code", [0, 1, 2, 130])
+def test_exit_codes_are_those_of_the_program(code):
+    _, said = (process := begin(f"sys.exit({code})")).communicate(timeout=30)
+    assert (process.returncode, said) == (code, "")
+
+
+def test_what_is_left_to_do_at_the_exit_is_done():
+    """Threads end first, then what modules have registered, and all that was printed arrives."""
+    late = "threading.Thread(target=lambda: (time.sleep(0.3), print('thread', flush=True))).start()"
+    registered = "import atexit, threading; atexit.register(print, 'at exit', end='')"
+    printed, said = (process := begin(f"{registered}; {late}; print('program'); sys.exit(3)")).communicate(timeout=30)
+    assert (process.returncode, said) == (3, "")
+    assert printed.splitlines()[1:] == ["program", "thread", "at exit"]
+
+
+def test_a_program_whose_output_nobody_reads_ends_without_a_traceback():
+    process = begin("time.sleep(0.5); print('lost')")
+    process.stdout.readline()
+    process.stdout.close()
+    with process.stderr:
+        said = process.stderr.read()
+    # The interpreter's own code for it.
+    assert process.wait(timeout=30) == 120
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("to_all", [False, True])
+def test_signals_are_passed_on(number, code, to_all):
+    """To the one that waits alone, and to both, as batch systems do."""
+    process = begin("signal.signal(signal.SIGINT, signal.getsignal(signal.SIGTERM)); time.sleep(30)")
+    child = int(process.stdout.readline())
+    assert child != process.pid
+    if to_all:
+        os.kill(child, number)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=10)
+    assert process.returncode == code
+    assert said.startswith("interrupted")
+    assert said.count("\n") == 1
+
+
+def test_the_death_of_the_one_that_waits_ends_the_program():
+    process = begin("time.sleep(30)")
+    child = int(process.stdout.readline())
+    process.kill()
+    process.communicate()
+    for _ in range(20):
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    # A process that nobody has waited for is still listed, but dead.
+    assert Path(f"/proc/{child}/stat").read_text().split()[2] == "Z"

@@ -1,0 +1,46 @@
+"""Paths, beat signals, spectra and echoes of any pulse are those that the survey flies."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey.chain import run
+from sionna_radar.survey.preparation import prepare
+
+SHORT = {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+
+
+@pytest.fixture(scope="module")
+def prepared():
+    return prepare(load_scenario("hills", SHORT))
+
+
+def test_each_stage_of_a_pulse_is_that_of_the_survey(prepared):
+    survey, chosen = run(prepared), [3, 17, 40]
+    points = survey.points.rows(np.isin(survey.points.pulse, chosen))
+    echoes = prepared.echoes(chosen)
+    np.testing.assert_array_equal(echoes.range_m, points.range_m)
+    paths = prepared.paths(chosen)
+    assert set(np.unique(paths.pulse)) == set(chosen)
+    (beat,) = prepared.beats(chosen)
+    assert beat.shape == (3, prepared.receiver.chirp.samples)
+    records = prepared.spectra(chosen)
+    assert [record.pulse for record in records] == chosen
+    np.testing.assert_array_equal(records[1].beat, beat[1])
+    np.testing.assert_array_equal(survey.points.to_dataframe()["range_m"], survey.points.range_m)
+    assert list(survey.points.to_dataframe()[["x_m", "y_m", "z_m"]].iloc[5]) == list(survey.points.position_m[5])
+
+
+@pytest.mark.parametrize("index", [[], [5, 4], [-1], [1_000_000]])
+def test_pulses_that_there_are_not_are_refused(prepared, index):
+    with pytest.raises(IndexError, match="give increasing numbers from 0 to"):
+        prepared.paths(index)
+
+
+def test_a_lidar_has_neither_beats_nor_spectra():
+    lidar = prepare(load_scenario("hills", SHORT | {"sensor": "lidar"}))
+    assert len(lidar.echoes([0])) == 1
+    for call in (lidar.beats, lidar.spectra):
+        with pytest.raises(ScenarioError, match="set sensor = 'radar'"):
+            call([0])
