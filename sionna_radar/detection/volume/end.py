@@ -17,9 +17,9 @@ is kept above the receiver noise because of side lobes, powers are raised by as 
 silent cells continue to count, each down to a bounded loss, so that a single echo from behind (a side lobe, a double
 bounce) does not outweigh them.
 
-Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains W (g - log(1 +
-g)) on average; N competing positions cost log N. The silence behind adds log(1 / k) - 1 + k per cell, for each cell
-sampled behind the ground, which is why the end of the volume reveals the ground when g < 1.
+Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains
+W (g - log(1 + g)) on average; N competing positions cost log N. Each cell sampled behind the ground adds
+log(1 / k) - 1 + k, which is why the end of the volume reveals the ground when g < 1.
 
 The prior of the ground behind the volume, its level and slope, is learned from the survey. Both shape the echo. On
 ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole echo over the
