@@ -224,10 +224,10 @@ class RowEstimator(AngleEstimator):
         selected: Int[np.ndarray, " own"],
         cosine: Float[np.ndarray, "own source"],
     ) -> tuple[
-        Int[np.ndarray, " point"],
-        Float[np.ndarray, " point"],
-        Float[np.ndarray, "point axis"],
-        Float[np.ndarray, "point axis"],
+        Int[np.ndarray, " direction"],
+        Float[np.ndarray, " direction"],
+        Float[np.ndarray, "direction axis"],
+        Float[np.ndarray, "direction axis"],
     ]:
         """Return stretch, share of the power, direction cosines and their variances of all sources of some stretches.
 
